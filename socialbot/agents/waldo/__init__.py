@@ -1,0 +1,1 @@
+"""Waldo: greets people and offers help without being asked."""

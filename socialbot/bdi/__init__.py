@@ -1,0 +1,1 @@
+"""Beliefs, desires and intentions: the engine that decides."""

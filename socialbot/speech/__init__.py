@@ -1,0 +1,1 @@
+"""From text to sound: synthesis, playing, a queue of utterances."""

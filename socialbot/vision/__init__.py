@@ -1,0 +1,1 @@
+"""From pictures to people: image conversion, person detection, distance."""
