@@ -1,0 +1,91 @@
+"""The node that an agent lives in: messages in, actions out, every step of reasoning on record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from socialbot.bdi import Action, Engine, Record
+from socialbot.graph import Context, Delivery, Node, Output, Timer
+from socialbot.messages import ActionRequest, Mind, MindBelief, TraceRecord
+
+
+class AgentNode(Node):
+    """Hosts one engine. Subclasses build it, and show its sensors what their inputs bring."""
+
+    actions = Output(ActionRequest, "/agent/actions")
+    mind = Output(Mind, "/agent/mind", Delivery.LATCHED)
+    trace = Output(TraceRecord, "/agent/trace")
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        super().__init__(name, context, parameters)
+        self._alarm: Timer | None = None
+        self._shown: Mind | None = None
+        self.engine = self.build()
+
+    def build(self) -> Engine:
+        """Makes the engine: rules, sensors, ``robot=self, sink=self.record, wake=self.wake``."""
+        raise NotImplementedError
+
+    def start(self) -> None:
+        self.wake()
+
+    def wake(self) -> None:
+        """Lets the engine think as soon as the node is free."""
+        self.context.call_soon(self.think)
+
+    def think(self) -> None:
+        """Lets the engine do what there is to do, and sees to it that it is called when there is more."""
+        if self.engine.run_until_idle():
+            self.wake()
+        if self._alarm is not None:
+            self._alarm.cancel()
+        due = self.engine.next_wakeup()
+        self._alarm = None if due is None else self.context.call_at(due, self.think)
+        self._show_mind()
+
+    def act(self, action: Action, *arguments: str | int | float | bool) -> None:
+        """Asks the robot to do ``action``; for the actions of the agent to call."""
+        self.actions.publish(
+            ActionRequest(
+                stamp=self.clock.now(),
+                id=action.id,
+                agent=self.engine.name,
+                name=action.functor,
+                arguments=arguments,
+            )
+        )
+
+    def record(self, record: Record) -> None:
+        """Publishes one record of the trace."""
+        self.trace.publish(
+            TraceRecord(
+                stamp=record.time,
+                id=record.id,
+                agent=self.engine.name,
+                kind=record.kind,
+                what=record.what,
+                cause=record.cause,
+                detail=record.detail,
+            )
+        )
+
+    def _show_mind(self) -> None:
+        now: dict[str, Any] = {"stamp": self.clock.now(), "agent": self.engine.name}
+        mind = self.engine.mind()
+        shown = Mind(
+            **now,
+            beliefs=tuple(
+                MindBelief(text=str(held.belief), source=held.source, since=held.since) for held in mind.beliefs
+            ),
+            desires=tuple(map(str, mind.desires)),
+            intentions=tuple(map(str, mind.intentions)),
+        )
+        before = self._shown
+        if before is None or (before.beliefs, before.desires, before.intentions) != (
+            shown.beliefs,
+            shown.desires,
+            shown.intentions,
+        ):
+            self._shown = shown
+            self.mind.publish(shown)

@@ -1,0 +1,142 @@
+"""Waldo, who greets people and offers help without being asked.
+
+The six steps of the paper's Algorithm 1, from top to bottom. Beliefs, desires and intentions have
+the paper's names.
+"""
+# ruff: noqa: N801 - beliefs, goals and actions are written as the paper writes them
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+# 1. Import what agents are made of
+from socialbot.bdi import Action, Belief, Engine, Goal, Sensed, Sensor, SingletonBelief, variables
+from socialbot.clock import Clock, nanoseconds
+from socialbot.messages import PersonDetections
+
+
+# 2. Define beliefs and goals
+class personDetected(SingletonBelief):
+    """Whether somebody is there: "Yes", "No" (nobody for a while) or "Next" (still there, what next?)."""
+
+
+class people(SingletonBelief):
+    """How many came together."""
+
+
+class greeted(Belief):
+    """Those who are there have been greeted."""
+
+
+class DoNothing(Goal):
+    """Leave the world in peace."""
+
+
+class GreetPeople(Goal):
+    """Greet those who have come."""
+
+
+class OfferHelp(Goal):
+    """Offer help to those who stay."""
+
+
+@dataclass
+class Manners:
+    """What can be tuned while Waldo runs: distances in m, durations in s, and the sentences."""
+
+    range_m: float = 6.0
+    appear_s: float = 0.5
+    vanish_s: float = 1.5
+    help_after_s: float = 8.0
+    regreet_after_s: float = 5.0
+    greeting: str = "Hello! Nice to see you."
+    greeting_several: str = "Hello everybody!"
+    offer: str = "Can I help you with anything?"
+
+
+# 3. Define actions (and the sensor that perceives people)
+class speak(Action):
+    """Says the sentence for a situation."""
+
+    def execute(self, situation: str) -> None:
+        robot = self.engine.robot
+        robot.act(self, situation, robot.sentence(situation))
+
+
+class stayIdle(Action):
+    """Says nothing and looks straight on."""
+
+    def execute(self) -> None:
+        self.engine.robot.act(self)
+
+
+class PersonSensor(Sensor):
+    """Turns detections, which flicker, into the coming and going of people.
+
+    Somebody is there when at least half of the frames of the last ``appear_s`` show a person within
+    ``range_m``; nobody is there when no frame of the last ``vanish_s`` does.
+    """
+
+    def __init__(self, manners: Manners) -> None:
+        self._manners = manners
+        self._present: bool | None = None
+        self._frames: deque[tuple[int, int]] = deque()
+
+    def sense(self, percept: PersonDetections) -> Sensed:
+        near = [p for p in percept.persons if p.distance_m is None or p.distance_m <= self._manners.range_m]
+        self._frames.append((percept.stamp, len(near)))
+        recent = self._last(self._manners.appear_s)
+        seen = sum(count > 0 for count in recent)
+        if not self._present and seen and self._covers(self._manners.appear_s) and 2 * seen >= len(recent):
+            self._present = True
+            return [people(max(recent)), personDetected("Yes")]
+        if self._present is not False and self._covers(self._manners.vanish_s):
+            if not any(self._last(self._manners.vanish_s)):
+                self._present = False
+                return personDetected("No")
+            self._forget(max(self._manners.vanish_s, self._manners.appear_s))
+        return None
+
+    def _last(self, seconds: float) -> list[int]:
+        begin = self._frames[-1][0] - nanoseconds(seconds)
+        return [count for stamp, count in self._frames if stamp >= begin]
+
+    def _covers(self, seconds: float) -> bool:
+        return self._frames[-1][0] - self._frames[0][0] >= nanoseconds(seconds)
+
+    def _forget(self, seconds: float) -> None:
+        begin = self._frames[-1][0] - nanoseconds(seconds)
+        while len(self._frames) > 1 and self._frames[1][0] <= begin:
+            self._frames.popleft()
+
+
+def waldo(name: str, clock: Clock, manners: Manners, **connections: object) -> Engine:
+    """Waldo's engine; ``connections`` are its robot, trace sink and wake-up (see `Engine`)."""
+    # 4. Start the engine
+    engine = Engine(name, clock, **connections)  # type: ignore[arg-type]
+
+    # 5. Define rules: event / condition >> [steps]
+    N, _ = variables("N _")  # noqa: N806
+    engine.add_rules(
+        # Beliefs make desires ...
+        +personDetected("No") >> [DoNothing()],
+        +personDetected("Yes") >> [GreetPeople()],
+        +personDetected("Yes").held_for(lambda: manners.help_after_s) >> [+personDetected("Next")],
+        +personDetected("Next") >> [OfferHelp()],
+        # ... desires make intentions ...
+        DoNothing() >> [stayIdle()],
+        GreetPeople() / greeted() >> [],
+        GreetPeople() / (people(N) & (N > 1)) >> [speak("greeting_several"), +greeted()],
+        GreetPeople() >> [speak("greeting"), +greeted()],
+        OfferHelp() >> [speak("offer")],
+        # ... and when one cannot be carried out, Waldo does not insist.
+        -GreetPeople() >> [stayIdle()],
+        -OfferHelp() >> [stayIdle()],
+        # Who comes back after a while is greeted anew.
+        +personDetected("No").held_for(lambda: manners.regreet_after_s) / greeted() >> [-greeted()],
+    )
+    return engine
+
+
+# 6. Run the engine: `waldo_node.WaldoNode` does, in a graph; `engine.run()` does in a program of its own.

@@ -1,0 +1,83 @@
+"""Rules: ``event / condition >> [steps]``. When the event comes and the condition holds, do the steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from socialbot.bdi.actions import Action
+from socialbot.bdi.literals import Belief, Change, Conjunction, Event, Goal, Held, Negation, Reactor
+from socialbot.bdi.terms import Expression
+from socialbot.errors import RuleError
+
+Step = Action | Goal | Event
+
+
+@dataclass(frozen=True)
+class Head:
+    """An event with a condition: half a rule, waiting for ``>> [steps]``."""
+
+    event: Event
+    condition: Conjunction
+
+    def __rshift__(self, body: Iterable[object]) -> Rule:
+        return Rule(self.event, self.condition, tuple(_step(item) for item in body))
+
+    def __and__(self, other: object) -> None:
+        raise RuleError(
+            f"the condition of {self.event} falls apart", remedy="put it in parentheses: event / (a & b) >> [...]"
+        )
+
+
+@dataclass(frozen=True)
+class Rule:
+    """When ``event`` happens and ``condition`` holds, the agent intends to do ``body``, step by step."""
+
+    event: Event
+    condition: Conjunction
+    body: tuple[Step, ...]
+
+    def __post_init__(self) -> None:
+        if isinstance(self.event.literal, Reactor) and self.event.change is not Change.ADDED:
+            raise RuleError(f"{self.event} never happens: a Reactor is an event only", where=str(self))
+        if any(isinstance(arg, Expression) for arg in self.event.literal.args):
+            raise RuleError(
+                f"{self.event} computes in its arguments", where=str(self), remedy="compare in the condition instead"
+            )
+        bound = self._check_condition(self.event.literal.names())
+        for step in self.body:
+            literal = step.literal if isinstance(step, Event) else step
+            self._check_bound(literal.names() - bound, str(step))
+
+    def _check_condition(self, bound: set[str]) -> set[str]:
+        bound = set(bound)
+        for term in self.condition.terms:
+            if isinstance(term, Belief):
+                bound |= term.names()
+            elif not isinstance(term, Negation):
+                self._check_bound(term.names() - bound, str(term))
+        return bound
+
+    def _check_bound(self, unbound: set[str], where: str) -> None:
+        if unbound:
+            raise RuleError(
+                f"{', '.join(sorted(unbound))} has no value in {where}",
+                where=str(self),
+                remedy="name the variable in the event, or in a belief of the condition before it",
+            )
+
+    def __str__(self) -> str:
+        condition = f" / ({self.condition})" if self.condition.terms else ""
+        return f"{self.event}{condition} >> [{', '.join(map(str, self.body))}]"
+
+
+def _step(item: object) -> Step:
+    if isinstance(item, (Action, Goal)):
+        return item
+    if isinstance(item, Event) and item.change in (Change.ADDED, Change.REMOVED):
+        return item
+    if isinstance(item, (Belief, Held)):
+        raise RuleError(f"{item} is no step of a plan", remedy="write +belief or -belief to change what is believed")
+    if isinstance(item, type) and issubclass(item, (Action, Goal)):
+        raise RuleError(f"{item.__name__} is a class", remedy=f"write {item.__name__}()")
+    raise RuleError(f"{item!r} is no step of a plan", remedy="use actions, goals, +belief and -belief")

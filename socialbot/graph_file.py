@@ -1,0 +1,144 @@
+"""Graph files: a YAML page that names nodes, their types, parameters and remapped topics.
+
+::
+
+    name: waldo
+    inputs: [/camera/image_raw]          # topics that come from outside
+    paced_by: /humans/bodies/detections  # the answer to each frame that a replay waits for
+    nodes:
+      person_detector:
+        type: person_detector            # a name of `NODE_TYPES`, or package.module:Class
+        parameters: {threshold: 0.4}
+        remap: {image: /camera/image_color}
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.resources
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from socialbot.errors import GraphError
+from socialbot.graph import Graph, Node, Placement, suggestion
+
+NODE_TYPES: Mapping[str, str] = {
+    "camera": "socialbot.vision.camera_node:Camera",
+    "head": "socialbot.agents.waldo.head:Head",
+    "image_converter": "socialbot.vision.image_converter:ImageConverter",
+    "listener": "socialbot.agents.waldo.listener:Listener",
+    "person_detector": "socialbot.vision.person_detector:PersonDetector",
+    "speaker": "socialbot.speech.speaker:Speaker",
+    "waldo": "socialbot.agents.waldo.waldo_node:WaldoNode",
+}
+"""The nodes that come with socialbot."""
+
+GRAPHS: Mapping[str, str] = {"waldo": "agents/waldo/graph.yaml"}
+"""The graphs that come with socialbot."""
+
+
+def load_graph(name: str) -> Graph:
+    """The graph called ``name``, one of `GRAPHS` or a file. Raises GraphError or ParameterError with file and line."""
+    if name in GRAPHS:
+        text = importlib.resources.files("socialbot").joinpath(GRAPHS[name]).read_text("utf-8")
+        return parse_graph(text, where=name)
+    path = Path(name)
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise GraphError(f"cannot read the graph: {error}", where=name, remedy=suggestion(name, GRAPHS)) from error
+    return parse_graph(text, where=str(path))
+
+
+def parse_graph(text: str, *, where: str) -> Graph:
+    """The graph that the YAML ``text`` describes; ``where`` is named in errors."""
+    try:
+        page = YAML(typ="rt").load(text)
+    except MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise GraphError(f"no valid YAML: {error.problem}", where=f"{where}:{line}") from error
+    except YAMLError as error:
+        raise GraphError(f"no valid YAML: {error}", where=where) from error
+    root = _Section(page, where)
+    root.only("name", "inputs", "paced_by", "nodes")
+    nodes = root.section("nodes")
+    placements = tuple(_placement(str(node), nodes.section(node)) for node in nodes.page)
+    return Graph(
+        name=root.text("name"),
+        placements=placements,
+        inputs=frozenset(root.texts("inputs")),
+        paced_by=root.text("paced_by", ""),
+    )
+
+
+def node_type(name: str, *, where: str = "") -> type[Node]:
+    """The node class called ``name``: one of `NODE_TYPES` or package.module:Class. Raises GraphError."""
+    path = NODE_TYPES.get(name, name)
+    module, _, attribute = path.partition(":")
+    if not attribute:
+        raise GraphError(
+            f"unknown node type {name!r}",
+            where=where,
+            remedy=f"{suggestion(name, NODE_TYPES)}; or package.module:Class of your own",
+        )
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise GraphError(f"cannot load node type {name!r}: {error}", where=where) from error
+    if not (isinstance(found, type) and issubclass(found, Node)):
+        raise GraphError(f"{name!r} is no node", where=where, remedy="give a subclass of socialbot.graph.Node")
+    return found
+
+
+def _placement(name: str, section: _Section) -> Placement:
+    section.only("type", "parameters", "remap")
+    placed = Placement(
+        name=name,
+        type=node_type(section.text("type"), where=section.where),
+        parameters=dict(section.section("parameters", {}).page),
+        remap={str(port): str(topic) for port, topic in section.section("remap", {}).page.items()},
+    )
+    return placed
+
+
+class _Section:
+    """A mapping of the file that knows where it stands."""
+
+    def __init__(self, page: Any, where: str) -> None:
+        if not isinstance(page, Mapping):
+            raise GraphError(f"expected names with values, got {page!r}", where=where)
+        self._file = where.rsplit(":", 1)[0] if where.rsplit(":", 1)[-1].isdigit() else where
+        self.page: Mapping[Any, Any] = page
+        self.where = f"{self._file}:{page.lc.line + 1}" if isinstance(page, CommentedMap) else where
+
+    def only(self, *known: str) -> None:
+        for key in self.page:
+            if key not in known:
+                raise GraphError(f"unknown key {key!r}", where=self._line(key), remedy=suggestion(str(key), known))
+
+    def text(self, key: str, default: str | None = None) -> str:
+        value = self.page.get(key, default)
+        if not isinstance(value, str):
+            raise GraphError(f"{key!r} must be a text, got {value!r}", where=self._line(key))
+        return value
+
+    def texts(self, key: str) -> list[str]:
+        value = self.page.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            raise GraphError(f"{key!r} must be a list of texts, got {value!r}", where=self._line(key))
+        return value
+
+    def section(self, key: Any, default: Mapping[str, object] | None = None) -> _Section:
+        if key not in self.page and default is None:
+            raise GraphError(f"{key!r} is missing", where=self.where)
+        return _Section(self.page.get(key, default), self._line(key))
+
+    def _line(self, key: Any) -> str:
+        if isinstance(self.page, CommentedMap) and key in self.page:
+            return f"{self._file}:{self.page.lc.key(key)[0] + 1}"
+        return self.where
