@@ -352,6 +352,14 @@ class Graph:
                 remedy=suggestion(self.paced_by, published),
             )
 
+    def topics(self) -> dict[str, type[Message]]:
+        """Every topic that a node publishes or listens to, with its type."""
+        return {
+            topic: port.message_type
+            for placement in self.placements
+            for topic, port in (*placement.publications, *placement.subscriptions)
+        }
+
     def placement(self, name: str) -> Placement:
         """The node called ``name``. Raises GraphError when there is none."""
         for placement in self.placements:
@@ -360,15 +368,12 @@ class Graph:
         names = [placement.name for placement in self.placements]
         raise GraphError(f"no node {name!r}", where=self.name, remedy=suggestion(name, names))
 
-    def fed_by(self, topics: Iterable[str]) -> Graph:
-        """This graph with ``topics`` coming from outside: nodes that publish one of them are left out."""
-        outside = frozenset(topics)
-        kept = tuple(
-            placement for placement in self.placements if not outside & {topic for topic, _ in placement.publications}
-        )
-        dropped = [placement for placement in self.placements if placement not in kept]
-        silent = {topic for placement in dropped for topic, _ in placement.publications}
-        return replace(self, placements=kept, inputs=self.inputs | outside | silent)
+    def without_sources(self) -> Graph:
+        """This graph with its sources (nodes without inputs, such as cameras) replaced by the world outside."""
+        sources = [placement for placement in self.placements if not placement.subscriptions]
+        fed = {topic for placement in sources for topic, _ in placement.publications}
+        kept = tuple(placement for placement in self.placements if placement not in sources)
+        return replace(self, placements=kept, inputs=self.inputs | fed)
 
     def with_parameters(self, changes: Mapping[str, Mapping[str, object]]) -> Graph:
         """This graph with other parameters: ``changes`` maps node names to parameters."""

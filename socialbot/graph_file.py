@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.resources
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -74,6 +75,26 @@ def parse_graph(text: str, *, where: str) -> Graph:
         inputs=frozenset(root.texts("inputs")),
         paced_by=root.text("paced_by", ""),
     )
+
+
+def dump_graph(graph: Graph) -> str:
+    """The YAML text that `parse_graph` makes ``graph`` of."""
+    page = {
+        "name": graph.name,
+        "inputs": sorted(graph.inputs),
+        "paced_by": graph.paced_by,
+        "nodes": {
+            placement.name: {
+                "type": f"{placement.type.__module__}:{placement.type.__qualname__}",
+                "parameters": dict(placement.parameters),
+                "remap": dict(placement.remap),
+            }
+            for placement in graph.placements
+        },
+    }
+    text = io.StringIO()
+    YAML(typ="safe", pure=True).dump(page, text)
+    return text.getvalue()
 
 
 def node_type(name: str, *, where: str = "") -> type[Node]:

@@ -179,10 +179,10 @@ class HeadCommand(Structured, frozen=True, kw_only=True):
 
 
 class TraceRecord(Structured, frozen=True, kw_only=True):
-    """One step of an agent's reasoning, with the id of the record that caused it."""
+    """One step from frame to action: what happened at ``source`` (an agent or topic), and the id of what caused it."""
 
     id: str
-    agent: str
+    source: str
     kind: str
     what: str
     cause: str = ""

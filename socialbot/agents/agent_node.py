@@ -62,7 +62,7 @@ class AgentNode(Node):
             TraceRecord(
                 stamp=record.time,
                 id=record.id,
-                agent=self.engine.name,
+                source=self.engine.name,
                 kind=record.kind,
                 what=record.what,
                 cause=record.cause,

@@ -1,0 +1,206 @@
+"""The node that turns the head towards people, or where it is told to look."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from socialbot.clock import SECOND, nanoseconds
+from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter
+from socialbot.messages import HeadCommand, JointTrajectory, PersonDetections
+
+
+class Pose(NamedTuple):
+    """Where a head points, in rad: pan positive to the left, tilt positive up (REP-103); 0, 0 is straight on."""
+
+    pan: float
+    tilt: float
+
+    def distance(self, other: Pose) -> float:
+        """The larger of the two angles between the poses, in rad."""
+        return max(abs(self.pan - other.pan), abs(self.tilt - other.tilt))
+
+
+CENTRE = Pose(0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A turn from ``start`` to ``target`` at constant speed that begins at the time ``begin`` (ns)."""
+
+    start: Pose
+    target: Pose
+    begin: int
+    duration_s: float
+
+    def at(self, time: int) -> Pose:
+        """The pose at ``time`` (ns)."""
+        share = min(max((time - self.begin) / SECOND / self.duration_s, 0.0), 1.0)
+        if share == 1.0:
+            return self.target
+        return Pose(*(a + share * (b - a) for a, b in zip(self.start, self.target, strict=True)))
+
+
+class Seen(NamedTuple):
+    """A person: distance in m (infinite when unknown) and the head pose that looks at them."""
+
+    distance_m: float
+    pose: Pose
+
+
+class Head(Node):
+    """Follows the nearest person, looks straight on, or looks at a pan and tilt.
+
+    Pan counts to the left and tilt up (REP-103). The node starts tracking. It knows where its head is
+    by reckoning: a turn goes at ``max_speed_rad_s`` on the slower joint, and the head is taken to be
+    centred at the start. With ``camera_on_head`` a bearing is relative to the pose that the head had
+    at the stamp of the frame.
+
+    The person being followed is the one nearest in direction to where they were last, as long as
+    that is within ``same_person_rad``; one who is nearer by more than ``switch_margin_m`` takes over.
+    """
+
+    command = Input(HeadCommand, "/head/command")
+    detections = Input(PersonDetections, "/humans/bodies/detections", Delivery.NEWEST)
+    trajectory = Output(JointTrajectory, "/head_controller/joint_trajectory")
+
+    pan_joint = Parameter("head_pan_joint", "joint that turns the head, positive to the left")
+    tilt_joint = Parameter("head_tilt_joint", "joint that nods the head, positive up")
+    pan_limit_rad = Parameter(1.2, "rad, how far the head turns to either side", minimum=0.0, maximum=math.pi)
+    tilt_limit_rad = Parameter(0.5, "rad, how far it nods up or down", minimum=0.0, maximum=math.pi / 2)
+    max_speed_rad_s = Parameter(1.0, "rad/s, how fast each joint may turn", minimum=0.01, maximum=10.0)
+    dead_band_rad = Parameter(0.03, "rad; a person who moves less is not followed", minimum=0.0)
+    period_s = Parameter(0.1, "s, at least this long between two commands", minimum=0.01)
+    hold_s = Parameter(2.0, "s without anybody until the head centres", minimum=0.0)
+    switch_margin_m = Parameter(0.5, "m by which another must be nearer to be followed instead", minimum=0.0)
+    same_person_rad = Parameter(0.35, "rad that a person may move between two frames", minimum=0.0)
+    camera_on_head = Parameter(False, "whether the camera turns with the head")
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        super().__init__(name, context, parameters)
+        now = self.clock.now()
+        # Enough to look back from a detection to its frame: three seconds, if not more.
+        self._motions = deque([Motion(CENTRE, CENTRE, now, 1.0)], maxlen=32)
+        self._wanted = CENTRE
+        self._slack = 0.0
+        self._earliest = now
+        self._move_due = False
+        self._tracking = True
+        self._followed: Pose | None = None
+        self._last_seen = now
+        self._watching = False
+
+    @command
+    def on_command(self, command: HeadCommand) -> None:
+        if not (math.isfinite(command.pan_rad) and math.isfinite(command.tilt_rad)):
+            self.log.warning("cannot look at pan %s, tilt %s", command.pan_rad, command.tilt_rad)
+            return
+        self._tracking = command.mode == "track"
+        self._followed = None
+        if self._tracking:
+            self._last_seen = self.clock.now()
+            self._watch()
+        else:
+            self._aim(CENTRE if command.mode == "centre" else Pose(command.pan_rad, command.tilt_rad))
+
+    @detections
+    def on_detections(self, detections: PersonDetections) -> None:
+        seen = self._seen(detections)
+        if not self._tracking or not seen:
+            return
+        self._followed = self._choose(seen)
+        self._last_seen = self.clock.now()
+        self._watch()
+        self._aim(self._followed, slack=self.dead_band_rad)
+
+    def on_parameter(self, name: str) -> None:
+        """Turns back within limits that have become narrower."""
+        if name in ("pan_limit_rad", "tilt_limit_rad"):
+            self._aim(self._wanted, slack=self._slack)
+
+    def _seen(self, detections: PersonDetections) -> list[Seen]:
+        """Everybody whose direction is known."""
+        camera = self._pose_at(detections.stamp) if self.camera_on_head else CENTRE
+        level = self._wanted.tilt - camera.tilt
+        found = []
+        for person in detections.persons:
+            elevation = level if person.elevation_rad is None else person.elevation_rad
+            if person.bearing_rad is None or not math.isfinite(person.bearing_rad) or not math.isfinite(elevation):
+                continue
+            distance = math.inf if person.distance_m is None or math.isnan(person.distance_m) else person.distance_m
+            found.append(Seen(distance, Pose(camera.pan + person.bearing_rad, camera.tilt + elevation)))
+        return found
+
+    def _choose(self, seen: list[Seen]) -> Pose:
+        """The pose that looks at the person to follow."""
+        nearest = min(seen, key=lambda person: (person.distance_m, abs(person.pose.pan)))
+        if self._followed is None:
+            return nearest.pose
+        last = self._followed.pan
+        present = min(seen, key=lambda person: abs(person.pose.pan - last))
+        lost = abs(present.pose.pan - last) > self.same_person_rad
+        if lost or nearest.distance_m < present.distance_m - self.switch_margin_m:
+            return nearest.pose
+        return present.pose
+
+    def _watch(self) -> None:
+        """Makes sure that somebody's absence is noticed, even when no more detections come."""
+        if not self._watching:
+            self._watching = True
+            self.context.call_at(self._last_seen + nanoseconds(self.hold_s), self._look_after)
+
+    def _look_after(self) -> None:
+        self._watching = False
+        if not self._tracking:
+            return
+        if self.clock.now() < self._last_seen + nanoseconds(self.hold_s):
+            self._watch()
+        else:
+            self._followed = None
+            self._aim(CENTRE)
+
+    def _aim(self, pose: Pose, slack: float = 0.0) -> None:
+        """Turns to ``pose`` as soon as another command is allowed, unless the head goes within ``slack`` of it."""
+        self._wanted = Pose(_within(pose.pan, self.pan_limit_rad), _within(pose.tilt, self.tilt_limit_rad))
+        self._slack = slack
+        if self._move_due:
+            return
+        if self.clock.now() >= self._earliest:
+            self._move()
+        else:
+            self._move_due = True
+            self.context.call_at(self._earliest, self._move)
+
+    def _move(self) -> None:
+        self._move_due = False
+        if self._wanted.distance(self._motions[-1].target) <= self._slack:
+            return
+        now = self.clock.now()
+        start = self._pose_at(now)
+        # Not shorter than the period: controllers refuse points that are due at once.
+        duration_s = max(start.distance(self._wanted) / self.max_speed_rad_s, self.period_s)
+        self._motions.append(Motion(start, self._wanted, now, duration_s))
+        self._earliest = now + nanoseconds(self.period_s)
+        self.trajectory.publish(
+            JointTrajectory(
+                stamp=now,
+                joint_names=(self.pan_joint, self.tilt_joint),
+                positions=tuple(self._wanted),
+                velocities=(0.0, 0.0),
+                duration_s=duration_s,
+            )
+        )
+
+    def _pose_at(self, time: int) -> Pose:
+        """Where the head was, or is, at ``time`` (ns)."""
+        for motion in reversed(self._motions):
+            if motion.begin <= time:
+                return motion.at(time)
+        return self._motions[0].start
+
+
+def _within(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)

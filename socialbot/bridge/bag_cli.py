@@ -1,0 +1,155 @@
+"""The commands ``socialbot bag``: what is in a bag, making one of a video or pictures, recording one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from socialbot.bridge import codec
+from socialbot.bridge.bags import IMAGE_TYPES, Bag, Topic, open_bag
+from socialbot.bridge.process import Ending
+from socialbot.clock import SECOND
+from socialbot.errors import BagError
+from socialbot.messages import CompressedImage, Image
+
+app = typer.Typer(help="Looks into bags, makes and records them.", no_args_is_help=True)
+
+_YEAR_2000 = 946_684_800 * SECOND
+
+
+@app.command()
+def info(
+    bag: Annotated[Path, typer.Argument(help="A bag folder, or an .mcap, .db3 or ROS 1 .bag file.")],
+    quick: Annotated[bool, typer.Option("--quick", help="Do not read every message to look for damage.")] = False,
+) -> None:
+    """Tells what is in a bag, and whether it is whole."""
+    console = Console()
+    with open_bag(bag) as opened:
+        break_off = None if quick else _check(opened)
+        console.print(f"[bold]{escape(opened.path.name)}[/]  {_length(opened)}", highlight=False)
+        console.print(_table(opened, checked=not quick))
+        for topic, skipped in sorted(opened.skipped.items()):
+            console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, first: {escape(skipped.first)}")
+        for what in opened.damage:
+            console.print(f"[red]damaged[/]: {escape(what)}")
+    if break_off is not None:
+        raise break_off
+
+
+@app.command(name="import")
+def import_(
+    source: Annotated[str, typer.Argument(help="A video file, a folder of images, or a camera (0, /dev/video0).")],
+    out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
+    rate: Annotated[float, typer.Option(help="Images a second, for a folder.")] = 10.0,
+    start: Annotated[float, typer.Option(help="Stamp of the first picture, in seconds; not for a camera.")] = 1.0,
+    hfov: Annotated[float, typer.Option(help="What the camera sees from left to right, in degrees.")] = 60.0,
+    quality: Annotated[int, typer.Option(help="JPEG quality, 1 to 100.")] = 90,
+    width: Annotated[int | None, typer.Option(help="Make pictures this wide.")] = None,
+    topic: Annotated[str, typer.Option(help="The topic of the pictures.")] = "/camera/image_raw/compressed",
+    duration: Annotated[float | None, typer.Option(help="Take no more than this many seconds.")] = None,
+) -> None:
+    """Makes a bag of a video, a folder of images or a camera; a camera is recorded until Ctrl-C."""
+    from socialbot.bridge.bag_import import import_bag
+
+    with Ending().on_signals() as ending:
+        made = import_bag(
+            source,
+            out,
+            rate_hz=rate,
+            start=round(start * SECOND),
+            hfov_deg=hfov,
+            jpeg_quality=quality,
+            topic=topic,
+            limit_s=duration,
+            width=width,
+            stopped=lambda: ending.asked,
+        )
+    size = f"{made.width}x{made.height}"
+    Console().print(f"{made.images} pictures of {size}, {made.duration_s:.1f} s, in {made.path}", highlight=False)
+
+
+@app.command()
+def record(
+    out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
+    topics: Annotated[list[str] | None, typer.Option(help="A topic; give it again for more. All by default.")] = None,
+    duration: Annotated[float | None, typer.Option(help="End after this many seconds.")] = None,
+    storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
+) -> None:
+    """Records what runs over ROS, until Ctrl-C or for a duration."""
+    from socialbot.bridge import recorder
+
+    console = Console()
+    with Ending().on_signals() as ending:
+        console.print(f"recording to {out}; Ctrl-C ends it", highlight=False)
+        made = recorder.record(
+            out, topics=topics or (), duration_s=duration, storage=storage, stopped=lambda: ending.asked
+        )
+    for topic, count in sorted(made.counts.items()):
+        console.print(f"{count:7d}  {topic}", highlight=False, markup=False)
+    for topic, why in made.refused.items():
+        console.print(f"[yellow]not recorded[/]: {escape(topic)}: {escape(why)}", highlight=False)
+    for topic in sorted({name.lstrip("/") for name in topics or ()} - {name.lstrip("/") for name in made.counts}):
+        console.print(f"[yellow]nothing came on[/] /{escape(topic)}", highlight=False)
+    console.print(f"{sum(made.counts.values())} messages in {made.duration_s:.1f} s", highlight=False)
+
+
+def _check(bag: Bag) -> BagError | None:
+    try:
+        bag.check()
+    except BagError as error:
+        return error
+    return None
+
+
+def _length(bag: Bag) -> str:
+    # Bags made of files begin at a time that means nothing.
+    began = datetime.fromtimestamp(bag.start / SECOND, timezone.utc)
+    since = f", from {began:%Y-%m-%d %H:%M:%S} UTC" if bag.start > _YEAR_2000 else ""
+    return f"{bag.duration_s:.1f} s, {sum(topic.count for topic in bag.topics)} messages{since}"
+
+
+def _table(bag: Bag, *, checked: bool) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    table.add_column("topic", overflow="fold", style="bold")
+    table.add_column("type", overflow="fold")
+    for name in ("count", "Hz", "damaged") if checked else ("count", "Hz"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("picture", overflow="fold")
+    for topic in bag.topics:
+        cells = [topic.name, topic.type.replace("/msg/", "/"), str(topic.count), _rate(bag, topic)]
+        if checked:
+            skipped = bag.skipped.get(topic.name)
+            cells.append(f"[red]{skipped.count}[/]" if skipped else "0")
+        table.add_row(*cells, _picture(bag, topic))
+    return table
+
+
+def _rate(bag: Bag, topic: Topic) -> str:
+    return f"{(topic.count - 1) / bag.duration_s:.1f}" if topic.count > 1 and bag.duration_s > 0 else ""
+
+
+def _picture(bag: Bag, topic: Topic) -> str:
+    """Size and encoding of the first picture that can be read."""
+    if topic.type not in IMAGE_TYPES:
+        return ""
+    before = dict(bag.skipped)
+    try:
+        for _, message in bag.messages({topic.name: topic.name}):
+            if isinstance(message, Image):
+                return f"{message.width}x{message.height} {escape(message.encoding)}"
+            if isinstance(message, CompressedImage):
+                return _compressed(message)
+    except BagError:
+        return ""
+    finally:
+        bag.skipped.update(before)
+    return ""

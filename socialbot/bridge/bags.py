@@ -1,0 +1,340 @@
+"""Bags: what a robot saw and said, read and written without ROS (with rosbags).
+
+Reads rosbag2 folders and single .mcap or .db3 files, split or compressed, and ROS 1 .bag files.
+
+Damage: a single message that cannot be read is counted in `Bag.skipped`, and reading goes on. A
+file whose structure is broken is one BagError, after all whole messages before the break. An .mcap
+file that ends too early (the robot lost power) is read as far as it is whole, and ``Bag.damage`` says so.
+"""
+
+from __future__ import annotations
+
+import heapq
+import logging
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TypeVar
+
+import msgspec
+from rosbags.interfaces import Connection
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag2 import Reader as Ros2Reader
+
+from socialbot.bridge import codec
+from socialbot.bridge.bag_types import RosbagsTypes, deserialize, to_cdr
+from socialbot.bridge.bag_writer import BagWriter
+from socialbot.bridge.mcap_salvage import salvage
+from socialbot.clock import SECOND
+from socialbot.errors import BagError
+from socialbot.graph import suggestion
+from socialbot.messages import CameraInfo, CompressedImage, Image, Message
+
+__all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "Topic", "open_bag"]
+
+log = logging.getLogger("socialbot.bags")
+
+T = TypeVar("T")
+Reader = Ros1Reader | Ros2Reader
+
+IMAGE_TYPES = (codec.ROS_TYPES[Image], codec.ROS_TYPES[CompressedImage])
+
+_STORAGE = (".mcap", ".db3")
+_REPAIRS = {
+    ".mcap": "copy the file again, or repair it with `mcap recover`",
+    ".db3": "copy the file again, or repair it with `sqlite3 FILE .recover | sqlite3 NEW.db3`",
+    ".bag": "copy the file again, or repair it with `rosbag reindex` of ROS 1",
+}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag: its ROS type and the number of its messages."""
+
+    name: str
+    type: str
+    count: int
+
+
+@dataclass
+class Skipped:
+    """Damaged messages of one topic: how many, and what was wrong with the first."""
+
+    count: int
+    first: str
+
+
+def open_bag(path: str | Path) -> Bag:
+    """Opens the bag at ``path``; close it, or use it as a context manager.
+
+    Raises BagError when there is no bag, none of its messages can be found, or its files are broken.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise BagError("no such file or folder", where=str(path), remedy="check the path of the bag")
+    damage: list[str] = []
+    readers = _open_folder(path, damage) if path.is_dir() else [_open_file(path, damage)]
+    bag = Bag(path, readers, tuple(damage))
+    if not any(topic.count for topic in bag.topics):
+        bag.close()
+        raise BagError("the bag holds no messages", where=str(path), remedy="record again while the robot publishes")
+    for what in damage:
+        log.warning("%s", what)
+    return bag
+
+
+class Bag:
+    """An open bag; `open_bag` makes one.
+
+    ``damage`` says what is missing from the files, ``skipped`` which messages the last pass over a
+    topic left out.
+    """
+
+    def __init__(self, path: Path, readers: Collection[Reader], damage: tuple[str, ...] = ()) -> None:
+        self.path = path
+        self.damage = damage
+        self.skipped: dict[str, Skipped] = {}
+        self._readers = readers
+        self._connections = [connection for reader in readers for connection in reader.connections]
+        self.topics: tuple[Topic, ...] = self._sum_topics()
+        filled = [reader for reader in readers if reader.message_count]
+        self.start: int = min((reader.start_time for reader in filled), default=0)
+        self.end: int = max((reader.end_time - 1 for reader in filled), default=0)
+
+    def __enter__(self) -> Bag:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes the files."""
+        for reader in self._readers:
+            reader.close()
+        self._readers = ()
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first to the last message."""
+        return (self.end - self.start) / SECOND
+
+    @property
+    def image_topics(self) -> tuple[Topic, ...]:
+        """The topics with pictures, compressed or not."""
+        return tuple(topic for topic in self.topics if topic.type in IMAGE_TYPES and topic.count)
+
+    def topic(self, name: str) -> Topic:
+        """The topic called ``name``. Raises BagError when the bag has none."""
+        for topic in self.topics:
+            if topic.name == name:
+                return topic
+        raise BagError(f"no topic {name!r} in the bag", where=str(self.path), remedy=suggestion(name, self._names()))
+
+    def choose_image_topic(self, wanted: str | None = None) -> Topic:
+        """The ``wanted`` image topic, or the only one.
+
+        Raises BagError when there is none, when there are several and none is ``wanted``, or when
+        the wanted one is unknown or holds no pictures.
+        """
+        names = [topic.name for topic in self.image_topics]
+        where = str(self.path)
+        if not names:
+            raise BagError(
+                "the bag holds no pictures",
+                where=where,
+                remedy=f"record an image topic; the bag has {', '.join(self._names())}",
+            )
+        if wanted is None:
+            if len(names) > 1:
+                raise BagError(
+                    f"the bag has {len(names)} image topics", where=where, remedy=f"choose one of {', '.join(names)}"
+                )
+            wanted = names[0]
+        if wanted not in names:
+            found = [f"{wanted} is {topic.type}" for topic in self.topics if topic.name == wanted]
+            what = found[0] if found else f"no topic {wanted!r} in the bag"
+            raise BagError(what, where=where, remedy=suggestion(wanted, names))
+        return self.topic(wanted)
+
+    def camera_info_topic_for(self, image_topic: str) -> Topic | None:
+        """The CameraInfo topic in the namespace of ``image_topic``, if the bag has one.
+
+        ``/camera/image_raw`` and ``/camera/image_raw/compressed`` both belong to ``/camera/camera_info``.
+        """
+        infos = {t.name.rpartition("/")[0]: t for t in self.topics if t.type == codec.ROS_TYPES[CameraInfo] and t.count}
+        namespace = image_topic.rpartition("/")[0]
+        return infos.get(namespace) or infos.get(namespace.rpartition("/")[0])
+
+    def messages(self, topics: Mapping[str, str]) -> Iterator[tuple[str, Message]]:
+        """The messages of ``topics`` (bag topic to graph topic), as graph topic and message, in the order of the bag.
+
+        The stamp is the header's. Where that is zero, or lies before the topic's previous stamp, the
+        message gets the previous stamp plus the time between the two receptions; a first stamp of
+        zero becomes the time of reception.
+
+        Raises BagError for topics that the bag lacks or whose type socialbot does not know, and
+        where the file breaks off.
+        """
+        for name in topics:
+            if self.topic(name).type not in codec.MESSAGE_TYPES:
+                raise BagError(
+                    f"{name} is {self.topic(name).type}, which no message of socialbot comes from",
+                    where=str(self.path),
+                    remedy=f"known types: {', '.join(sorted(codec.MESSAGE_TYPES))}",
+                )
+        return self._decoded(topics)
+
+    def raw_messages(self, topics: Mapping[str, str]) -> Iterator[tuple[str, int, str, bytes]]:
+        """The messages of ``topics`` as graph topic, time of reception (ns), ROS type and CDR bytes.
+
+        Those of ROS 1 bags are converted to ROS 2. Raises BagError as `messages` does, but takes any type.
+        """
+        for name in topics:
+            self.topic(name)
+        return self._raw(topics)
+
+    def check(self) -> Mapping[str, Skipped]:
+        """Reads every message of the bag and tells which are damaged. Raises BagError where the file breaks off."""
+        for connection, _, data in self._read(self._names()):
+            self._attempt(connection, lambda connection=connection, data=data: deserialize(connection, data))
+        return self.skipped
+
+    def _decoded(self, topics: Mapping[str, str]) -> Iterator[tuple[str, Message]]:
+        stamps = {name: _Stamps(name) for name in topics}
+        for connection, time, data in self._read(topics):
+
+            def decode(connection: Connection = connection, time: int = time, data: bytes = data) -> Message:
+                ros_message = deserialize(connection, data)
+                message = codec.decode(codec.MESSAGE_TYPES[connection.msgtype], ros_message, stamp=time)
+                header = codec.header_stamp(ros_message)
+                if header is None:
+                    return message
+                stamp = stamps[connection.topic].next(header, time)
+                return message if stamp == message.stamp else msgspec.structs.replace(message, stamp=stamp)
+
+            message = self._attempt(connection, decode)
+            if message is not None:
+                yield topics[connection.topic], message
+
+    def _raw(self, topics: Mapping[str, str]) -> Iterator[tuple[str, int, str, bytes]]:
+        for connection, time, data in self._read(topics):
+            cdr = self._attempt(connection, lambda connection=connection, data=data: to_cdr(connection, data))
+            if cdr is not None:
+                yield topics[connection.topic], time, connection.msgtype, cdr
+
+    def _read(self, names: Collection[str]) -> Iterator[tuple[Connection, int, bytes]]:
+        for name in names:
+            self.skipped.pop(name, None)
+        streams = []
+        for reader in self._readers:
+            wanted = [connection for connection in reader.connections if connection.topic in names]
+            if wanted:
+                streams.append(reader.messages(wanted))
+        try:
+            yield from heapq.merge(*streams, key=lambda item: item[1])
+        except Exception as error:
+            raise _broken(self.path, error) from error
+
+    def _attempt(self, connection: Connection, read: Callable[[], T]) -> T | None:
+        try:
+            return read()
+        except Exception as error:  # noqa: BLE001 - damaged bytes make rosbags fail in any way
+            first = f"{type(error).__name__}: {error}"
+            skipped = self.skipped.setdefault(connection.topic, Skipped(0, first))
+            if not skipped.count:
+                log.warning("%s: %s: skipping damaged messages: %s", self.path, connection.topic, first)
+            skipped.count += 1
+            return None
+
+    def _names(self) -> list[str]:
+        return [topic.name for topic in self.topics]
+
+    def _sum_topics(self) -> tuple[Topic, ...]:
+        topics: dict[str, Topic] = {}
+        for connection in self._connections:
+            before = topics.get(connection.topic)
+            count = connection.msgcount + (before.count if before else 0)
+            topics[connection.topic] = Topic(connection.topic, connection.msgtype, count)
+        return tuple(topics[name] for name in sorted(topics))
+
+
+class _Stamps:
+    """The stamps of one topic: those of the headers as long as they are good."""
+
+    def __init__(self, topic: str) -> None:
+        self._topic = topic
+        self._stamp: int | None = None
+        self._time = 0
+        self._warned = False
+
+    def next(self, header: int, time: int) -> int:
+        last = self._stamp
+        good = header > 0 and (last is None or header >= last)
+        if not good and not self._warned:
+            self._warned = True
+            why = "are zero" if not header else "go backwards"
+            log.warning("%s: header stamps %s; the times of reception are used instead", self._topic, why)
+        stamp = header if good else time if last is None else last + max(time - self._time, 0)
+        self._stamp, self._time = stamp, time
+        return stamp
+
+
+def _open_folder(path: Path, damage: list[str]) -> list[Reader]:
+    metadata = path / "metadata.yaml"
+    files = sorted((file for file in path.iterdir() if file.suffix in _STORAGE), key=natural)
+    if not metadata.exists() and not files:
+        raise BagError(
+            "the folder is no bag: it has no metadata.yaml and no .mcap or .db3 file",
+            where=str(path),
+            remedy="give the folder that `bag record` made; for a folder of pictures use `bag import`",
+        )
+    if metadata.exists():
+        try:
+            return [_open(path)]
+        except BagError as error:
+            if not files:
+                raise
+            damage.append(f"{metadata}: {error.what}")
+    else:
+        damage.append(f"{metadata}: missing; the bag is read by its files")
+    return [_open_file(file, damage) for file in files]
+
+
+def _open_file(path: Path, damage: list[str]) -> Reader:
+    if path.suffix not in _REPAIRS:
+        raise BagError(
+            f"not a bag: {path.suffix or 'no suffix'}",
+            where=str(path),
+            remedy="give a bag folder, or an .mcap, .db3 or .bag file; `bag import` makes one of a video or pictures",
+        )
+    try:
+        return _open(path)
+    except BagError:
+        salvaged = salvage(path) if path.suffix == ".mcap" else None
+        if salvaged is None:
+            raise
+    damage.append(f"{path}: breaks off after {salvaged.whole} of {salvaged.size} bytes; what is whole is read")
+    return _open(salvaged)
+
+
+def _open(path: Any) -> Reader:
+    try:
+        reader = Ros1Reader(path) if path.suffix == ".bag" else Ros2Reader(path)
+        reader.open()
+    except Exception as error:
+        raise _broken(path, error) from error
+    return reader
+
+
+def _broken(path: Any, error: Exception) -> BagError:
+    if isinstance(error, PermissionError):
+        return BagError("may not be read", where=str(path), remedy="ask its owner for the permission to read it")
+    what = str(error) or type(error).__name__
+    return BagError(f"the bag is damaged: {what}", where=str(path), remedy=_REPAIRS.get(path.suffix, "copy it again"))
+
+
+def natural(path: Path) -> list[tuple[int, str]]:
+    """The key by which files are in natural order: 2 before 10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

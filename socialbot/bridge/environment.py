@@ -1,0 +1,40 @@
+"""The environment that ROS needs: the DDS profile, the reach of discovery, the folder for logs."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import tempfile
+from collections.abc import MutableMapping
+from pathlib import Path
+
+from socialbot.errors import InstallationError
+
+PROFILE = Path(__file__).with_name("dds_profile.xml")
+"""The Fast DDS profile with a shared-memory segment that holds pictures."""
+
+PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+
+
+def prepare(
+    environment: MutableMapping[str, str] = os.environ, *, log_folder: Path | None = None, domain: int | None = None
+) -> None:
+    """Fills in what the user has not set; call it before rclpy starts. ``domain`` and ``log_folder`` do override."""
+    environment.setdefault(PROFILE_VARIABLE, str(PROFILE))
+    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    if domain is not None:
+        environment["ROS_DOMAIN_ID"] = str(domain)
+    if log_folder is not None:
+        environment["ROS_LOG_DIR"] = str(log_folder)
+    elif "ROS_LOG_DIR" not in environment and "ROS_HOME" not in environment:
+        environment["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-ros-log")
+
+
+def require_ros() -> None:
+    """Raises InstallationError when there is no ROS 2 for Python here."""
+    if importlib.util.find_spec("rclpy") is None:
+        raise InstallationError(
+            "ROS 2 is not installed for this Python",
+            remedy="on x86-64 Linux: pip install socialbot (brings the ROS wheels); elsewhere: source a ROS 2 Jazzy "
+            "installation; or use --runner inline, which needs no ROS",
+        )

@@ -1,0 +1,159 @@
+"""What waits for a node: messages, calls and timers, handed out one at a time to the node's own thread."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from socialbot.clock import SECOND
+from socialbot.graph import Delivery, Input
+from socialbot.messages import Message
+
+BACKLOG = 16
+"""How many frames of a stream may wait at all; older ones fall off."""
+
+
+@dataclass(eq=False)
+class Line:
+    """The messages that wait at one input, and what became of the others."""
+
+    port: Input[Any]
+    waiting: deque[Message] = field(default_factory=deque)
+    cost_s: float = 0.0
+    received: int = 0
+    skipped: int = 0
+
+    def put(self, message: Message) -> None:
+        """Adds a message at the end."""
+        self.received += 1
+        self.waiting.append(message)
+        if self.port.delivery is Delivery.LATCHED:
+            self._keep(1)
+        elif self.port.delivery is Delivery.NEWEST:
+            self._keep(BACKLOG)
+
+    def take(self) -> Message:
+        """Removes the message to handle next.
+
+        Of a stream that comes faster than it can be handled this is the newest one. A node that was held
+        up for once, but is fast enough, catches up and loses nothing.
+        """
+        if self.port.delivery is Delivery.NEWEST and len(self.waiting) > 1:
+            spacing = (self.waiting[-1].stamp - self.waiting[0].stamp) / (len(self.waiting) - 1) / SECOND
+            if self.cost_s > spacing:
+                self._keep(1)
+        return self.waiting.popleft()
+
+    def charge(self, seconds: float) -> None:
+        """Learns what handling a message costs: a moving average that follows within a few messages."""
+        self.cost_s = seconds if self.cost_s == 0.0 else 0.7 * self.cost_s + 0.3 * seconds
+
+    def _keep(self, count: int) -> None:
+        while len(self.waiting) > count:
+            self.waiting.popleft()
+            self.skipped += 1
+
+
+class Alarm:
+    """A timer that has not fired yet."""
+
+    def __init__(self, callback: Callable[[], None]) -> None:
+        self.callback: Callable[[], None] | None = callback
+
+    def cancel(self) -> None:
+        """Takes the call back."""
+        self.callback = None
+
+
+class Inbox:
+    """Everything that waits for one node. ``put`` from any thread, ``take`` from the node's own.
+
+    ``now`` tells the node's time (ns). While it is simulated, whoever moves it calls ``time_moved``.
+    """
+
+    def __init__(self, now: Callable[[], int], *, simulated: bool) -> None:
+        self._now = now
+        self._simulated = simulated
+        self._changed = threading.Condition()
+        self._lines: dict[str, Line] = {}
+        self._order: deque[Line] = deque()
+        self._calls: deque[Callable[[], None]] = deque()
+        self._alarms: list[tuple[int, int, Alarm]] = []
+        self._sequence = itertools.count()
+        self._closed = False
+
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """The inputs that messages have come to."""
+        return tuple(self._lines.values())
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing will be handed out any more."""
+        return self._closed
+
+    def put(self, port: Input[Any], message: Message) -> None:
+        """Adds a message for ``port``."""
+        with self._changed:
+            line = self._lines.setdefault(port.name, Line(port))
+            line.put(message)
+            if line not in self._order:
+                self._order.append(line)
+            self._changed.notify()
+
+    def call_soon(self, callback: Callable[[], None]) -> None:
+        """Adds a call that goes before all messages."""
+        with self._changed:
+            self._calls.append(callback)
+            self._changed.notify()
+
+    def call_at(self, time: int, callback: Callable[[], None]) -> Alarm:
+        """Adds a call for when the node's time has reached ``time`` (ns)."""
+        alarm = Alarm(callback)
+        with self._changed:
+            heapq.heappush(self._alarms, (time, next(self._sequence), alarm))
+            self._changed.notify()
+        return alarm
+
+    def time_moved(self) -> None:
+        """Looks again whether a timer is due."""
+        with self._changed:
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Lets ``take`` return None from now on."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+
+    def take(self) -> Callable[[], None] | tuple[Line, Message] | None:
+        """Waits for, and removes, what is to be done next; None when the inbox is closed."""
+        with self._changed:
+            while not self._closed:
+                if self._calls:
+                    return self._calls.popleft()
+                pause = self._until_alarm()
+                if pause is not None and pause <= 0:
+                    callback = heapq.heappop(self._alarms)[2].callback
+                    if callback is not None:
+                        return callback
+                elif self._order:
+                    return self._next_message()
+                else:
+                    self._changed.wait(None if self._simulated else pause)
+            return None
+
+    def _until_alarm(self) -> float | None:
+        return (self._alarms[0][0] - self._now()) / SECOND if self._alarms else None
+
+    def _next_message(self) -> tuple[Line, Message]:
+        line = self._order.popleft()
+        message = line.take()
+        if line.waiting:
+            self._order.append(line)
+        return line, message

@@ -1,0 +1,161 @@
+"""An .mcap file that ends too early, made readable as far as it is whole.
+
+The index of an .mcap file is its end, so a recorder that lost power leaves none behind. `salvage`
+looks for the last whole chunk and appends an index in memory; the file itself stays as it is.
+Format: https://mcap.dev/spec
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+MAGIC = b"\x89MCAP0\r\n"
+
+_HEADER, _FOOTER, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX, _STATISTICS, _DATA_END = 1, 2, 6, 7, 8, 11, 15
+_KNOWN = range(_HEADER, _DATA_END)
+
+
+@dataclass(frozen=True)
+class Salvaged:
+    """A file of which the first ``whole`` of ``size`` bytes can be used; opens like a path."""
+
+    path: Path
+    whole: int
+    size: int
+    tail: bytes
+
+    @property
+    def suffix(self) -> str:
+        """That of the path."""
+        return self.path.suffix
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def exists(self) -> bool:
+        """Whether the file is still there."""
+        return self.path.exists()
+
+    def is_dir(self) -> bool:
+        """It is a file."""
+        return False
+
+    def open(self, mode: str = "rb") -> BinaryIO:
+        """The whole part of the file followed by the index, to be read."""
+        return io.BufferedReader(_Joined(self.path.open("rb"), self.whole, self.tail), 1 << 16)
+
+
+class _Joined(io.RawIOBase):
+    """The first ``length`` bytes of a file, and ``tail`` behind them."""
+
+    def __init__(self, file: BinaryIO, length: int, tail: bytes) -> None:
+        self._file = file
+        self._length = length
+        self._tail = tail
+        self._position = 0
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET, /) -> int:
+        origin = (0, self._position, self._length + len(self._tail))[whence]
+        self._position = max(origin + offset, 0)
+        return self._position
+
+    def readinto(self, buffer: memoryview, /) -> int:  # type: ignore[override]
+        left = self._length - self._position
+        if left > 0:
+            self._file.seek(self._position)
+            part = self._file.read(min(len(buffer), left))
+        else:
+            part = self._tail[-left : len(buffer) - left]
+        buffer[: len(part)] = part
+        self._position += len(part)
+        return len(part)
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
+
+
+def salvage(path: Path) -> Salvaged | None:
+    """What is whole of the .mcap file at ``path``; None when that is not even a message."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            return None
+        whole, chunks = _scan(file, size)
+    if whole <= len(MAGIC):
+        return None
+    return Salvaged(path, whole, size, _tail(whole, chunks))
+
+
+@dataclass
+class _Chunk:
+    """A chunk record: where it stands, its own header, and the records that index it."""
+
+    start: int
+    length: int
+    times: bytes
+    sizes: bytes
+    index: dict[int, int]
+    index_length: int = 0
+
+
+def _scan(file: BinaryIO, size: int) -> tuple[int, list[_Chunk]]:
+    """Where the whole records end, and the chunks among them. A chunk without index does not count."""
+    chunks: list[_Chunk] = []
+    whole = len(MAGIC)
+    while True:
+        start = file.tell()
+        head = file.read(9)
+        if len(head) < 9:
+            break
+        kind, length = head[0], int.from_bytes(head[1:], "little")
+        end = start + 9 + length
+        if kind not in _KNOWN or kind == _FOOTER or end > size:
+            break
+        if kind == _CHUNK:
+            chunks.append(_read_chunk(file, start, 9 + length))
+        elif kind == _MESSAGE_INDEX and chunks:
+            chunks[-1].index[int.from_bytes(file.read(2), "little")] = start
+            chunks[-1].index_length = end - chunks[-1].start - chunks[-1].length
+        if kind != _CHUNK:
+            whole = end
+        file.seek(end)
+    return whole, [chunk for chunk in chunks if chunk.start < whole and chunk.index]
+
+
+def _read_chunk(file: BinaryIO, start: int, length: int) -> _Chunk:
+    times = file.read(16)
+    uncompressed = file.read(8)
+    file.seek(4, io.SEEK_CUR)
+    name_length = file.read(4)
+    name = file.read(int.from_bytes(name_length, "little"))
+    compressed = file.read(8)
+    return _Chunk(start, length, times, name_length + name + compressed + uncompressed, {})
+
+
+def _tail(whole: int, chunks: list[_Chunk]) -> bytes:
+    """A summary of ``chunks`` and the footer; statistics of zero make a reader look into the chunks itself."""
+    records = [_record(_CHUNK_INDEX, _chunk_index(chunk)) for chunk in chunks]
+    records.append(_record(_STATISTICS, bytes(46)))
+    records.append(_record(_FOOTER, struct.pack("<QQI", whole, 0, 0)))
+    return b"".join(records) + MAGIC
+
+
+def _chunk_index(chunk: _Chunk) -> bytes:
+    offsets = b"".join(struct.pack("<HQ", *entry) for entry in chunk.index.items())
+    place = struct.pack("<QQI", chunk.start, chunk.length, len(offsets))
+    return chunk.times + place + offsets + struct.pack("<Q", chunk.index_length) + chunk.sizes
+
+
+def _record(kind: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", kind, len(content)) + content

@@ -1,0 +1,166 @@
+"""Plays a bag into a running ROS graph: the recorded bytes, and /clock as it was.
+
+A paced replay holds the clock after each picture until the graph has answered it, so that a slow
+machine makes the replay slower but not different.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from socialbot.bridge import environment
+from socialbot.bridge.bags import IMAGE_TYPES, Bag
+from socialbot.bridge.codec import ROS_TYPES
+from socialbot.bridge.process import Ending
+from socialbot.clock import SECOND, nanoseconds
+from socialbot.errors import NodeError
+from socialbot.graph import Delivery, Graph
+from socialbot.messages import CameraInfo
+
+log = logging.getLogger("socialbot.player")
+
+TICK_S = 0.02
+"""How often /clock moves on between messages."""
+
+PATIENCE_S = 2.0
+"""How long the answer to a picture may take; a shorter time once several in a row have not been answered."""
+
+IMPATIENCE_S = 0.2
+GRAPH_TIMEOUT_S = 30.0
+
+
+@dataclass(frozen=True)
+class Playing:
+    """How to play: ``rate`` 1.0 is as recorded, ``tail_s`` goes on with the time alone after the last message."""
+
+    rate: float = 1.0
+    tail_s: float = 3.0
+    await_graph: Graph | None = None
+    paced_by: str = ""
+
+
+@dataclass
+class Played:
+    """How it went: pictures sent, and those that the graph did not answer in time."""
+
+    images: int = 0
+    unanswered: int = 0
+
+
+class _Stamp(msgspec.Struct):
+    stamp: int
+
+
+class _Answers:
+    """The latest stamp that the graph has answered."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._latest = 0
+        self._in_vain = 0
+
+    def note(self, ros_message: Any) -> None:
+        try:
+            stamp = msgspec.json.decode(ros_message.data, type=_Stamp).stamp
+        except msgspec.MsgspecError:
+            log.warning("the answer to a picture carries no stamp")
+            return
+        with self._changed:
+            self._latest = max(self._latest, stamp)
+            self._changed.notify()
+
+    def wait(self, stamp: int) -> bool:
+        patience = PATIENCE_S if self._in_vain < 3 else IMPATIENCE_S
+        with self._changed:
+            answered = self._changed.wait_for(lambda: self._latest >= stamp, patience)
+        self._in_vain = 0 if answered else self._in_vain + 1
+        return answered
+
+
+class Player:
+    """Plays ``topics`` (bag topic to graph topic) of ``bag`` through the rclpy node ``ros``."""
+
+    def __init__(self, ros: Any, bag: Bag, topics: Mapping[str, str], playing: Playing, ending: Ending) -> None:
+        from rosgraph_msgs.msg import Clock
+        from std_msgs.msg import String
+
+        from socialbot.bridge.qos import publisher_qos
+        from socialbot.bridge.ros_types import message_class
+
+        self._bag = bag
+        self._topics = topics
+        self._playing = playing
+        self._ending = ending
+        self._answers = _Answers()
+        self._clock_type = Clock
+        self._clock = ros.create_publisher(Clock, "/clock", 10)
+        self._publishers: dict[str, Any] = {}
+        for name, topic in topics.items():
+            ros_type = bag.topic(name).type
+            delivery = Delivery.LATCHED if ros_type == ROS_TYPES[CameraInfo] else Delivery.NEWEST
+            self._publishers[topic] = ros.create_publisher(message_class(ros_type), topic, publisher_qos(delivery))
+        if playing.paced_by:
+            ros.create_subscription(String, playing.paced_by, self._answers.note, publisher_qos(Delivery.EVERY))
+        self._now = bag.start
+        self._begun = 0.0
+
+    def play(self) -> Played:
+        """Plays from the first message to the end of the tail, or until asked to end."""
+        played = Played()
+        self._begun = time.monotonic()
+        for topic, at, ros_type, cdr in self._bag.raw_messages(self._topics):
+            self._pass_time(at)
+            if self._ending.asked:
+                return played
+            self._publishers[topic].publish(cdr)
+            if ros_type in IMAGE_TYPES:
+                played.images += 1
+                if self._playing.paced_by and not self._answers.wait(_header_stamp(cdr) or at):
+                    played.unanswered += 1
+        self._pass_time(self._now + nanoseconds(self._playing.tail_s))
+        return played
+
+    def _pass_time(self, until: int) -> None:
+        """Lets simulated time pass, in step with real time or, where that has run ahead, as fast as it goes."""
+        while not self._ending.asked:
+            self._now = min(until, self._now + nanoseconds(TICK_S * self._playing.rate))
+            ahead = (self._now - self._bag.start) / SECOND / self._playing.rate - (time.monotonic() - self._begun)
+            if ahead > 0:
+                time.sleep(ahead)
+            message = self._clock_type()
+            message.clock.sec, message.clock.nanosec = divmod(self._now, SECOND)
+            self._clock.publish(message)
+            if self._now >= until:
+                return
+
+
+def play_bag(bag: Bag, topics: Mapping[str, str], playing: Playing, *, parent: int | None = None) -> Played:
+    """Plays ``bag`` in a process of its own. Raises NodeError when the graph to wait for does not come."""
+    environment.require_ros()
+    from socialbot.bridge.readiness import await_graph
+    from socialbot.bridge.session import spinning_node
+
+    with Ending(parent).on_signals() as ending, spinning_node("bag_player") as ros:
+        player = Player(ros, bag, topics, playing, ending)
+        if playing.await_graph is not None:
+            missing = await_graph(ros, playing.await_graph, timeout_s=GRAPH_TIMEOUT_S, ended=lambda: ending.asked)
+            if missing and not ending.asked:
+                raise NodeError(
+                    f"the graph does not stand after {GRAPH_TIMEOUT_S:.0f} s: no {', no '.join(missing)}",
+                    remedy="look into the nodes' logs; `socialbot doctor` checks the installation",
+                )
+        return player.play()
+
+
+def _header_stamp(cdr: bytes) -> int:
+    """The stamp (ns) at the begin of a message with a header."""
+    seconds, rest = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, 4)
+    return seconds * SECOND + rest

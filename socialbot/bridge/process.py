@@ -1,0 +1,110 @@
+"""One operating-system process with some nodes of a graph in it: one, or all of them composed."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+from socialbot.bridge import environment
+from socialbot.errors import SocialbotError
+from socialbot.graph import Graph
+
+LOOK_ROUND_S = 0.2
+"""How often the process looks whether it should end."""
+
+
+class Ending:
+    """Notes that SIGINT or SIGTERM came, or that the parent process is gone."""
+
+    def __init__(self, parent: int | None = None) -> None:
+        self._asked = False
+        self._parent = parent
+
+    @property
+    def asked(self) -> bool:
+        """Whether it is time to end."""
+        return self._asked or (self._parent is not None and os.getppid() != self._parent)
+
+    def ask(self, signum: int = 0, frame: FrameType | None = None) -> None:
+        """Asks for the end; serves as a signal handler."""
+        self._asked = True
+
+    @contextmanager
+    def on_signals(self) -> Iterator[Ending]:
+        """Ends on SIGINT and SIGTERM within this context."""
+        before = {number: signal.signal(number, self.ask) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield self
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def run_nodes(
+    graph: Graph, names: Iterable[str], *, sim_time: bool, parent: int | None = None, ros_args: list[str] | None = None
+) -> None:
+    """Runs the nodes ``names`` of ``graph`` until SIGINT or SIGTERM comes, or the process ``parent`` has ended.
+
+    Raises the error of a node that cannot start.
+    """
+    environment.require_ros()
+    from rclpy.executors import SingleThreadedExecutor
+
+    from socialbot.bridge.host import NodeHost
+    from socialbot.bridge.session import ros_context
+
+    with Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
+        hosts: list[NodeHost] = []
+        executor = SingleThreadedExecutor(context=context)
+        try:
+            for name in names:
+                hosts.append(NodeHost(graph, graph.placement(name), ros_context=context, sim_time=sim_time))
+                executor.add_node(hosts[-1].ros_node)
+            with _logging_to(hosts):
+                for host in hosts:
+                    host.start()
+                while not ending.asked and not any(host.ended for host in hosts):
+                    executor.spin_once(timeout_sec=LOOK_ROUND_S)
+        finally:
+            executor.shutdown()
+            for host in hosts:
+                host.stop()
+    _raise_failure(host.failure for host in hosts)
+
+
+def _raise_failure(failures: Iterable[SocialbotError | None]) -> None:
+    for failure in failures:
+        if failure is not None:
+            raise failure
+
+
+class _RosLog(logging.Handler):
+    """Hands log records to the ROS logger of the node they come from, and so to /rosout."""
+
+    def __init__(self, loggers: dict[str, Any]) -> None:
+        super().__init__()
+        self._loggers = loggers
+
+    def emit(self, record: logging.LogRecord) -> None:
+        logger = self._loggers.get(record.name.rpartition(".")[2]) or next(iter(self._loggers.values()))
+        level = {logging.DEBUG: "debug", logging.INFO: "info", logging.WARNING: "warning"}.get(record.levelno, "error")
+        getattr(logger, level)(self.format(record))
+
+
+@contextmanager
+def _logging_to(hosts: Iterable[Any]) -> Iterator[None]:
+    handler = _RosLog({host.name: host.ros_node.get_logger() for host in hosts})
+    root = logging.getLogger("socialbot")
+    level = root.level
+    root.addHandler(handler)
+    root.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        root.removeHandler(handler)
+        root.setLevel(level)

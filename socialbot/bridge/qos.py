@@ -1,0 +1,39 @@
+"""Quality of service: what `Delivery` means in DDS."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from socialbot.graph import Delivery
+
+DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}
+"""Messages that a writer keeps for a slow reader, and a reader for a slow node."""
+
+
+def publisher_qos(delivery: Delivery) -> Any:
+    """Reliable always, so that readers of both kinds match; late joiners get the last of a latched topic."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+    latched = delivery is Delivery.LATCHED
+    return QoSProfile(
+        depth=DEPTH[delivery],
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def subscription_qos(delivery: Delivery, *, outside: bool) -> Any:
+    """The same as the publisher's within the graph.
+
+    What comes from ``outside`` may come from any driver, and many publish streams best effort and
+    volatile; a reader that asks for more would get nothing at all.
+    """
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+    undemanding = outside and delivery is not Delivery.EVERY
+    latched = delivery is Delivery.LATCHED and not undemanding
+    return QoSProfile(
+        depth=DEPTH[delivery],
+        reliability=ReliabilityPolicy.BEST_EFFORT if undemanding else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )

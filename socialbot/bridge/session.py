@@ -1,0 +1,54 @@
+"""A stay in ROS: an rclpy context of one's own that is shut down at the end, whatever happens."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from socialbot.bridge import environment
+
+environment.require_ros()
+
+import rclpy  # noqa: E402 - a missing ROS is to be said in one sentence, before the import fails
+from rclpy.context import Context  # noqa: E402
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.signals import SignalHandlerOptions  # noqa: E402
+from rclpy.utilities import try_shutdown  # noqa: E402
+
+
+@contextmanager
+def ros_context(args: list[str] | None = None) -> Iterator[Context]:
+    """A context of its own, with signals left to the caller."""
+    environment.prepare()
+    context = Context()
+    rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        yield context
+    finally:
+        try_shutdown(context=context)
+
+
+@contextmanager
+def spinning_node(name: str) -> Iterator[Node]:
+    """A node of its own whose callbacks run in a thread."""
+    with ros_context() as context:
+        node = Node(name, context=context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        thread = threading.Thread(target=_spin, args=(executor,), name=name, daemon=True)
+        thread.start()
+        try:
+            yield node
+        finally:
+            executor.shutdown()
+            thread.join(2.0)
+            node.destroy_node()
+
+
+def _spin(executor: SingleThreadedExecutor) -> None:
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        return

@@ -1,0 +1,237 @@
+"""``socialbot ...``: the command line. Errors meant for users are one message and an exit code (`socialbot.errors`)."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from socialbot import __version__
+from socialbot.errors import ParameterError, SocialbotError
+from socialbot.graph import Graph, suggestion
+
+app = typer.Typer(
+    name="socialbot",
+    help="A robot that notices people and acts without being asked.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+GraphOption = Annotated[str, typer.Option("--graph", help="A graph that comes with socialbot, or a graph file.")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="Change a parameter; may be repeated.")
+]
+ComposedOption = Annotated[bool, typer.Option("--composed", help="All nodes in one process.")]
+ParentOption = Annotated[int | None, typer.Option(hidden=True, help="End when this process has ended.")]
+
+
+@app.callback(invoke_without_command=True)
+def root(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
+    """A robot that notices people and acts without being asked."""
+    if version:
+        typer.echo(f"socialbot {__version__}")
+        raise typer.Exit
+
+
+@app.command()
+def replay(
+    bag: Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap, .db3 or ROS 1 .bag.")],
+    graph: GraphOption = "waldo",
+    runner: Annotated[
+        Literal["ros", "inline"], typer.Option(help="ros: real nodes over DDS; inline: one thread, simulated time.")
+    ] = "ros",
+    composed: ComposedOption = False,
+    image_topic: Annotated[str | None, typer.Option(help="The pictures to use, when the bag has several.")] = None,
+    rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="Speed of a ros replay; 1 is as recorded.")] = 1.0,
+    pace: Annotated[bool, typer.Option(help="Wait for slow nodes instead of skipping frames (ros).")] = True,
+    truth: Annotated[Path | None, typer.Option(help="Ground truth; default: BAG.truth.json if it exists.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the record of the run; default: runs/TIME.")] = None,
+    video: Annotated[bool, typer.Option(help="Write the annotated video.")] = True,
+    changes: SetOption = None,
+) -> None:
+    """Replay a bag through a graph; show, record and score what happens."""
+    from socialbot.bridge.bags import open_bag
+    from socialbot.display import Display
+    from socialbot.graph_file import load_graph
+    from socialbot.replay import Replay, find_truth
+    from socialbot.replay import replay as run_replay
+    from socialbot.run_record import RunRecord
+    from socialbot.video import write_video
+
+    console = Console(highlight=False)
+    whole = with_changes(load_graph(graph), changes or [])
+    with open_bag(bag) as opened:
+        chosen = image_topic or _ask_image_topic([topic.name for topic in opened.image_topics])
+        plan = Replay(
+            bag=opened,
+            graph=whole,
+            runner=runner,
+            composed=composed,
+            image_topic=chosen,
+            rate=rate,
+            paced=pace,
+            truth=truth,
+        )
+        folder = out or new_run_folder()
+        with RunRecord(folder) as record:
+            with Display(console, start=opened.start, until=opened.end) as display:
+                outcome = run_replay(plan, record, display.show)
+            if video and record.detections:
+                topic = opened.choose_image_topic(chosen).name
+                write_video(opened, topic, record, find_truth(plan), folder / "annotated.mp4")
+    if outcome.scores is not None:
+        console.print(scores_table(outcome.scores))
+    report_faults(console, outcome.results)
+    console.print(f"The record of this run: {folder}", soft_wrap=True)
+    outcome.check()
+
+
+@app.command()
+def up(
+    graph: Annotated[str, typer.Argument(help="A graph that comes with socialbot, or a graph file.")] = "waldo",
+    composed: ComposedOption = False,
+    camera: Annotated[str | None, typer.Option(help="Device, video or folder: sets camera.source.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the record of the run; default: runs/TIME.")] = None,
+    changes: SetOption = None,
+) -> None:
+    """Bring up a graph on live input, until Ctrl-C."""
+    from socialbot.display import Display
+    from socialbot.graph_file import load_graph
+    from socialbot.live import run_live
+    from socialbot.run_record import RunRecord
+
+    source = [f"camera.source={camera}"] if camera is not None else []
+    whole = with_changes(load_graph(graph), source + (changes or []))
+    folder = out or new_run_folder()
+    console = Console(highlight=False)
+    console.print(f"{whole.name}: Ctrl-C ends it; its record: {folder}", soft_wrap=True)
+    with RunRecord(folder) as record:
+        run_live(whole, record, composed=composed, display=lambda start: Display(console, start=start, until=start))
+
+
+@app.command()
+def node(
+    names: Annotated[list[str], typer.Argument(help="The nodes to run in this process.")],
+    graph: GraphOption = "waldo",
+    sim_time: Annotated[bool, typer.Option("--sim-time", help="Take the time from /clock.")] = False,
+    parent: ParentOption = None,
+    changes: SetOption = None,
+) -> None:
+    """Run single nodes of a graph; they join the running graph, and leave it on Ctrl-C."""
+    from socialbot.bridge.process import run_nodes
+    from socialbot.graph_file import load_graph
+
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", handlers=[])
+    run_nodes(with_changes(load_graph(graph), changes or []), names, sim_time=sim_time, parent=parent)
+
+
+@app.command(name="graph")
+def show_graph(graph: Annotated[str, typer.Argument(help="A graph that comes with socialbot, or a file.")]) -> None:
+    """Check a graph and show its nodes, topics and parameters."""
+    from socialbot.graph_file import load_graph
+
+    loaded = load_graph(graph)
+    console = Console(highlight=False)
+    table = Table("node", "input", "output", title=loaded.name, title_justify="left", show_lines=True)
+    for placement in loaded.placements:
+        table.add_row(
+            placement.name,
+            "\n".join(topic for topic, _ in placement.subscriptions),
+            "\n".join(topic for topic, _ in placement.publications),
+        )
+    console.print(table)
+    for placement in loaded.placements:
+        for name, parameter in placement.type.parameters().items():
+            value = placement.parameters.get(name, parameter.default)
+            console.print(f"{placement.name}.{name} = {value!r}", style="bold", soft_wrap=True)
+            console.print(f"    {parameter.doc}", style="dim", soft_wrap=True)
+
+
+def main() -> None:
+    """The entry point of the ``socialbot`` command."""
+    _add_commands()
+    try:
+        app()
+    except SocialbotError as error:
+        Console(stderr=True, highlight=False).print(f"[bold red]error[/] {_escape(str(error))}", soft_wrap=True)
+        sys.exit(error.exit_code)
+
+
+def _add_commands() -> None:
+    from socialbot.bridge.bag_cli import bag
+    from socialbot.bridge.player_cli import play
+
+    bag.command()(play)
+    app.add_typer(bag, name="bag")
+
+
+def with_changes(graph: Graph, changes: list[str]) -> Graph:
+    """``graph`` with ``NODE.PARAMETER=VALUE`` applied. Raises ParameterError or GraphError for what does not fit."""
+    parameters: dict[str, dict[str, object]] = {}
+    for change in changes:
+        target, equals, text = change.partition("=")
+        node_name, dot, name = target.partition(".")
+        if not equals or not dot:
+            raise ParameterError(f"cannot read {change!r}", where="--set", remedy="write NODE.PARAMETER=VALUE")
+        declared = graph.placement(node_name).type.parameters()
+        if name not in declared:
+            raise ParameterError(f"no parameter {name!r}", where=node_name, remedy=suggestion(name, declared))
+        parameters.setdefault(node_name, {})[name] = _parse(text, type(declared[name].default), target)
+    return graph.with_parameters(parameters)
+
+
+def _parse(text: str, kind: type, where: str) -> Any:
+    try:
+        if kind is bool:
+            return {"true": True, "false": False}[text.lower()]
+        return kind(text)
+    except (ValueError, KeyError) as error:
+        raise ParameterError(f"{text!r} is not of type {kind.__name__}", where=where) from error
+
+
+def new_run_folder() -> Path:
+    """A folder below runs/ named by the time of day."""
+    return Path("runs") / datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+
+
+def _ask_image_topic(names: list[str]) -> str | None:
+    """Asks which of several image topics to use, where there is somebody to ask."""
+    if len(names) < 2 or not sys.stdin.isatty():
+        return None
+    for number, name in enumerate(names, 1):
+        typer.echo(f"  {number}  {name}")
+    answer = typer.prompt("Which pictures", type=int, default=1)
+    return names[answer - 1] if 1 <= answer <= len(names) else None
+
+
+def scores_table(scores: Any) -> Table:
+    """Precision, recall and F1 by distance band."""
+    table = Table(title=f"Detections of {scores.frames} frames at IoU 0.5", title_justify="left")
+    for heading in ("distance", "found", "false", "missed", "precision", "recall", "F1"):
+        table.add_column(heading, justify="left" if heading == "distance" else "right")
+    for name, band in scores.bands.items():
+        if band.tp or band.fp or band.fn or "-" in name:
+            rates = ["-" if rate is None else f"{rate:.3f}" for rate in (band.precision, band.recall, band.f1)]
+            table.add_row(name, str(band.tp), str(band.fp), str(band.fn), *rates)
+    return table
+
+
+def report_faults(console: Console, results: dict[str, Any]) -> None:
+    """Says what was skipped and what failed."""
+    for topic, skipped in results["bag"]["skipped"].items():
+        console.print(f"[yellow]warning[/] {topic}: {skipped['count']} damaged messages skipped: {skipped['first']}")
+    for name, fate in results["nodes"].items():
+        if fate["failures"]:
+            text = f"{name}: failed {fate['failures']} of {fate['calls']} times; first: {fate['first_failure']}"
+            console.print(f"[yellow]warning[/] {_escape(text)}", soft_wrap=True)
+
+
+def _escape(text: str) -> str:
+    return text.replace("[", r"\[")

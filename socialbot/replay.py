@@ -1,0 +1,255 @@
+"""A bag through a graph, by either runner, with a record of the run and, where the truth is known, its scores."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from socialbot import __version__
+from socialbot.bridge.bags import Bag
+from socialbot.bridge.feeding import feeding
+from socialbot.bridge.process import Ending
+from socialbot.clock import SECOND
+from socialbot.errors import NodeError
+from socialbot.graph import Graph
+from socialbot.inline import InlineRunner
+from socialbot.messages import Message
+from socialbot.run_record import RECORDED, RunRecord
+from socialbot.speech.speaker import Speaker
+from socialbot.vision.scoring import Scores, score
+from socialbot.vision.truth import Truth, load_truth
+
+Runner = Literal["ros", "inline"]
+Observer = Callable[[str, Message], None]
+
+TAIL_S = 3.0
+"""How long time goes on after the last message, for speech that is still to be finished."""
+
+DRAIN_S = 0.5
+"""How long, after the tail, messages may still be on their way between processes."""
+
+RECORDED_PACKAGES = ("numpy", "opencv-python-headless", "rosbags", "msgspec", "ros-jazzy-rclpy")
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What to replay, and how."""
+
+    bag: Bag
+    graph: Graph
+    runner: Runner = "ros"
+    composed: bool = False
+    image_topic: str | None = None
+    rate: float = 1.0
+    paced: bool = True
+    truth: Path | None = None
+
+
+@dataclass
+class Fate:
+    """How a node fared: calls, failures, the first failure, messages of streams that it skipped, cost."""
+
+    calls: int = 0
+    failures: int = 0
+    first_failure: str = ""
+    skipped: int = 0
+    cpu_s: float | None = None
+    peak_rss_mb: float | None = None
+
+
+@dataclass
+class Outcome:
+    """What came of a replay, for results.json and the table."""
+
+    results: dict[str, Any]
+    scores: Scores | None
+    fates: dict[str, Fate] = field(default_factory=dict)
+
+    def check(self) -> None:
+        """Raises NodeError when a node failed at everything it was asked to do."""
+        for name, fate in self.fates.items():
+            if fate.failures and fate.failures >= fate.calls:
+                raise NodeError(f"failed {fate.failures} times; first: {fate.first_failure}", where=name)
+
+
+def replay(plan: Replay, record: RunRecord, show: Observer) -> Outcome:
+    """Carries out ``plan``; every message of note goes to ``record`` and ``show``."""
+    truth = find_truth(plan)
+    # Inline, where time is simulated, a sound lasts as long as it would without being played.
+    sound: dict[str, object] = {"playback": "off"} if plan.runner == "inline" else {}
+    graph = keep_speech(plan.graph.without_sources(), record.folder, **sound)
+    feeds = feeding(plan.bag, graph, plan.image_topic)
+    begun = time.monotonic()
+
+    def observe(topic: str, message: Message) -> None:
+        record.observe(topic, message)
+        show(topic, message)
+
+    run = _run_inline if plan.runner == "inline" else _run_ros
+    fates = run(plan, graph, feeds, record.folder, observe)
+    scores = score(truth, record.detections) if truth is not None else None
+    results = _results(plan, graph, feeds, record, fates, scores, time.monotonic() - begun)
+    record.write_results(results)
+    return Outcome(results, scores, fates)
+
+
+def find_truth(plan: Replay) -> Truth | None:
+    """The ground truth given, or the one that lies beside the bag. Raises TruthError when it does not fit."""
+    path = plan.truth or plan.bag.path.with_name(f"{plan.bag.path.stem}.truth.json")
+    return load_truth(path) if plan.truth is not None or path.exists() else None
+
+
+def keep_speech(graph: Graph, folder: Path, **parameters: object) -> Graph:
+    """``graph`` with what is said kept as .wav files in the ``folder`` of the run."""
+    kept: dict[str, object] = {"folder": str((folder / "speech").resolve()), **parameters}
+    speakers = [placement.name for placement in graph.placements if issubclass(placement.type, Speaker)]
+    return graph.with_parameters({name: kept for name in speakers})
+
+
+def recorded_topics(graph: Graph) -> dict[str, type[Message]]:
+    """The topics of ``graph`` that a run is made of."""
+    return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, RECORDED)}
+
+
+def _run_inline(
+    plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path, observe: Observer
+) -> dict[str, Fate]:
+    messages = plan.bag.messages(feeds)
+    first = next(messages)
+    runner = InlineRunner(graph, start=first[1].stamp)
+    for topic in recorded_topics(graph):
+        runner.tap(topic, observe)
+    with Ending().on_signals() as ending:
+        try:
+            runner.start()
+            runner.run(_until(ending, itertools.chain([first], messages)), tail_s=TAIL_S)
+        finally:
+            runner.close()
+    return {name: Fate(faults.calls, faults.failures, faults.first) for name, faults in runner.faults.items()}
+
+
+def _until(ending: Ending, messages: Iterator[tuple[str, Message]]) -> Iterator[tuple[str, Message]]:
+    return itertools.takewhile(lambda _: not ending.asked, messages)
+
+
+def _run_ros(plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path, observe: Observer) -> dict[str, Fate]:
+    from socialbot.bridge.launch import Launch
+    from socialbot.bridge.observing import Fates, observing
+
+    fates = Fates()
+    logs = folder / "log"
+    with (
+        Ending().on_signals() as ending,
+        observing(recorded_topics(graph), observe, fates.note),
+        Launch(graph, logs, sim_time=True, composed=plan.composed) as launch,
+    ):
+        player = launch.start("bag_player", _player_arguments(plan, logs / "graph.yaml"))
+        while player.poll() is None and not ending.asked:
+            launch.check()
+            time.sleep(0.1)
+        launch.check()
+        time.sleep(DRAIN_S)
+    failed = {name: code for name, code in launch.exit_codes.items() if code}
+    if failed:
+        raise NodeError(
+            f"did not end well: {', '.join(f'{name} ({code})' for name, code in failed.items())}", where=str(logs)
+        )
+    return {
+        name: Fate(
+            calls=int(values["calls"]),
+            failures=int(values["failures"]),
+            first_failure=values["first_failure"],
+            skipped=int(values["skipped"]),
+            cpu_s=float(values["cpu_s"]),
+            peak_rss_mb=float(values["peak_rss_mb"]),
+        )
+        for name, values in sorted(fates.latest.items())
+    }
+
+
+def _player_arguments(plan: Replay, graph_file: Path) -> list[str]:
+    arguments = ["bag", "play", str(plan.bag.path), "--graph", str(graph_file), "--rate", str(plan.rate)]
+    if plan.image_topic is not None:
+        arguments += ["--image-topic", plan.image_topic]
+    return arguments if plan.paced else [*arguments, "--no-pace"]
+
+
+def _results(
+    plan: Replay,
+    graph: Graph,
+    feeds: Mapping[str, str],
+    record: RunRecord,
+    fates: Mapping[str, Fate],
+    scores: Scores | None,
+    wall_s: float,
+) -> dict[str, Any]:
+    seconds = functools.partial(_seconds_after, plan.bag.start)
+    return {
+        "schema": "socialbot/results",
+        "version": 1,
+        "bag": {
+            "path": str(plan.bag.path),
+            "start": plan.bag.start,
+            "duration_s": plan.bag.duration_s,
+            "topics": dict(feeds),
+            "damage": list(plan.bag.damage),
+            "skipped": {topic: msgspec.to_builtins(skipped) for topic, skipped in plan.bag.skipped.items()},
+        },
+        "runner": plan.runner,
+        "composed": plan.composed,
+        "graph": graph.name,
+        "parameters": {placement.name: dict(placement.parameters) for placement in graph.placements},
+        "frames": len(record.detections),
+        "actions": [
+            {"t_s": seconds(action.stamp), "id": action.id, "name": action.name, "arguments": action.arguments}
+            for action in record.actions
+        ],
+        "utterances": [{"t_s": seconds(said.stamp), "id": said.id, "text": said.text} for said in record.utterances],
+        "scores": None if scores is None else scores_table(scores),
+        "nodes": {name: msgspec.to_builtins(fate) for name, fate in fates.items()},
+        "wall_s": round(wall_s, 3),
+        "versions": versions(),
+    }
+
+
+def scores_table(scores: Scores) -> dict[str, Any]:
+    """Scores as plain data, by band."""
+    return {
+        "frames": scores.frames,
+        "missing_frames": scores.missing_frames,
+        "bands": {
+            name: {
+                "tp": band.tp,
+                "fp": band.fp,
+                "fn": band.fn,
+                "precision": band.precision,
+                "recall": band.recall,
+                "f1": band.f1,
+            }
+            for name, band in scores.bands.items()
+        },
+    }
+
+
+def versions() -> dict[str, str]:
+    """The versions of Python, socialbot and what matters most beneath it."""
+    found = {"python": platform.python_version(), "socialbot": __version__}
+    for package in RECORDED_PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def _seconds_after(start: int, stamp: int) -> float:
+    return round((stamp - start) / SECOND, 3)

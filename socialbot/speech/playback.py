@@ -1,0 +1,166 @@
+"""Sounds out of a loudspeaker, by miniaudio where it is installed and finds a device."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+from collections.abc import Callable, Generator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from socialbot.speech.synthesis import Sound
+
+if TYPE_CHECKING:
+    import miniaudio
+
+log = logging.getLogger("socialbot.speech.playback")
+
+OnEnd = Callable[[str | None], None]
+
+_PERIOD_MS = 50
+_TAIL_S = 0.2
+"""Silence after each sound, longer than what a device holds in its buffers, so that no end is cut off."""
+_PATIENCE_S = 2.0
+"""A device that needs this much longer than the sound itself has failed."""
+
+
+class Player(Protocol):
+    """Something that makes a sound audible, one at a time."""
+
+    def play(self, sound: Sound, on_end: OnEnd) -> None:
+        """Begins to play ``sound`` and returns at once; a sound that is still playing is cut off.
+
+        When it has ended ``on_end`` is called from another thread, with None or with what went
+        wrong; it must not call back into the player. This never raises.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Falls silent; the ``on_end`` of a sound that is cut off is not called."""
+        ...
+
+
+class DevicePlayer:
+    """A `Player` that opens the default device of ``backend`` for each sound."""
+
+    def __init__(self, backend: miniaudio.Backend) -> None:
+        self.backend = backend
+        self._thread: threading.Thread | None = None
+        self._source: _Source | None = None
+
+    def play(self, sound: Sound, on_end: OnEnd) -> None:
+        self.stop()
+        self._source = _Source(sound)
+        self._thread = threading.Thread(
+            target=self._run, args=(self._source, on_end), name="socialbot-playback", daemon=True
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        if self._source is not None and self._thread is not None:
+            self._source.cut_off()
+            self._thread.join()
+
+    def _run(self, source: _Source, on_end: OnEnd) -> None:
+        try:
+            error = self._play(source)
+        except Exception as failure:  # noqa: BLE001 - a driver may raise anything, and somebody waits for the end
+            error = f"{type(failure).__name__}: {failure}"
+        if not source.cut:
+            on_end(error)
+
+    def _play(self, source: _Source) -> str | None:
+        """Plays ``source`` until it is over; says what went wrong."""
+        with open_device(self.backend, source.sample_rate) as device:
+            device.stop_callback = source.over.set  # pyright: ignore[reportAttributeAccessIssue]
+            device.start(source.frames())
+            if not source.over.wait(source.duration_s + _PATIENCE_S):
+                return "the sound device hangs"
+        return "the sound device has stopped" if source.left else None
+
+
+class _Source:
+    """Hands a sound to a device; ``over`` is set when all of it is taken, it is cut off or the device is gone."""
+
+    def __init__(self, sound: Sound) -> None:
+        self.sample_rate = sound.sample_rate
+        self.cut = False
+        self.over = threading.Event()
+        self._samples = np.concatenate([sound.samples, np.zeros(round(_TAIL_S * sound.sample_rate), np.int16)])
+        self.left = self._samples.size
+
+    @property
+    def duration_s(self) -> float:
+        """The duration of the sound and the silence after it."""
+        return self._samples.size / self.sample_rate
+
+    def cut_off(self) -> None:
+        """Ends it before its time."""
+        self.cut = True
+        self.over.set()
+
+    def frames(self) -> Generator[bytes, int, None]:
+        """A generator already begun, as miniaudio wants it: it is sent how many frames to yield."""
+        frames = self._frames()
+        next(frames)
+        return frames
+
+    def _frames(self) -> Generator[bytes, int, None]:
+        wanted = yield b""
+        while self.left:
+            start = self._samples.size - self.left
+            chunk = self._samples[start : start + wanted]
+            self.left -= chunk.size
+            wanted = yield chunk.tobytes()
+        self.over.set()
+
+
+def open_device(backend: miniaudio.Backend, sample_rate: int) -> miniaudio.PlaybackDevice:
+    """The default device for mono int16 sound. Raises miniaudio.MiniaudioError when there is none."""
+    import miniaudio
+
+    return miniaudio.PlaybackDevice(
+        miniaudio.SampleFormat.SIGNED16,
+        nchannels=1,
+        sample_rate=sample_rate,
+        buffersize_msec=_PERIOD_MS,
+        backends=[backend],
+        app_name="socialbot",
+    )
+
+
+def find_player(backends: Sequence[miniaudio.Backend] = ()) -> Player | None:
+    """A player on the first of ``backends`` (default: those of this system) with a device that opens, or None."""
+    try:
+        import miniaudio  # noqa: F401 - only to see whether it is there
+    except (ImportError, OSError) as error:
+        log.info("no sound: %s", error)
+        return None
+    usable = next(filter(_opens, backends or _usual_backends()), None)
+    return None if usable is None else DevicePlayer(usable)
+
+
+def _opens(backend: miniaudio.Backend) -> bool:
+    from miniaudio import MiniaudioError
+
+    try:
+        open_device(backend, sample_rate=22050).close()
+    except MiniaudioError as error:
+        log.info("no sound by %s: %s", backend.name, error)
+        return False
+    return True
+
+
+def _usual_backends() -> list[miniaudio.Backend]:
+    from miniaudio import Backend
+
+    if sys.platform == "darwin":
+        return [Backend.COREAUDIO]
+    if sys.platform == "win32":
+        return [Backend.WASAPI, Backend.DSOUND]
+    # Without a card ALSA would write a page of complaints to stderr.
+    card = any(Path("/dev/snd").glob("pcm*p"))
+    return [Backend.PULSEAUDIO, *([Backend.ALSA] if card else []), Backend.JACK]

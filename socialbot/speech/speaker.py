@@ -1,0 +1,203 @@
+"""The node that speaks: one utterance at a time, the others wait their turn but not for long."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+from socialbot.errors import DeviceError, InstallationError, ParameterError, SocialbotError
+from socialbot.graph import Context, Input, Node, Output, Parameter, Timer
+from socialbot.messages import SpeechStatus, Utterance
+from socialbot.speech.playback import Player, find_player
+from socialbot.speech.synthesis import Sound, Synthesizer
+
+State = Literal["waiting", "started", "finished", "replaced", "expired", "failed"]
+
+
+@dataclass(eq=False)
+class _Waiting:
+    utterance: Utterance
+    expiry: Timer = field(init=False)
+
+
+class Speaker(Node):
+    """Says utterances and reports what becomes of each.
+
+    While one sounds the others wait, in the order of their arrival. A newer one with the same key
+    takes the place in line of the waiting one it replaces, with a waiting time of its own. Without
+    a sound device an utterance lasts as long as its sound would, by the node's clock; a replay has
+    ``playback`` off for that reason. A change of voice, rate, pitch or volume is heard from the next
+    utterance on.
+    """
+
+    say = Input(Utterance, "/speech/say")
+    status = Output(SpeechStatus, "/speech/status")
+
+    voice = Parameter("en", "espeak-ng voice: a language, perhaps with a variant as in en-us+f3")
+    rate_wpm = Parameter(165, "words per minute", minimum=80, maximum=450)
+    pitch = Parameter(50, "pitch of the voice", minimum=0, maximum=100)
+    volume = Parameter(1.0, "loudness, as a share of full amplitude", minimum=0.0, maximum=1.0)
+    playback = Parameter(
+        "auto",
+        "auto: play where there is a sound device; off: never play; required: refuse to start without a device",
+        choices=("auto", "off", "required"),
+        fixed=True,
+    )
+    folder = Parameter("", "where each utterance is kept as a .wav file; empty: nowhere", fixed=True)
+    max_waiting_s = Parameter(5.0, "s an utterance may wait before it expires unsaid", minimum=0.0)
+    max_waiting = Parameter(8, "utterances that may wait; beyond that the oldest gives way", minimum=1)
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        super().__init__(name, context, parameters)
+        self._synthesizer: Synthesizer | None = None
+        self._missing: InstallationError | None = None
+        self._player: Player | None = None
+        self._sounding: Utterance | None = None
+        self._waiting: list[_Waiting] = []
+        self._spoken = 0
+
+    def start(self) -> None:
+        """Raises ParameterError for an unknown voice or unusable folder, DeviceError when a required device is missing.
+
+        A missing speech library is no such error: the robot goes on, mute, and every utterance fails.
+        """
+        try:
+            self._synthesizer = Synthesizer(self.voice, self.rate_wpm, self.pitch)
+        except InstallationError as error:
+            self._missing = error
+            self.log.warning("cannot speak: %s", _line(error))
+        if self.folder:
+            self._make_folder()
+        self._player = None if self.playback == "off" else self.find_player()
+        if self._player is None and self.playback == "required":
+            raise DeviceError(
+                "no sound device",
+                where=self.name,
+                remedy="connect one and pip install socialbot[speech], or set playback to 'auto'",
+            )
+
+    def stop(self) -> None:
+        if self._player is not None:
+            self._player.stop()
+        for waiting in self._waiting:
+            waiting.expiry.cancel()
+        self._waiting.clear()
+        self._sounding = None
+
+    def find_player(self) -> Player | None:
+        """What plays the sounds; a robot with loudspeakers of its own kind overrides this."""
+        return find_player()
+
+    def on_parameter(self, name: str) -> None:
+        """Takes another voice; an unknown one leaves the present one in force. Raises ParameterError."""
+        if self._synthesizer is None or name not in ("voice", "rate_wpm", "pitch"):
+            return
+        try:
+            self._synthesizer = Synthesizer(self.voice, self.rate_wpm, self.pitch)
+        except ParameterError:
+            self.parameter_values[name] = getattr(self._synthesizer, name)
+            raise
+
+    @say
+    def on_say(self, utterance: Utterance) -> None:
+        if self._sounding is None:
+            self._speak(utterance)
+        else:
+            self._wait(utterance)
+
+    def _wait(self, utterance: Utterance) -> None:
+        entry = _Waiting(utterance)
+        entry.expiry = self.call_after(self.max_waiting_s, partial(self._expire, entry))
+        keys = [waiting.utterance.key for waiting in self._waiting]
+        if utterance.key and utterance.key in keys:
+            place = keys.index(utterance.key)
+            old, self._waiting[place] = self._waiting[place], entry
+            self._replace(old, f"by {utterance.id}")
+        else:
+            self._waiting.append(entry)
+        while len(self._waiting) > self.max_waiting:
+            self._replace(self._waiting.pop(0), "too many are waiting")
+        self._report(utterance, "waiting")
+
+    def _replace(self, waiting: _Waiting, why: str) -> None:
+        waiting.expiry.cancel()
+        self._report(waiting.utterance, "replaced", why)
+
+    def _expire(self, waiting: _Waiting) -> None:
+        self._waiting.remove(waiting)
+        self._report(waiting.utterance, "expired")
+
+    def _speak(self, utterance: Utterance) -> None:
+        try:
+            sound = self._synthesize(utterance.text)
+        except SocialbotError as error:
+            self._report(utterance, "failed", _line(error))
+            return
+        self._sounding = utterance
+        self._spoken += 1
+        self._report(utterance, "started", self._keep(sound, utterance.text))
+        if self._player is None:
+            self.call_after(sound.duration_s, partial(self._ended, utterance, None))
+        else:
+            self._player.play(sound, partial(self._ended_elsewhere, utterance))
+
+    def _synthesize(self, text: str) -> Sound:
+        if self._synthesizer is None:
+            raise self._missing or InstallationError("the node has not been started")
+        return self._synthesizer.say(text).at_volume(self.volume)
+
+    def _ended_elsewhere(self, utterance: Utterance, error: str | None) -> None:
+        """The player's report, in a thread of its own."""
+        self.context.call_soon(partial(self._ended, utterance, error))
+
+    def _ended(self, utterance: Utterance, error: str | None) -> None:
+        if utterance is not self._sounding:
+            return
+        self._sounding = None
+        self._report(utterance, "failed" if error else "finished", error or "")
+        while self._waiting and self._sounding is None:
+            waiting = self._waiting.pop(0)
+            waiting.expiry.cancel()
+            self._speak(waiting.utterance)
+
+    def _report(self, utterance: Utterance, state: State, detail: str = "") -> None:
+        self.status.publish(
+            SpeechStatus(
+                stamp=self.clock.now(), utterance_id=utterance.id, state=state, text=utterance.text, detail=detail
+            )
+        )
+
+    def _make_folder(self) -> None:
+        try:
+            Path(self.folder).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ParameterError(
+                f"no folder {self.folder!r}: {error.strerror}", where=f"{self.name}.folder", remedy="name another one"
+            ) from error
+
+    def _keep(self, sound: Sound, text: str) -> str:
+        """Writes the .wav file, if wanted, and gives its name; a full disc does not silence the robot."""
+        if not self.folder:
+            return ""
+        name = f"{self._spoken:03d}-{slug(text)}.wav"
+        try:
+            sound.write_wav(Path(self.folder) / name)
+        except OSError as error:
+            self.log.warning("%s is not written: %s", name, error)
+            return ""
+        return name
+
+
+def slug(text: str) -> str:
+    """``text`` as part of a file name: at most 40 small ASCII letters, digits and hyphens."""
+    ascii_text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
+    return re.sub(r"[^a-z0-9]+", "-", ascii_text).strip("-")[:40].rstrip("-") or "utterance"
+
+
+def _line(error: SocialbotError) -> str:
+    return f"{error.what}; {error.remedy}" if error.remedy else error.what

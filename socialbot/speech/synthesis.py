@@ -1,0 +1,196 @@
+"""From text to sound, by espeak-ng out of the wheel ``espeakng_loader`` (GPL-3.0, the extra ``speech``).
+
+The same text in the same voice gives the same samples, always: see `_espeak`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import difflib
+import os
+import threading
+import wave
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from socialbot.errors import InstallationError, MessageError, ParameterError
+
+# From espeak-ng's speak_lib.h.
+_AUDIO_OUTPUT_SYNCHRONOUS = 2
+_INITIALIZE_DONT_EXIT = 0x8000
+_RATE, _PITCH = 1, 3
+_POSITION_CHARACTER = 1
+_CHARS_UTF8 = 1
+
+_SYNTH_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_short), ctypes.c_int, ctypes.c_void_p)
+_LOCK = threading.Lock()
+_FAMILIAR = ("en", "en-us", "de", "es", "fr", "it", "nl", "pt-br")
+_REMEDY = "pip install socialbot[speech]"
+
+
+@dataclass(frozen=True, eq=False)
+class Sound:
+    """Mono sound: ``samples`` is int16 of shape (n,), ``sample_rate`` in Hz."""
+
+    samples: np.ndarray
+    sample_rate: int
+
+    @property
+    def duration_s(self) -> float:
+        """How long it sounds."""
+        return self.samples.size / self.sample_rate
+
+    def at_volume(self, volume: float) -> Sound:
+        """The same sound with its amplitude times ``volume``, from 0 to 1."""
+        return Sound(np.rint(self.samples * volume).astype(np.int16), self.sample_rate)
+
+    def write_wav(self, path: str | os.PathLike[str]) -> None:
+        """Writes a 16-bit mono .wav file; until it is complete nothing stands at ``path``. Raises OSError."""
+        target = Path(path)
+        part = target.with_name(f".{target.name}.part")
+        try:
+            with part.open("wb") as raw, wave.open(raw, "wb") as file:
+                file.setnchannels(1)
+                file.setsampwidth(2)
+                file.setframerate(self.sample_rate)
+                file.writeframes(self.samples.astype("<i2").tobytes())
+            part.replace(target)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+class Synthesizer:
+    """A voice that turns text into sound; any number of them may be used from any threads.
+
+    ``voice`` is a language such as "en-us", optionally with a variant as in "en-us+f3"; ``rate_wpm``
+    counts words per minute (80 to 450), ``pitch`` goes from 0 to 100. Raises InstallationError when
+    espeak-ng is missing, ParameterError for an unknown voice or a number out of range.
+    """
+
+    def __init__(self, voice: str = "en", rate_wpm: int = 165, pitch: int = 50) -> None:
+        _check("rate_wpm", rate_wpm, 80, 450)
+        _check("pitch", pitch, 0, 100)
+        self.voice = voice
+        self.rate_wpm = rate_wpm
+        self.pitch = pitch
+        with _espeak() as (library, _):
+            _set_voice(library, voice)
+
+    def say(self, text: str) -> Sound:
+        """The sound of ``text``. Raises MessageError when there is nothing in it to say."""
+        data = _plain(text).encode("utf-8", "replace")
+        if not data.strip():
+            raise MessageError("an utterance without text", remedy="give a sentence")
+        chunks: list[bytes] = []
+
+        @_SYNTH_CALLBACK
+        def collect(samples: ctypes._Pointer[ctypes.c_short], count: int, _events: int | None) -> int:
+            if samples and count > 0:
+                chunks.append(ctypes.string_at(samples, 2 * count))
+            return 0
+
+        with _espeak() as (library, sample_rate):
+            library.espeak_SetSynthCallback(collect)
+            _set_voice(library, self.voice)
+            library.espeak_SetParameter(_RATE, self.rate_wpm, 0)
+            library.espeak_SetParameter(_PITCH, self.pitch, 0)
+            status = library.espeak_Synth(data, len(data) + 1, 0, _POSITION_CHARACTER, 0, _CHARS_UTF8, None, None)
+        samples = np.frombuffer(b"".join(chunks), np.int16)
+        if status or not samples.size:
+            raise MessageError(f"espeak-ng makes no sound of {text!r}", remedy=f"is it in the language {self.voice!r}?")
+        return Sound(samples, sample_rate)
+
+
+def _plain(text: str) -> str:
+    """``text`` without control characters: espeak-ng takes them for commands, and NUL for the end."""
+    return "".join(character if character.isprintable() else " " for character in text)
+
+
+def _check(name: str, value: int, low: int, high: int) -> None:
+    if not low <= value <= high:
+        raise ParameterError(f"{value!r} is out of range", where=name, remedy=f"give a value from {low} to {high}")
+
+
+@contextlib.contextmanager
+def _espeak() -> Iterator[tuple[ctypes.CDLL, int]]:
+    """The library, freshly loaded, and its sample rate in Hz.
+
+    espeak-ng keeps the phases of its waves and its pitch flutter in static variables that neither
+    ``espeak_Terminate`` nor ``espeak_Initialize`` resets: a sentence would sound a little different
+    after another one. Unloading the library forgets them, and costs 3 ms. It is one per process
+    and not re-entrant, hence the lock.
+    """
+    with _LOCK:
+        library, data_path = _load()
+        try:
+            sample_rate = library.espeak_Initialize(
+                _AUDIO_OUTPUT_SYNCHRONOUS, 0, os.fsencode(data_path), _INITIALIZE_DONT_EXIT
+            )
+            if sample_rate <= 0:
+                # espeak-ng has room for 160 bytes of path and does not say so.
+                raise InstallationError(
+                    f"espeak-ng cannot read its data in {data_path}",
+                    remedy=f"{_REMEDY}, where the path to site-packages is shorter than 120 characters",
+                )
+            try:
+                yield library, sample_rate
+            finally:
+                library.espeak_Terminate()
+        finally:
+            _unload(library)
+
+
+def _load() -> tuple[ctypes.CDLL, str]:
+    try:
+        import espeakng_loader
+
+        library = ctypes.CDLL(espeakng_loader.get_library_path())
+        data_path = espeakng_loader.get_data_path()
+    except (ImportError, OSError, RuntimeError) as error:
+        raise InstallationError(f"espeak-ng is not installed ({error})", remedy=_REMEDY) from error
+    library.espeak_Initialize.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.c_int]
+    library.espeak_SetSynthCallback.argtypes = [_SYNTH_CALLBACK]
+    library.espeak_SetVoiceByName.argtypes = [ctypes.c_char_p]
+    library.espeak_SetParameter.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_int]
+    library.espeak_Synth.argtypes = [
+        ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint, ctypes.c_int, ctypes.c_uint, ctypes.c_uint,
+        ctypes.c_void_p, ctypes.c_void_p,
+    ]  # fmt: skip
+    library.espeak_ListVoices.argtypes = [ctypes.c_void_p]
+    library.espeak_ListVoices.restype = ctypes.POINTER(ctypes.POINTER(_Voice))
+    return library, data_path
+
+
+def _unload(library: ctypes.CDLL) -> None:
+    import _ctypes
+
+    close = getattr(_ctypes, "dlclose", None) or _ctypes.FreeLibrary  # pyright: ignore[reportAttributeAccessIssue]
+    close(library._handle)
+
+
+class _Voice(ctypes.Structure):
+    """The beginning of ``espeak_VOICE``; ``identifier`` is a path like "gmw/en-US"."""
+
+    _fields_ = [("name", ctypes.c_char_p), ("languages", ctypes.c_char_p), ("identifier", ctypes.c_char_p)]
+
+
+def _set_voice(library: ctypes.CDLL, voice: str) -> None:
+    if library.espeak_SetVoiceByName(voice.encode("utf-8", "replace")):
+        known = _voices(library)
+        some = dict.fromkeys((*difflib.get_close_matches(voice.lower(), known), *_FAMILIAR))
+        raise ParameterError(
+            f"unknown voice {voice!r}", where="voice", remedy=f"one of {len(known)}, such as {', '.join(some)}"
+        )
+
+
+def _voices(library: ctypes.CDLL) -> list[str]:
+    """The names by which espeak-ng finds its voices; not all of its languages are among them."""
+    voices = library.espeak_ListVoices(None)
+    found: list[str] = []
+    while voices[len(found)]:
+        found.append(voices[len(found)].contents.identifier.decode("utf-8", "replace").rpartition("/")[2].lower())
+    return sorted(found)
