@@ -121,10 +121,18 @@ def _placement(name: str, section: _Section) -> Placement:
     placed = Placement(
         name=name,
         type=node_type(section.text("type"), where=section.where),
-        parameters=dict(section.section("parameters", {}).page),
+        parameters={str(key): _plain(value) for key, value in section.section("parameters", {}).page.items()},
         remap={str(port): str(topic) for port, topic in section.section("remap", {}).page.items()},
     )
     return placed
+
+
+def _plain(value: object) -> object:
+    """Without the notation (1e3, 0x10, ...) that the YAML loader remembers in subclasses of numbers."""
+    for kind in (bool, int, float, str):
+        if isinstance(value, kind):
+            return kind(value)
+    return value
 
 
 class _Section:

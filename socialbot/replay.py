@@ -17,7 +17,10 @@ import msgspec
 from socialbot import __version__
 from socialbot.bridge.bags import Bag
 from socialbot.bridge.feeding import feeding
+from socialbot.bridge.launch import Launch
+from socialbot.bridge.observing import Fates, Onlooker, observing
 from socialbot.bridge.process import Ending
+from socialbot.bridge.readiness import await_graph
 from socialbot.clock import SECOND
 from socialbot.errors import NodeError
 from socialbot.graph import Graph
@@ -33,6 +36,9 @@ Observer = Callable[[str, Message], None]
 
 TAIL_S = 3.0
 """How long time goes on after the last message, for speech that is still to be finished."""
+
+GRAPH_TIMEOUT_S = 60.0
+"""How long the processes of a graph may take to start and to find each other."""
 
 DRAIN_S = 0.5
 """How long, after the tail, messages may still be on their way between processes."""
@@ -112,7 +118,7 @@ def keep_speech(graph: Graph, folder: Path, **parameters: object) -> Graph:
     """``graph`` with what is said kept as .wav files in the ``folder`` of the run."""
     kept: dict[str, object] = {"folder": str((folder / "speech").resolve()), **parameters}
     speakers = [placement.name for placement in graph.placements if issubclass(placement.type, Speaker)]
-    return graph.with_parameters({name: kept for name in speakers})
+    return graph.with_parameters(dict.fromkeys(speakers, kept))
 
 
 def recorded_topics(graph: Graph) -> dict[str, type[Message]]:
@@ -142,16 +148,15 @@ def _until(ending: Ending, messages: Iterator[tuple[str, Message]]) -> Iterator[
 
 
 def _run_ros(plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path, observe: Observer) -> dict[str, Fate]:
-    from socialbot.bridge.launch import Launch
-    from socialbot.bridge.observing import Fates, observing
 
     fates = Fates()
     logs = folder / "log"
     with (
         Ending().on_signals() as ending,
-        observing(recorded_topics(graph), observe, fates.note),
+        observing(recorded_topics(graph), observe, fates.note) as onlooker,
         Launch(graph, logs, sim_time=True, composed=plan.composed) as launch,
     ):
+        _await_graph(onlooker, graph, launch, ending)
         player = launch.start("bag_player", _player_arguments(plan, logs / "graph.yaml"))
         while player.poll() is None and not ending.asked:
             launch.check()
@@ -174,6 +179,19 @@ def _run_ros(plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path,
         )
         for name, values in sorted(fates.latest.items())
     }
+
+
+def _await_graph(onlooker: Onlooker, graph: Graph, launch: Launch, ending: Ending) -> None:
+    def ended() -> bool:
+        launch.check()
+        return ending.asked
+
+    missing = await_graph(onlooker.ros, graph, onlooker.connections(graph), timeout_s=GRAPH_TIMEOUT_S, ended=ended)
+    if missing and not ending.asked:
+        raise NodeError(
+            f"the graph does not stand after {GRAPH_TIMEOUT_S:.0f} s; missing {'; '.join(missing)}",
+            remedy="look into the nodes' logs in the folder of the run; `socialbot doctor` checks the installation",
+        )
 
 
 def _player_arguments(plan: Replay, graph_file: Path) -> list[str]:

@@ -2,41 +2,44 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
+from collections.abc import Mapping
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import cv2
 import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from socialbot.bridge import codec
-from socialbot.bridge.bags import IMAGE_TYPES, Bag, Topic, open_bag
 from socialbot.bridge.process import Ending
 from socialbot.clock import SECOND
 from socialbot.errors import BagError
 from socialbot.messages import CompressedImage, Image
 
-app = typer.Typer(help="Looks into bags, makes and records them.", no_args_is_help=True)
+if TYPE_CHECKING:
+    from socialbot.bridge.bags import Bag, Topic
+
+bag = typer.Typer(help="Looks into bags, makes and records them.", no_args_is_help=True)
 
 _YEAR_2000 = 946_684_800 * SECOND
 
 
-@app.command()
+@bag.command()
 def info(
-    bag: Annotated[Path, typer.Argument(help="A bag folder, or an .mcap, .db3 or ROS 1 .bag file.")],
+    path: Annotated[Path, typer.Argument(metavar="BAG", help="A bag folder, or an .mcap, .db3 or ROS 1 .bag file.")],
     quick: Annotated[bool, typer.Option("--quick", help="Do not read every message to look for damage.")] = False,
 ) -> None:
     """Tells what is in a bag, and whether it is whole."""
+    from socialbot.bridge.bags import open_bag
+
     console = Console()
-    with open_bag(bag) as opened:
+    with open_bag(path) as opened:
+        pictures = {topic.name: _picture(opened, topic) for topic in opened.image_topics}
         break_off = None if quick else _check(opened)
         console.print(f"[bold]{escape(opened.path.name)}[/]  {_length(opened)}", highlight=False)
-        console.print(_table(opened, checked=not quick))
+        console.print(_table(opened, pictures, checked=not quick))
         for topic, skipped in sorted(opened.skipped.items()):
             console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, first: {escape(skipped.first)}")
         for what in opened.damage:
@@ -45,7 +48,7 @@ def info(
         raise break_off
 
 
-@app.command(name="import")
+@bag.command(name="import")
 def import_(
     source: Annotated[str, typer.Argument(help="A video file, a folder of images, or a camera (0, /dev/video0).")],
     out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
@@ -77,7 +80,7 @@ def import_(
     Console().print(f"{made.images} pictures of {size}, {made.duration_s:.1f} s, in {made.path}", highlight=False)
 
 
-@app.command()
+@bag.command()
 def record(
     out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
     topics: Annotated[list[str] | None, typer.Option(help="A topic; give it again for more. All by default.")] = None,
@@ -102,54 +105,63 @@ def record(
     console.print(f"{sum(made.counts.values())} messages in {made.duration_s:.1f} s", highlight=False)
 
 
-def _check(bag: Bag) -> BagError | None:
+def _check(opened: Bag) -> BagError | None:
     try:
-        bag.check()
+        opened.check()
     except BagError as error:
         return error
     return None
 
 
-def _length(bag: Bag) -> str:
+def _length(opened: Bag) -> str:
     # Bags made of files begin at a time that means nothing.
-    began = datetime.fromtimestamp(bag.start / SECOND, timezone.utc)
-    since = f", from {began:%Y-%m-%d %H:%M:%S} UTC" if bag.start > _YEAR_2000 else ""
-    return f"{bag.duration_s:.1f} s, {sum(topic.count for topic in bag.topics)} messages{since}"
+    began = datetime.fromtimestamp(opened.start / SECOND, timezone.utc)
+    since = f", from {began:%Y-%m-%d %H:%M:%S} UTC" if opened.start > _YEAR_2000 else ""
+    return f"{opened.duration_s:.1f} s, {sum(topic.count for topic in opened.topics)} messages{since}"
 
 
-def _table(bag: Bag, *, checked: bool) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="dim")
+def _table(opened: Bag, pictures: Mapping[str, str], *, checked: bool) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
     table.add_column("topic", overflow="fold", style="bold")
     table.add_column("type", overflow="fold")
     for name in ("count", "Hz", "damaged") if checked else ("count", "Hz"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("picture", overflow="fold")
-    for topic in bag.topics:
-        cells = [topic.name, topic.type.replace("/msg/", "/"), str(topic.count), _rate(bag, topic)]
+    for topic in opened.topics:
+        cells = [topic.name, _type(topic), str(topic.count), _rate(opened, topic)]
         if checked:
-            skipped = bag.skipped.get(topic.name)
+            skipped = opened.skipped.get(topic.name)
             cells.append(f"[red]{skipped.count}[/]" if skipped else "0")
-        table.add_row(*cells, _picture(bag, topic))
+        table.add_row(*cells, escape(pictures.get(topic.name, "")))
     return table
 
 
-def _rate(bag: Bag, topic: Topic) -> str:
-    return f"{(topic.count - 1) / bag.duration_s:.1f}" if topic.count > 1 and bag.duration_s > 0 else ""
+def _type(topic: Topic) -> str:
+    # The whole name only where the short one would not do: a line has room for 80 characters.
+    return topic.type.rpartition("/")[2] if topic.type in codec.MESSAGE_TYPES else topic.type.replace("/msg/", "/")
 
 
-def _picture(bag: Bag, topic: Topic) -> str:
+def _rate(opened: Bag, topic: Topic) -> str:
+    return f"{(topic.count - 1) / opened.duration_s:.1f}" if topic.count > 1 and opened.duration_s > 0 else ""
+
+
+def _picture(opened: Bag, topic: Topic) -> str:
     """Size and encoding of the first picture that can be read."""
-    if topic.type not in IMAGE_TYPES:
-        return ""
-    before = dict(bag.skipped)
+    import cv2
+
     try:
-        for _, message in bag.messages({topic.name: topic.name}):
+        for _, message in opened.messages({topic.name: topic.name}):
             if isinstance(message, Image):
-                return f"{message.width}x{message.height} {escape(message.encoding)}"
+                return f"{message.width}x{message.height} {message.encoding}"
             if isinstance(message, CompressedImage):
-                return _compressed(message)
+                pixels = cv2.imdecode(message.data, cv2.IMREAD_UNCHANGED) if message.data.size else None
+                size = "unreadable" if pixels is None else f"{pixels.shape[1]}x{pixels.shape[0]}"
+                return f"{size} {_format(message.format)}"
     except BagError:
         return ""
-    finally:
-        bag.skipped.update(before)
     return ""
+
+
+def _format(name: str) -> str:
+    """What the drivers call ``jpeg`` or ``bgr8; jpeg compressed bgr8``."""
+    return next((kind for kind in ("jpeg", "png") if kind in name or kind.replace("e", "") in name), name)

@@ -70,7 +70,9 @@ class Picturing:
     def image(self, stamp: int, pixels: np.ndarray) -> CompressedImage:
         """``pixels`` as JPEG."""
         _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
-        return CompressedImage(stamp=stamp, frame_id=FRAME_ID, format="bgr8; jpeg compressed bgr8", data=data.reshape(-1))
+        return CompressedImage(
+            stamp=stamp, frame_id=FRAME_ID, format="bgr8; jpeg compressed bgr8", data=data.reshape(-1)
+        )
 
     def camera_info(self, stamp: int, width: int, height: int) -> CameraInfo:
         """A camera without distortion."""
@@ -105,9 +107,10 @@ def import_bag(
     _check("limit_s", limit_s, limit_s is None or limit_s > 0)
     picturing = Picturing(hfov_deg, jpeg_quality, width)
     until = math.inf if limit_s is None else nanoseconds(limit_s)
-    with BagWriter(out) as bag, closing(_frames(str(source), rate_hz, start, clock or WallClock())) as frames:
+    with BagWriter(out) as bag:
         try:
-            return _write(frames, bag, picturing, topic, until, stopped, str(source))
+            with closing(_frames(str(source), rate_hz, start, clock or WallClock())) as frames:
+                return _write(frames, bag, picturing, topic, until, stopped, str(source))
         except SocialbotError:
             bag.discard()
             raise
@@ -149,7 +152,9 @@ def _frames(source: str, rate_hz: float, start: int, clock: Clock) -> Generator[
         return _folder(path, rate_hz, start)
     if path.is_file():
         return _video(path, start)
-    raise BagError("no such video, folder or camera", where=source, remedy="check the path; a camera is 0 or /dev/video0")
+    raise BagError(
+        "no such video, folder or camera", where=source, remedy="check the path; a camera is 0 or /dev/video0"
+    )
 
 
 def _camera(source: str, clock: Clock) -> Generator[tuple[int, np.ndarray], None, None]:

@@ -55,6 +55,12 @@ def deserialize(connection: Connection, data: bytes) -> Any:
     return types.deserialize_ros1(data, connection.msgtype) if ros1 else _read_cdr(types, data, connection.msgtype)
 
 
+def is_known(connection: Connection) -> bool:
+    """Whether the fields of the messages of ``connection`` are known, from the bag or as a type of ROS."""
+    ros1 = isinstance(connection.owner, Ros1Reader)
+    return connection.msgtype in _types(connection.msgtype, connection.msgdef, ros1).fielddefs
+
+
 def to_cdr(connection: Connection, data: bytes) -> bytes:
     """``data`` as read from ``connection`` of a bag, as CDR bytes.
 

@@ -24,7 +24,7 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 
 from socialbot.bridge import codec
-from socialbot.bridge.bag_types import RosbagsTypes, deserialize, to_cdr
+from socialbot.bridge.bag_types import RosbagsTypes, deserialize, is_known, to_cdr
 from socialbot.bridge.bag_writer import BagWriter
 from socialbot.bridge.mcap_salvage import salvage
 from socialbot.clock import SECOND
@@ -198,7 +198,8 @@ class Bag:
     def check(self) -> Mapping[str, Skipped]:
         """Reads every message of the bag and tells which are damaged. Raises BagError where the file breaks off."""
         for connection, _, data in self._read(self._names()):
-            self._attempt(connection, lambda connection=connection, data=data: deserialize(connection, data))
+            read = deserialize if is_known(connection) else to_cdr
+            self._attempt(connection, lambda read=read, connection=connection, data=data: read(connection, data))
         return self.skipped
 
     def _decoded(self, topics: Mapping[str, str]) -> Iterator[tuple[str, Message]]:

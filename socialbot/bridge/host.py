@@ -23,13 +23,12 @@ from socialbot.bridge.codec import decode, encode, ros_type
 from socialbot.bridge.inbox import Alarm, Inbox, Line
 from socialbot.bridge.parameters import declare_parameters, watch_parameters
 from socialbot.bridge.qos import publisher_qos, subscription_qos
+from socialbot.bridge.readiness import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.ros_types import RclpyTypes, message_class
-from socialbot.bridge.statistics import Statistics, publish_statistics
+from socialbot.bridge.statistics import Reporter, Statistics
 from socialbot.errors import MessageError, SocialbotError
 from socialbot.graph import Graph, Input, Node, Output, Placement
 from socialbot.messages import Message
-
-STATISTICS_PERIOD_S = 1.0
 
 
 class RosClock:
@@ -84,26 +83,23 @@ class NodeHost:
         parameters = declare_parameters(self._ros, placement)
         self.node: Node = placement.type(placement.name, context, parameters)
         watch_parameters(self._ros, self.node)
+        connections: list[Connection] = []
         for topic, port in placement.publications:
-            context.connect(
-                port,
-                self._ros.create_publisher(
-                    message_class(ros_type(port.message_type)), topic, publisher_qos(port.delivery)
-                ),
-            )
+            kind = message_class(ros_type(port.message_type))
+            publisher = self._ros.create_publisher(kind, topic, publisher_qos(port.delivery))
+            context.connect(port, publisher)
+            connections.append(publisher_connection(graph, topic, publisher))
         for topic, port in placement.subscriptions:
-            self._ros.create_subscription(
-                message_class(ros_type(port.message_type)),
-                topic,
-                functools.partial(self._receive, port),
-                subscription_qos(port.delivery, outside=topic in graph.inputs),
-            )
+            kind = message_class(ros_type(port.message_type))
+            qos = subscription_qos(port.delivery, outside=topic in graph.inputs)
+            subscription = self._ros.create_subscription(kind, topic, functools.partial(self._receive, port), qos)
+            connections.append(subscription_connection(graph, topic, subscription))
         if simulated:
             every_step = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
             self._jumps = self._ros.get_clock().create_jump_callback(
                 every_step, post_callback=lambda _: self._inbox.time_moved()
             )
-        publish_statistics(self._ros, self._statistics, self._inbox, STATISTICS_PERIOD_S)
+        self._reporter = Reporter(self._ros, self._statistics, self._inbox, connections)
         self._thread = threading.Thread(target=self._work, name=placement.name, daemon=True)
         self._simulated = simulated
 

@@ -6,12 +6,14 @@ import functools
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from socialbot.bridge import environment
 from socialbot.bridge.codec import decode, ros_type
+from socialbot.bridge.readiness import Connection, subscription_connection
 from socialbot.errors import MessageError
-from socialbot.graph import Delivery
+from socialbot.graph import Delivery, Graph
 from socialbot.messages import Message
 
 log = logging.getLogger("socialbot.observer")
@@ -28,12 +30,24 @@ class Fates:
         self.latest[name] = values
 
 
+@dataclass(frozen=True)
+class Onlooker:
+    """The rclpy node that looks on, and its subscriptions by topic."""
+
+    ros: Any
+    subscriptions: Mapping[str, Any]
+
+    def connections(self, graph: Graph) -> list[Connection]:
+        """The onlooker's own connections to ``graph``."""
+        return [subscription_connection(graph, topic, one) for topic, one in self.subscriptions.items()]
+
+
 @contextmanager
 def observing(
     topics: Mapping[str, type[Message]],
     observe: Callable[[str, Message], None],
     note: Callable[[str, dict[str, str]], None],
-) -> Iterator[Any]:
+) -> Iterator[Onlooker]:
     """Calls ``observe`` with each message of ``topics``, and ``note`` with each node's statistics, from one thread."""
     environment.require_ros()
     from diagnostic_msgs.msg import DiagnosticArray
@@ -53,12 +67,14 @@ def observing(
             note(status.name, {pair.key: pair.value for pair in status.values})
 
     with spinning_node("observer") as ros:
-        for topic, kind in topics.items():
-            ros.create_subscription(
+        subscriptions = {
+            topic: ros.create_subscription(
                 message_class(ros_type(kind)),
                 topic,
                 functools.partial(receive, topic, kind),
                 subscription_qos(Delivery.EVERY, outside=False),
             )
-        ros.create_subscription(DiagnosticArray, "/diagnostics", diagnose, 10)
-        yield ros
+            for topic, kind in topics.items()
+        }
+        ros.create_subscription(DiagnosticArray, "/diagnostics", diagnose, 100)
+        yield Onlooker(ros, subscriptions)

@@ -20,6 +20,7 @@ from socialbot.bridge import environment
 from socialbot.bridge.bags import IMAGE_TYPES, Bag
 from socialbot.bridge.codec import ROS_TYPES
 from socialbot.bridge.process import Ending
+from socialbot.bridge.readiness import Connection, await_graph, publisher_connection, subscription_connection
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.errors import NodeError
 from socialbot.graph import Delivery, Graph
@@ -29,6 +30,9 @@ log = logging.getLogger("socialbot.player")
 
 TICK_S = 0.02
 """How often /clock moves on between messages."""
+
+MOST_HASTE = 3.0
+"""How much faster than asked for a delayed replay may run to catch up; faster, timers would fire late."""
 
 PATIENCE_S = 2.0
 """How long the answer to a picture may take; a shorter time once several in a row have not been answered."""
@@ -108,9 +112,18 @@ class Player:
             delivery = Delivery.LATCHED if ros_type == ROS_TYPES[CameraInfo] else Delivery.NEWEST
             self._publishers[topic] = ros.create_publisher(message_class(ros_type), topic, publisher_qos(delivery))
         if playing.paced_by:
-            ros.create_subscription(String, playing.paced_by, self._answers.note, publisher_qos(Delivery.EVERY))
+            self._answering = ros.create_subscription(
+                String, playing.paced_by, self._answers.note, publisher_qos(Delivery.EVERY)
+            )
         self._now = bag.start
         self._begun = 0.0
+
+    def connections(self, graph: Graph) -> list[Connection]:
+        """The player's own connections to ``graph``."""
+        publishers = [publisher_connection(graph, topic, one) for topic, one in self._publishers.items()]
+        if not self._playing.paced_by:
+            return publishers
+        return [*publishers, subscription_connection(graph, self._playing.paced_by, self._answering)]
 
     def play(self) -> Played:
         """Plays from the first message to the end of the tail, or until asked to end."""
@@ -129,12 +142,13 @@ class Player:
         return played
 
     def _pass_time(self, until: int) -> None:
-        """Lets simulated time pass, in step with real time or, where that has run ahead, as fast as it goes."""
+        """Lets simulated time pass, in step with real time or, where that has run ahead, with some haste."""
         while not self._ending.asked:
-            self._now = min(until, self._now + nanoseconds(TICK_S * self._playing.rate))
-            ahead = (self._now - self._bag.start) / SECOND / self._playing.rate - (time.monotonic() - self._begun)
-            if ahead > 0:
-                time.sleep(ahead)
+            step = min(until - self._now, nanoseconds(TICK_S * self._playing.rate))
+            self._now += step
+            due = self._begun + (self._now - self._bag.start) / SECOND / self._playing.rate
+            least = step / SECOND / self._playing.rate / MOST_HASTE
+            time.sleep(max(0.0, least, due - time.monotonic()))
             message = self._clock_type()
             message.clock.sec, message.clock.nanosec = divmod(self._now, SECOND)
             self._clock.publish(message)
@@ -145,16 +159,16 @@ class Player:
 def play_bag(bag: Bag, topics: Mapping[str, str], playing: Playing, *, parent: int | None = None) -> Played:
     """Plays ``bag`` in a process of its own. Raises NodeError when the graph to wait for does not come."""
     environment.require_ros()
-    from socialbot.bridge.readiness import await_graph
     from socialbot.bridge.session import spinning_node
 
     with Ending(parent).on_signals() as ending, spinning_node("bag_player") as ros:
         player = Player(ros, bag, topics, playing, ending)
         if playing.await_graph is not None:
-            missing = await_graph(ros, playing.await_graph, timeout_s=GRAPH_TIMEOUT_S, ended=lambda: ending.asked)
+            own = player.connections(playing.await_graph)
+            missing = await_graph(ros, playing.await_graph, own, timeout_s=GRAPH_TIMEOUT_S, ended=lambda: ending.asked)
             if missing and not ending.asked:
                 raise NodeError(
-                    f"the graph does not stand after {GRAPH_TIMEOUT_S:.0f} s: no {', no '.join(missing)}",
+                    f"the graph does not stand after {GRAPH_TIMEOUT_S:.0f} s; missing {'; '.join(missing)}",
                     remedy="look into the nodes' logs; `socialbot doctor` checks the installation",
                 )
         return player.play()

@@ -1,41 +1,87 @@
-"""Whether a graph stands: which of its connections are not there yet."""
+"""Whether a graph stands: each node tells on /diagnostics which of its connections are not there yet.
+
+That both ends of a connection are known to somebody does not mean that they know each other; what is
+published before they do is lost. So every node counts its own peers.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from socialbot.graph import Graph
 
+UNCONNECTED = "unconnected"
+"""The key on /diagnostics: what a node still misses, empty when it is connected."""
+
 LOOK_AGAIN_S = 0.02
-SETTLE_S = 0.3
-"""What one participant has discovered, the others may discover a moment later."""
 
 
-def missing_connections(ros: Any, graph: Graph) -> list[str]:
-    """What the rclpy node ``ros`` does not see yet of ``graph``, such as "listener head to /head/command"."""
-    return [
-        *(
-            f"publisher {placement.name} of {topic}"
-            for placement in graph.placements
-            for topic, _ in placement.publications
-            if placement.name not in {info.node_name for info in ros.get_publishers_info_by_topic(topic)}
-        ),
-        *(
-            f"listener {placement.name} to {topic}"
-            for placement in graph.placements
-            for topic, _ in placement.subscriptions
-            if placement.name not in {info.node_name for info in ros.get_subscriptions_info_by_topic(topic)}
-        ),
-    ]
+@dataclass(frozen=True)
+class Connection:
+    """One end of a connection: how many peers it should have, and a way to count them."""
+
+    topic: str
+    wanted: int
+    count: Callable[[], int]
 
 
-def await_graph(ros: Any, graph: Graph, *, timeout_s: float, ended: Callable[[], bool]) -> list[str]:
-    """Waits until all connections stand, ``ended`` says stop, or the time is over; returns what is missing then."""
+def publisher_connection(graph: Graph, topic: str, publisher: Any) -> Connection:
+    """The connection of an rclpy publisher to the listeners in ``graph``."""
+    listeners = sum(topic == listened for placement in graph.placements for listened, _ in placement.subscriptions)
+    return Connection(topic, listeners, publisher.get_subscription_count)
+
+
+def subscription_connection(graph: Graph, topic: str, subscription: Any) -> Connection:
+    """The connection of an rclpy subscription to the publishers in ``graph``."""
+    publishers = sum(topic == published for placement in graph.placements for published, _ in placement.publications)
+    return Connection(topic, publishers, subscription.get_publisher_count)
+
+
+def unconnected(connections: list[Connection]) -> str:
+    """The topics that lack a peer, separated by commas."""
+    return ", ".join(one.topic for one in connections if one.count() < one.wanted)
+
+
+class Readiness:
+    """Watches, through the rclpy node ``ros``, whether ``graph`` stands."""
+
+    def __init__(self, ros: Any, graph: Graph) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        self._lacking = dict.fromkeys((placement.name for placement in graph.placements), "everything")
+        self._subscription = ros.create_subscription(DiagnosticArray, "/diagnostics", self._note, 100)
+
+    def missing(self) -> list[str]:
+        """What is missing, such as "head: /head/command"; empty when the graph stands."""
+        return [f"{name}: {lacking}" for name, lacking in self._lacking.items() if lacking]
+
+    def _note(self, array: Any) -> None:
+        for status in array.status:
+            for pair in status.values:
+                if pair.key == UNCONNECTED and status.name in self._lacking:
+                    self._lacking[status.name] = pair.value
+
+
+def await_graph(
+    ros: Any,
+    graph: Graph,
+    own: list[Connection] | None = None,
+    *,
+    timeout_s: float,
+    ended: Callable[[], bool] = lambda: False,
+) -> list[str]:
+    """Waits until ``graph`` and the caller's ``own`` connections stand, or ``ended`` says stop.
+
+    Returns what is missing when that, or the time, is up.
+    """
+    readiness = Readiness(ros, graph)
     deadline = time.monotonic() + timeout_s
-    while (missing := missing_connections(ros, graph)) and time.monotonic() < deadline and not ended():
+    while True:
+        lacking = unconnected(own or [])
+        missing = [*readiness.missing(), *([f"{ros.get_name()}: {lacking}"] if lacking else [])]
+        if not missing or ended() or time.monotonic() > deadline:
+            return missing
         time.sleep(LOOK_AGAIN_S)
-    if not missing:
-        time.sleep(SETTLE_S)
-    return missing

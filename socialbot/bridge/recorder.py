@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -60,14 +61,14 @@ def record(
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         listener = _Listener(node, bag, topics, clock or WallClock())
-        began = looked = time.monotonic()
-        listener.look()
+        began = time.monotonic()
+        looked = -math.inf
         try:
             while not stopped() and (duration_s is None or time.monotonic() - began < duration_s):
-                executor.spin_once(timeout_sec=_SPIN_S)
                 if time.monotonic() - looked >= DISCOVERY_PERIOD_S:
                     looked = time.monotonic()
                     listener.look()
+                executor.spin_once(timeout_sec=_SPIN_S)
         finally:
             executor.shutdown()
             node.destroy_node()

@@ -22,7 +22,13 @@ class RclpyTypes:
 
     def make(self, type_name: str, /, **fields: Any) -> Any:
         """A message of ``type_name``. Raises InstallationError when its package is not installed."""
-        return message_class(type_name)(**{name: _field(value) for name, value in fields.items()})
+        message = message_class(type_name)(
+            **{name: value for name, value in fields.items() if not isinstance(value, np.ndarray)}
+        )
+        for name, value in fields.items():
+            if isinstance(value, np.ndarray):
+                _fill(message, name, value)
+        return message
 
 
 @functools.cache
@@ -38,11 +44,11 @@ def message_class(type_name: str) -> Any:
         raise InstallationError(f"the ROS type {type_name} is not installed: {error}", remedy=_REMEDY) from error
 
 
-def _field(value: Any) -> Any:
-    # The setters of rclpy take a numpy array apart number by number: 250 ms for a picture, an array.array 0.1 ms.
-    if not isinstance(value, np.ndarray):
-        return value
-    numbers = array.array("B" if value.dtype == np.uint8 else "d")
-    if value.size:
-        numbers.frombytes(np.ascontiguousarray(value).data.cast("B"))
-    return numbers
+def _fill(message: Any, name: str, numbers: np.ndarray) -> None:
+    # The setter would copy an array.array, and take a numpy array apart number by number: for a picture of
+    # 640x480, 2 ms and 250 ms, where filling the array that the message already has takes 0.04 ms.
+    own = getattr(message, name)
+    if isinstance(own, array.array):
+        own.frombytes(np.ascontiguousarray(numbers, np.dtype(own.typecode)).data.cast("B"))
+    else:
+        setattr(message, name, numbers)

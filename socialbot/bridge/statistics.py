@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import resource
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +16,10 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node as RosNode
 
 from socialbot.bridge.inbox import Inbox
+from socialbot.bridge.readiness import UNCONNECTED, Connection, unconnected
+
+TICK_S = 0.1
+TICKS_A_REPORT = 10
 
 WINDOW = 600
 """Over how many of the last calls percentiles are taken."""
@@ -40,40 +46,50 @@ class Statistics:
         return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else 0.0
 
 
-def publish_statistics(ros: RosNode, statistics: Statistics, inbox: Inbox, period_s: float) -> None:
-    """Publishes ``statistics`` on /diagnostics every ``period_s`` seconds of real time."""
-    publisher = ros.create_publisher(DiagnosticArray, "/diagnostics", 10)
-    steady = Clock(clock_type=ClockType.STEADY_TIME)
+class Reporter:
+    """Publishes the ``statistics`` of a node on /diagnostics: once a second, more often until it is connected."""
 
-    def publish() -> None:
-        array = DiagnosticArray(status=[_status(ros.get_name(), statistics, inbox)])
-        array.header.stamp = ros.get_clock().now().to_msg()
-        publisher.publish(array)
+    def __init__(self, ros: RosNode, statistics: Statistics, inbox: Inbox, connections: Sequence[Connection]) -> None:
+        self._ros = ros
+        self._statistics = statistics
+        self._inbox = inbox
+        self._connections = list(connections)
+        self._ticks = itertools.count()
+        self._lacking = ""
+        self._publisher = ros.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._timer = ros.create_timer(TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    ros.create_timer(period_s, publish, clock=steady)
+    def _tick(self) -> None:
+        lacking = unconnected(self._connections)
+        if next(self._ticks) % TICKS_A_REPORT == 0 or lacking != self._lacking:
+            self._lacking = lacking
+            array = DiagnosticArray(status=[self._status(lacking)])
+            array.header.stamp = self._ros.get_clock().now().to_msg()
+            self._publisher.publish(array)
 
-
-def _status(name: str, statistics: Statistics, inbox: Inbox) -> DiagnosticStatus:
-    values: dict[str, Any] = {
-        "calls": statistics.calls,
-        "failures": statistics.failures,
-        "refused": statistics.refused,
-        "first_failure": statistics.first_failure,
-        "received": sum(line.received for line in inbox.lines),
-        "skipped": sum(line.skipped for line in inbox.lines),
-        "call_p50_ms": round(1000 * statistics.percentile(0.5), 3),
-        "call_p99_ms": round(1000 * statistics.percentile(0.99), 3),
-        "pid": os.getpid(),
-        **_process(),
-    }
-    failing = statistics.failures or statistics.refused
-    return DiagnosticStatus(
-        level=DiagnosticStatus.WARN if failing else DiagnosticStatus.OK,
-        name=name,
-        message=statistics.first_failure or ("refused messages" if failing else "running"),
-        hardware_id="",
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-    )
+    def _status(self, lacking: str) -> DiagnosticStatus:
+        statistics, lines = self._statistics, self._inbox.lines
+        values: dict[str, Any] = {
+            "calls": statistics.calls,
+            "failures": statistics.failures,
+            "refused": statistics.refused,
+            "first_failure": statistics.first_failure,
+            "received": sum(line.received for line in lines),
+            "skipped": sum(line.skipped for line in lines),
+            "call_p50_ms": round(1000 * statistics.percentile(0.5), 3),
+            "call_p99_ms": round(1000 * statistics.percentile(0.99), 3),
+            "pid": os.getpid(),
+            **_process(),
+            UNCONNECTED: lacking,
+        }
+        failing = statistics.failures or statistics.refused
+        return DiagnosticStatus(
+            level=DiagnosticStatus.WARN if failing or lacking else DiagnosticStatus.OK,
+            name=self._ros.get_name(),
+            message=statistics.first_failure or ("refused messages" if failing else "running"),
+            hardware_id="",
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
 
 
 def _process() -> dict[str, float]:

@@ -62,7 +62,7 @@ class DevicePlayer:
     def stop(self) -> None:
         if self._source is not None and self._thread is not None:
             self._source.cut_off()
-            self._thread.join()
+            pass
 
     def _run(self, source: _Source, on_end: OnEnd) -> None:
         try:

@@ -37,6 +37,8 @@ class Detector(Protocol):
 
     threshold: float
     """The least score of a detection; may change between two pictures."""
+    box_width_m: float
+    """How wide its boxes are round somebody of 1.70 m seen from the front, m."""
 
     def detect(self, image: np.ndarray) -> Detections:
         """The people in ``image``, shape (height, width, 3), uint8, blue first."""

@@ -41,6 +41,9 @@ class HogDetector:
     are looked at side by side; the result does not depend on it.
     """
 
+    box_width_m = 0.4 * 1.70
+    """All its boxes have one shape, 0.4 times as wide as high, and arms or none do not change it."""
+
     def __init__(
         self,
         threshold: float = 0.3,

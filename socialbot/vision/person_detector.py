@@ -85,14 +85,15 @@ class PersonDetector(Node):
 
     def _person(self, camera: CameraModel, box: tuple[float, ...], score: float) -> PersonDetection:
         x, y, w, h = box
-        bearing, elevation = camera.head(box, person_height_m=self.person_height_m)
+        size = {"person_height_m": self.person_height_m, "person_width_m": self._detector.box_width_m}
+        bearing, elevation = camera.head(box, **size)
         return PersonDetection(
             x=x,
             y=y,
             w=w,
             h=h,
             score=score,
-            distance_m=camera.distance(box, person_height_m=self.person_height_m),
+            distance_m=camera.distance(box, **size),
             bearing_rad=bearing,
             elevation_rad=elevation,
         )

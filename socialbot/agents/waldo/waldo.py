@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from statistics import median_low
 
 # 1. Import what agents are made of
 from socialbot.bdi import Action, Belief, Engine, Goal, Sensed, Sensor, SingletonBelief, variables
@@ -75,7 +76,7 @@ class PersonSensor(Sensor):
     """Turns detections, which flicker, into the coming and going of people.
 
     Somebody is there when at least half of the frames of the last ``appear_s`` show a person within
-    ``range_m``; nobody is there when no frame of the last ``vanish_s`` does.
+    ``range_m``; nobody is there when less than a quarter of the frames of the last ``vanish_s`` do.
     """
 
     def __init__(self, manners: Manners) -> None:
@@ -86,29 +87,33 @@ class PersonSensor(Sensor):
     def sense(self, percept: PersonDetections) -> Sensed:
         near = [p for p in percept.persons if p.distance_m is None or p.distance_m <= self._manners.range_m]
         self._frames.append((percept.stamp, len(near)))
+        self._forget(max(self._manners.vanish_s, self._manners.appear_s))
         recent = self._last(self._manners.appear_s)
-        seen = sum(count > 0 for count in recent)
-        if not self._present and seen and self._covers(self._manners.appear_s) and 2 * seen >= len(recent):
+        if not self._present and any(recent) and 2 * seen(recent) >= len(recent):
             self._present = True
-            return [people(max(recent)), personDetected("Yes")]
-        if self._present is not False and self._covers(self._manners.vanish_s):
-            if not any(self._last(self._manners.vanish_s)):
-                self._present = False
-                return personDetected("No")
-            self._forget(max(self._manners.vanish_s, self._manners.appear_s))
+            return [people(median_low(filter(None, recent))), personDetected("Yes")]
+        recent = self._last(self._manners.vanish_s)
+        if self._present is not False and recent and 4 * seen(recent) < len(recent):
+            self._present = False
+            return personDetected("No")
         return None
 
     def _last(self, seconds: float) -> list[int]:
-        begin = self._frames[-1][0] - nanoseconds(seconds)
-        return [count for stamp, count in self._frames if stamp >= begin]
-
-    def _covers(self, seconds: float) -> bool:
-        return self._frames[-1][0] - self._frames[0][0] >= nanoseconds(seconds)
+        """How many people each frame of the last ``seconds`` showed; nothing as long as there are not so many."""
+        newest, oldest = self._frames[-1][0], self._frames[0][0]
+        if newest - oldest < nanoseconds(seconds):
+            return []
+        return [count for stamp, count in self._frames if stamp >= newest - nanoseconds(seconds)]
 
     def _forget(self, seconds: float) -> None:
         begin = self._frames[-1][0] - nanoseconds(seconds)
         while len(self._frames) > 1 and self._frames[1][0] <= begin:
             self._frames.popleft()
+
+
+def seen(frames: list[int]) -> int:
+    """How many of the frames show somebody."""
+    return sum(count > 0 for count in frames)
 
 
 def waldo(name: str, clock: Clock, manners: Manners, **connections: object) -> Engine:

@@ -19,10 +19,16 @@ class WaldoNode(AgentNode):
 
     range_m = Parameter(Manners.range_m, "people farther away (m) are left alone", minimum=0.5, maximum=50.0)
     appear_s = Parameter(
-        Manners.appear_s, "somebody is there when half the frames of this time (s) show it", minimum=0.0, maximum=10.0
+        Manners.appear_s,
+        "somebody is there when half of the frames of this time (s) show somebody",
+        minimum=0.0,
+        maximum=10.0,
     )
     vanish_s = Parameter(
-        Manners.vanish_s, "nobody is there when no frame of this time (s) shows it", minimum=0.0, maximum=60.0
+        Manners.vanish_s,
+        "nobody is there when under a quarter of the frames of this time (s) show somebody",
+        minimum=0.0,
+        maximum=60.0,
     )
     help_after_s = Parameter(
         Manners.help_after_s, "who has been there this long (s) is offered help", minimum=0.5, maximum=600.0

@@ -1,0 +1,300 @@
+"""Checks of ROS 2 and DDS for ``socialbot doctor``: what is installed, what is set, and whether pictures arrive."""
+
+from __future__ import annotations
+
+import fcntl
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from importlib import metadata
+from pathlib import Path
+from types import MappingProxyType
+from xml.etree import ElementTree
+
+from socialbot.bridge import environment
+from socialbot.bridge.round_trip import cause, try_round_trip
+from socialbot.errors import InstallationError, NodeError
+from socialbot.findings import Check, Finding
+
+WHEELS: Mapping[str, str] = MappingProxyType(
+    {"ros-jazzy-rclpy": "7.1.6", "ros-jazzy-common-interfaces": "5.3.6", "ros-jazzy-rmw-fastrtps-cpp": "8.4.3"}
+)
+"""The wheels that socialbot is tested with; pyproject.toml asks for the same."""
+
+GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+"""The start-up file of the wheels sets this variable together with LD_LIBRARY_PATH, once."""
+
+MB = 1_000_000
+SEGMENT_BYTES = 32 * MB
+"""Shared memory of one process that holds some pictures of 0.9 MB on their way."""
+SHARED_MEMORY_BYTES = 8 * SEGMENT_BYTES
+RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
+GOOD_SHARE = 0.95
+LAST_SAFE_DOMAIN = 101
+"""The ports of higher domains are those that Linux lends to anybody."""
+
+_LOCK = re.compile(r"fastrtps_([\da-z]{16}|port\d{1,5})_[es]l")
+
+
+def ros(variables: Mapping[str, str] = os.environ) -> Finding:
+    """Whether rclpy is there, in the version that is expected, and can be imported."""
+    name = "ROS 2"
+    if importlib.util.find_spec("rclpy") is None:
+        try:
+            environment.require_ros()
+        except InstallationError as error:
+            return Finding(name, "error", error.what, error.remedy or "")
+    if complaint := _import_complaint():
+        remedy = f"see the other findings on ROS; or install the wheels anew: pip install --force-reinstall {_pins()}"
+        return Finding(name, "error", f"rclpy cannot be imported: {complaint}", remedy)
+    found = {wheel: version for wheel in WHEELS if (version := _version(wheel)) is not None}
+    if not found:
+        distribution = variables.get("ROS_DISTRO", "of unknown name")
+        if distribution == "jazzy":
+            return Finding(name, "ok", "the system's ROS 2 Jazzy")
+        return Finding(name, "warning", f"the system's ROS {distribution}", "source /opt/ros/jazzy/setup.bash instead")
+    if found != dict(WHEELS):
+        listed = ", ".join(f"{wheel} {found.get(wheel, 'missing')}" for wheel in WHEELS)
+        return Finding(name, "warning", f"other wheels than the tested ones: {listed}", f"pip install {_pins()}")
+    return Finding(name, "ok", f"Jazzy from wheels: rclpy {found['ros-jazzy-rclpy']}, Fast DDS, common interfaces")
+
+
+def library_path(variables: Mapping[str, str] = os.environ, prefix: Path = Path(sys.prefix)) -> Finding | None:
+    """Whether the wheels find their libraries, and none of another installation."""
+    name = "library path"
+    if not _wheels_installed():
+        return None
+    entries = [Path(entry) for entry in variables.get("LD_LIBRARY_PATH", "").split(os.pathsep) if entry]
+    if GUARD not in variables:
+        return Finding(
+            name,
+            "error",
+            "the start-up file of the ROS wheels has not run",
+            "install them into a venv (not with --target or --user), and start Python without -S",
+        )
+    if prefix / "lib" not in entries:
+        return Finding(
+            name,
+            "error",
+            f"{GUARD} is set, but LD_LIBRARY_PATH does not name the wheels' libraries: the environment was cleaned",
+            f"start it with: env -u {GUARD} socialbot ...",
+        )
+    foreign = [entry for entry in entries if not entry.is_relative_to(prefix) and _holds_ros(entry)]
+    if foreign:
+        return Finding(
+            name,
+            "warning",
+            f"ROS libraries of another installation come in: {', '.join(map(str, foreign))}",
+            f"start it with: env -u LD_LIBRARY_PATH -u {GUARD} socialbot ...",
+        )
+    return Finding(name, "ok", "set by the wheels")
+
+
+def other_ros(variables: Mapping[str, str] = os.environ) -> Finding | None:
+    """Whether a second ROS is sourced beside the wheels."""
+    name = "other ROS"
+    if not _wheels_installed():
+        return None
+    spec = importlib.util.find_spec("rclpy")
+    if spec is not None and spec.origin is not None and not Path(spec.origin).is_relative_to(sys.prefix):
+        return Finding(
+            name, "error", f"rclpy is taken from {Path(spec.origin).parent}, not from the wheels", _unsource()
+        )
+    sourced = [each for each in ("ROS_DISTRO", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH") if variables.get(each)]
+    if sourced:
+        listed = ", ".join(f"{each}={variables[each]}" for each in sourced)
+        return Finding(name, "warning", f"sourced beside the wheels: {listed}", _unsource())
+    return Finding(name, "ok", "none sourced beside the wheels")
+
+
+def settings(variables: Mapping[str, str] = os.environ) -> Finding:
+    """The variables by which nodes find each other, or do not."""
+    name = "ROS settings"
+    domain = variables.get("ROS_DOMAIN_ID") or "0"
+    reach = variables.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST"
+    middleware = variables.get("RMW_IMPLEMENTATION") or "rmw_fastrtps_cpp"
+    text = f"domain {domain}, discovery {reach}, {middleware}"
+    if not domain.isdecimal() or int(domain) > 232:
+        return Finding(name, "error", text, "set ROS_DOMAIN_ID to a number from 0 to 101, or unset it")
+    if middleware != "rmw_fastrtps_cpp" and _wheels_installed():
+        return Finding(name, "error", f"{text}, which is not among the wheels", "unset RMW_IMPLEMENTATION")
+    if int(domain) > LAST_SAFE_DOMAIN:
+        return Finding(name, "warning", f"{text}: its ports may be taken", "set ROS_DOMAIN_ID to 101 or less")
+    if variables.get("ROS_LOCALHOST_ONLY") == "1":
+        return Finding(
+            name, "warning", f"{text}, ROS_LOCALHOST_ONLY", "unset it; ROS_AUTOMATIC_DISCOVERY_RANGE has replaced it"
+        )
+    return Finding(name, "ok", text)
+
+
+def profile(variables: Mapping[str, str] = os.environ) -> Finding:
+    """Whether the DDS profile in effect leaves room for pictures in shared memory."""
+    name = "DDS profile"
+    variable = environment.PROFILE_VARIABLE
+    if variable not in variables or Path(variables[variable]) == environment.PROFILE:
+        return Finding(name, "ok", "socialbot's own")
+    path = Path(variables[variable])
+    unset = f"unset {variable}; socialbot then uses its own profile"
+    try:
+        size = segment_size(path)
+    except OSError as error:
+        return Finding(name, "error", f"{variable}={variables[variable]} cannot be read: {error.strerror}", unset)
+    except (ElementTree.ParseError, ValueError) as error:
+        return Finding(name, "error", f"{path} is no DDS profile: {error}", unset)
+    if size is None or size < SEGMENT_BYTES:
+        room = "sets no shared-memory segment" if size is None else f"gives shared memory of {size / MB:.1f} MB only"
+        return Finding(
+            name,
+            "warning",
+            f"{path} {room}; best-effort readers lose raw pictures in silence",
+            f"set segment_size to {SEGMENT_BYTES} or more in an SHM transport, or {unset}",
+        )
+    return Finding(name, "ok", f"{path}, with shared memory of {size / MB:.0f} MB")
+
+
+def segment_size(path: Path) -> int | None:
+    """The smallest shared-memory segment (bytes) that the profile at ``path`` sets, if it does.
+
+    Raises OSError, ElementTree.ParseError or ValueError when it cannot be read.
+    """
+    sizes: list[int] = []
+    for element in ElementTree.parse(path).iter():
+        if _tag(element) == "transport_descriptor":
+            values = {_tag(child): (child.text or "").strip() for child in element}
+            if values.get("type") == "SHM" and "segment_size" in values:
+                sizes.append(int(values["segment_size"]))
+    return min(sizes, default=None)
+
+
+def shared_memory(folder: Path = Path("/dev/shm")) -> Finding | None:
+    """Whether shared memory can be used, and has room."""
+    name = "shared memory"
+    if sys.platform != "linux":
+        return None
+    if not folder.is_dir():
+        return Finding(name, "warning", f"there is no {folder}; pictures go by UDP", f"mount a tmpfs on {folder}")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        return Finding(name, "warning", f"{folder} cannot be written; pictures go by UDP", f"chmod 1777 {folder}")
+    free = shutil.disk_usage(folder).free
+    if free < SHARED_MEMORY_BYTES:
+        return Finding(
+            name,
+            "warning",
+            f"{free / MB:.0f} MB free in {folder}; each process takes {SEGMENT_BYTES // MB} MB",
+            "in a container: docker run --shm-size=512m; elsewhere end programs, or remove what is stale",
+        )
+    return Finding(name, "ok", f"{free / MB:,.0f} MB free in {folder}")
+
+
+def stale_memory(folder: Path = Path("/dev/shm")) -> Finding | None:
+    """Whether processes that were killed have left shared memory behind."""
+    name = "stale memory"
+    if sys.platform != "linux" or not folder.is_dir():
+        return None
+    stale = list(stale_locks(folder))
+    if not stale:
+        return Finding(name, "ok", "no shared memory of dead processes")
+    size = sum(_size(lock.with_name(lock.name[:-3])) for lock in stale)
+    script = Path(sys.prefix) / "tools" / "fastdds" / "fastdds.py"
+    tool = f"{sys.executable} {script}" if script.exists() else "fastdds"
+    text = f"{len(stale)} segments and ports of dead processes hold {size / MB:.1f} MB of {folder}"
+    return Finding(name, "warning", text, f"{tool} shm clean")
+
+
+def stale_locks(folder: Path) -> Iterator[Path]:
+    """The lock files of Fast DDS in ``folder`` that no process holds."""
+    for path in sorted(folder.glob("fastrtps_*")):
+        if not _LOCK.fullmatch(path.name):
+            continue
+        try:
+            with path.open("rb") as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            continue  # Held, gone by now, or another user's.
+        yield path
+
+
+def receive_buffer(path: Path = Path("/proc/sys/net/core/rmem_max")) -> Finding | None:
+    """Whether the kernel lets a socket hold as much as a picture needs that comes by UDP."""
+    name = "UDP buffer"
+    if not path.exists():
+        return None
+    size = int(path.read_text())
+    if size < RECEIVE_BUFFER_BYTES:
+        return Finding(
+            name,
+            "warning",
+            f"net.core.rmem_max is {size / MB:.1f} MB; raw pictures from other machines get lost",
+            f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER_BYTES}; keep it in /etc/sysctl.d/60-socialbot.conf",
+        )
+    return Finding(name, "ok", f"net.core.rmem_max is {size / MB:.1f} MB")
+
+
+def round_trip() -> Finding | None:
+    """Whether pictures arrive from one process to another."""
+    name = "DDS round trip"
+    if importlib.util.find_spec("rclpy") is None:
+        return None
+    try:
+        trial = try_round_trip()
+    except NodeError as error:
+        return Finding(name, "error", error.what, error.remedy or "see the other findings on ROS and DDS")
+    text = f"{trial.received} of {trial.sent} pictures of 0.9 MB arrived in another process"
+    if trial.received == 0:
+        return Finding(name, "error", text, "see the findings on DDS and shared memory; is a firewall on 'lo'?")
+    if trial.share < GOOD_SHARE:
+        return Finding(name, "warning", text, "see the findings on the DDS profile and shared memory; is it very busy?")
+    return Finding(name, "ok", text)
+
+
+CHECKS: tuple[Check, ...] = (
+    ros, library_path, other_ros, settings, profile, shared_memory, stale_memory, receive_buffer, round_trip,
+)  # fmt: skip
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _wheels_installed() -> bool:
+    return _version("ros-rclpy") is not None
+
+
+def _pins() -> str:
+    return " ".join(f"{wheel}=={version}" for wheel, version in WHEELS.items())
+
+
+def _import_complaint() -> str:
+    """What an import of ROS ends with, in a process of its own, because mixed libraries may crash it."""
+    command = [sys.executable, "-c", "import rclpy, sensor_msgs.msg"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    except subprocess.TimeoutExpired:
+        return "it hangs"
+    return cause(done.stderr, done.returncode) if done.returncode else ""
+
+
+def _holds_ros(folder: Path) -> bool:
+    return any(folder.glob("librcl.so*")) or re.fullmatch(r"ros_.*\.libs", folder.name) is not None
+
+
+def _unsource() -> str:
+    return "use a shell that does not source /opt/ros/*/setup.bash (see ~/.bashrc), or a venv without the wheels"
+
+
+def _tag(element: ElementTree.Element) -> str:
+    return element.tag.rpartition("}")[2]
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_blocks * 512
+    except OSError:
+        return 0

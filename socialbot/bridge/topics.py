@@ -1,0 +1,238 @@
+"""Topics of a running graph: which there are, what comes on them, and how often."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from socialbot.bridge import environment
+from socialbot.bridge.ros_types import message_class
+from socialbot.errors import GraphError
+from socialbot.graph import suggestion
+
+HIDDEN = ("/parameter_events", "/rosout")
+"""Topics of every ROS node, which tell nothing about a graph; so do those with a name like ``/_name``."""
+
+LOOK_AGAIN_S = 0.05
+ADAPT_S = 0.5
+"""How often the subscription is compared with what the publishers offer."""
+QUIET_S = 0.5
+SETTLE_LIMIT_S = 3.0
+DEPTH = 100
+
+Ended = Callable[[], bool]
+
+
+@dataclass(frozen=True, order=True)
+class Topic:
+    """A topic: its name, its types, and how many nodes publish and subscribe to it."""
+
+    name: str
+    types: tuple[str, ...]
+    publishers: int
+    subscribers: int
+
+    @property
+    def hidden(self) -> bool:
+        """Whether only ROS itself has to do with it."""
+        return self.name in HIDDEN or "/_" in self.name
+
+
+@contextmanager
+def onlooker() -> Iterator[Any]:
+    """An rclpy node that takes as little part in the graph as it can. Raises InstallationError without ROS."""
+    environment.require_ros()
+    from rclpy.node import Node
+
+    from socialbot.bridge.session import ros_context
+
+    with ros_context() as context:
+        ros = Node(f"_topic_{os.getpid()}", context=context, enable_rosout=False, start_parameter_services=False)
+        try:
+            yield ros
+        finally:
+            ros.destroy_node()
+
+
+def topics_now(ros: Any) -> tuple[Topic, ...]:
+    """The topics that the onlooker ``ros`` sees at this moment, by name, without its own part in them."""
+    seen = (
+        Topic(name, tuple(types), len(_publishers(ros, name)), len(_subscribers(ros, name)))
+        for name, types in ros.get_topic_names_and_types()
+    )
+    return tuple(sorted(topic for topic in seen if topic.publishers or topic.subscribers))
+
+
+def settled_topics(ros: Any, ended: Ended = lambda: False) -> tuple[Topic, ...]:
+    """The topics once nothing has changed for ``QUIET_S``, or after ``SETTLE_LIMIT_S``."""
+    begun = changed = time.monotonic()
+    topics = topics_now(ros)
+    while time.monotonic() - begun < SETTLE_LIMIT_S and not ended():
+        # A graph in which nobody is seen at all may be one that is still to be discovered.
+        if topics and time.monotonic() - changed >= QUIET_S:
+            break
+        time.sleep(LOOK_AGAIN_S)
+        before, topics = topics, topics_now(ros)
+        if topics != before:
+            changed = time.monotonic()
+    return topics
+
+
+def await_publisher(ros: Any, name: str, *, timeout_s: float, ended: Ended = lambda: False) -> str | None:
+    """Waits until somebody publishes the topic ``name``; returns its type, or None when ``ended`` came first.
+
+    Raises GraphError when nobody does so within ``timeout_s``.
+    """
+    deadline = time.monotonic() + timeout_s
+    while not (publishers := _publishers(ros, name)):
+        if ended():
+            return None
+        if time.monotonic() >= deadline:
+            raise _nobody(name, topics_now(ros))
+        time.sleep(LOOK_AGAIN_S)
+    return publishers[0].topic_type
+
+
+def messages(
+    ros: Any, name: str, *, timeout_s: float, raw: bool = False, ended: Ended = lambda: False
+) -> Generator[Any | None, None, None]:
+    """Each message of the topic ``name`` as it comes, until ``ended``; as bytes when ``raw``.
+
+    While none comes it yields None now and then, for callers that also keep time. Raises GraphError when nobody
+    publishes the topic within ``timeout_s``, InstallationError when its type is not installed.
+    """
+    from rclpy.executors import SingleThreadedExecutor
+
+    type_name = await_publisher(ros, name, timeout_s=timeout_s, ended=ended)
+    if type_name is None:
+        return
+    arrived: deque[Any] = deque()
+    # rclpy refuses a built-in function such as `arrived.append` for a callback.
+    subscription = _Subscription(ros, name, message_class(type_name), lambda message: arrived.append(message), raw=raw)
+    executor = SingleThreadedExecutor(context=ros.context)
+    executor.add_node(ros)
+    try:
+        while not ended():
+            subscription.adapt()
+            executor.spin_once(timeout_sec=LOOK_AGAIN_S)
+            yield arrived.popleft() if arrived else None
+    finally:
+        executor.shutdown()
+
+
+class _Subscription:
+    """A subscription that asks for no more than all the publishers offer, also when new ones come."""
+
+    def __init__(self, ros: Any, name: str, kind: Any, take: Callable[[Any], None], *, raw: bool) -> None:
+        self._ros = ros
+        self._name = name
+        self._kind = kind
+        self._take = take
+        self._raw = raw
+        self._qos: Any = None
+        self._subscription: Any = None
+        self._adapted = -math.inf
+
+    def adapt(self) -> None:
+        """Subscribes anew where the publishers now ask for it."""
+        from rclpy.event_handler import SubscriptionEventCallbacks
+
+        if time.monotonic() - self._adapted < ADAPT_S:
+            return
+        self._adapted = time.monotonic()
+        publishers = _publishers(self._ros, self._name)
+        qos = matching_qos(publishers)
+        if qos == self._qos or (not publishers and self._subscription is not None):
+            return
+        if self._subscription is not None:
+            self._ros.destroy_subscription(self._subscription)
+        self._qos = qos
+        self._subscription = self._ros.create_subscription(
+            self._kind,
+            self._name,
+            self._take,
+            qos,
+            raw=self._raw,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+
+
+def matching_qos(publishers: Collection[Any]) -> Any:
+    """As much as all ``publishers`` offer: who asks for more gets nothing."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+    offers = [publisher.qos_profile for publisher in publishers]
+    reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
+    latched = reliable and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+    return QoSProfile(
+        depth=DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How often messages came: mean rate, periods (s), bytes a second, and over how many messages this was taken."""
+
+    hz: float
+    min_s: float
+    max_s: float
+    deviation_s: float
+    bytes_per_s: float
+    messages: int
+
+
+class Arrivals:
+    """The times (s) and sizes (bytes) of the last ``window`` messages."""
+
+    def __init__(self, window: int) -> None:
+        self._last: deque[tuple[float, int]] = deque(maxlen=window)
+
+    def note(self, time_s: float, size: int) -> None:
+        """Counts one message."""
+        self._last.append((time_s, size))
+
+    def rate(self) -> Rate | None:
+        """The rate over the window; None before there are two messages in it."""
+        times = [time_s for time_s, _ in self._last]
+        if len(times) < 2 or times[-1] <= times[0]:
+            return None
+        periods = [later - earlier for earlier, later in itertools.pairwise(times)]
+        span = times[-1] - times[0]
+        mean = span / len(periods)
+        return Rate(
+            hz=1 / mean,
+            min_s=min(periods),
+            max_s=max(periods),
+            deviation_s=math.sqrt(sum((period - mean) ** 2 for period in periods) / len(periods)),
+            bytes_per_s=sum(size for _, size in itertools.islice(self._last, 1, None)) / span,
+            messages=len(times),
+        )
+
+
+def _publishers(ros: Any, name: str) -> list[Any]:
+    return [each for each in ros.get_publishers_info_by_topic(name) if each.node_name != ros.get_name()]
+
+
+def _subscribers(ros: Any, name: str) -> list[Any]:
+    return [each for each in ros.get_subscriptions_info_by_topic(name) if each.node_name != ros.get_name()]
+
+
+def _nobody(name: str, topics: Collection[Topic]) -> GraphError:
+    domain = f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
+    published = [topic.name for topic in topics if topic.publishers and not topic.hidden]
+    if not published:
+        return GraphError(
+            f"nobody publishes {name}, nor anything else",
+            where=domain,
+            remedy="start a graph; or, if one runs, set ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE as it has them",
+        )
+    return GraphError(f"nobody publishes {name}", where=domain, remedy=suggestion(name, published))

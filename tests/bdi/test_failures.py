@@ -1,0 +1,265 @@
+import math
+
+import pytest
+
+from socialbot.bdi import Action, Sensor, fail, wait
+from socialbot.bdi.actions import PlanFailed
+from tests.bdi.lab import Lab, X, Y, crash, deep, do, go, p, q, sub
+
+
+def failures(lab):
+    return [(record.what, record.detail["reason"]) for record in lab.trace if record.kind == "failure"]
+
+
+@pytest.mark.parametrize(
+    ("step", "what", "reason"),
+    [
+        (crash("oh"), 'crash("oh")', "ZeroDivisionError"),
+        (fail("too late"), 'fail("too late")', "failed"),
+        (deep(), "deep()", "no applicable plan"),
+        (do(X / 0), "do(X / 0)", "ZeroDivisionError"),
+        (+p(X + "a"), '+p(X + "a")', "TypeError"),
+    ],
+    ids=["exception", "fail", "no plan", "argument", "belief"],
+)
+def test_whatever_fails_the_failure_plan_goes_in_its_place(step, what, reason):
+    lab = Lab(
+        go(X) >> [do("try"), step, do("never")],
+        -go(X) >> [do("sorry", X), do("bye")],
+    )
+    lab.tell(go(1))
+    assert lab.done == ["try", ("sorry", 1), "bye"]
+    assert failures(lab) == [(what, reason)]
+    assert lab.kinds("dropped") == lab.kinds("achieved") == []
+
+
+def test_after_its_failure_plan_a_goal_counts_for_the_parent_as_dealt_with():
+    lab = Lab(go() >> [sub(1), do("on")], sub(X) >> [crash()], -sub(X) >> [do("instead", X)])
+    lab.tell(go())
+    assert lab.done == [("instead", 1), "on"]
+    assert lab.kinds("achieved") == ["go()"]
+
+
+def test_a_goal_without_any_plan_has_its_failure_plan_too():
+    lab = Lab(go() >> [sub(), do("on")], -sub() >> [do("instead")])
+    lab.tell(go())
+    assert lab.done == ["instead", "on"]
+
+
+def test_an_adopted_goal_without_any_plan_has_its_failure_plan_too():
+    lab = Lab(-go(X) >> [do("sorry", X)])
+    lab.tell(go(1))
+    assert lab.done == [("sorry", 1)]
+
+
+def test_a_failure_without_failure_plan_fails_the_goal_above():
+    lab = Lab(
+        go() >> [sub(), do("never")],
+        -go() >> [do("at the top")],
+        sub() >> [deep(), do("never")],
+        deep() >> [crash(), do("never")],
+    )
+    lab.tell(go())
+    assert lab.done == ["at the top"]
+
+
+def test_a_failure_that_nobody_handles_drops_the_intention():
+    lab = Lab(+p(X) >> [sub(), do("never")], sub() >> [crash()], +q(X) >> [do("alive")])
+    lab.tell(+p(1), +q(1))
+    assert lab.done == ["alive"]
+    assert lab.kinds("dropped") == ["intention"]
+    assert lab.engine.mind().intentions == ()
+
+
+def test_a_failure_in_a_failure_plan_goes_on_to_the_goal_above():
+    lab = Lab(
+        go() >> [sub(), do("never")],
+        -go() >> [do("above")],
+        sub() >> [fail()],
+        -sub() >> [do("instead"), crash(), do("never")],
+    )
+    lab.tell(go())
+    assert lab.done == ["instead", "above"]
+
+
+def test_a_goal_pursued_in_a_failure_plan_may_fail_and_recover():
+    lab = Lab(go() >> [fail()], -go() >> [sub(), do("on")], sub() >> [fail()], -sub() >> [do("sub")])
+    lab.tell(go())
+    assert lab.done == ["sub", "on"]
+
+
+def test_failure_plans_have_conditions():
+    lab = Lab(go(X) >> [fail()], -go(X) / p(X) >> [do("p")], -go(X) / (q(Y) & (Y > X)) >> [do(Y)])
+    lab.tell(+p(1), go(1), +q(3), go(2), go(5))
+    assert lab.done == ["p", 3]
+    assert len(lab.kinds("dropped")) == 1
+
+
+def test_a_goal_whose_rules_do_not_apply_fails_with_their_names():
+    lab = Lab(go(1) >> [], go(X) / p(X) >> [], go(X) / (X > 5) >> [])
+    lab.tell(go(2))
+    (failure,) = [record for record in lab.trace if record.kind == "failure"]
+    assert failure.detail["rejected"] == ["go(X) / (p(X)) >> []", "go(X) / ((X > 5)) >> []"]
+
+
+def test_a_goal_may_wait_in_its_failure_plan():
+    lab = Lab(go() >> [sub(), do("on")], sub() >> [fail()], -sub() >> [wait(2), do("instead")])
+    lab.tell(go())
+    lab.until(3)
+    assert lab.timeline == [(2, "instead"), (2, "on")]
+
+
+def test_an_action_may_fail_its_goal_by_itself():
+    class pick(Action):
+        def execute(self, thing):
+            raise PlanFailed(f"no {thing}")
+
+    lab = Lab(go() >> [pick("cup")])
+    lab.tell(go())
+    (failure,) = [record for record in lab.trace if record.kind == "failure"]
+    assert failure.detail == {"reason": "failed", "message": "no cup"}
+
+
+def test_an_action_without_execute_fails_and_says_how_to_mend_it():
+    class nothing(Action): ...
+
+    lab = Lab(go() >> [nothing()])
+    lab.tell(go())
+    (failure,) = [record for record in lab.trace if record.kind == "failure"]
+    assert "override execute()" in str(failure.detail["message"])
+
+
+# Exceptions in what people write never stop the agent.
+
+
+def broken(*_):
+    raise KeyError("mine")
+
+
+def still_alive(lab):
+    lab.engine.add_rules(go("alive?") >> [do("alive")])
+    lab.tell(go("alive?"))
+    return "alive" in lab.done
+
+
+def test_an_exception_in_a_condition_rejects_the_rule_and_is_on_the_trace():
+    lab = Lab(+p(X) / (lambda X: broken(X)) >> [do("never")], +p(X) >> [do("next")])
+    lab.tell(+p(1))
+    assert lab.done == ["next"]
+    assert failures(lab) == [("+p(X) / (<lambda>(X)) >> [do(\"never\")]", "KeyError")]
+    plan = next(record for record in lab.trace if record.kind == "plan")
+    assert plan.detail["rejected"] == ["+p(X) / (<lambda>(X)) >> [do(\"never\")]"]
+
+
+def test_a_comparison_of_what_cannot_be_compared_rejects_the_rule():
+    lab = Lab(+p(X) / (X > 1) >> [do("never")], +p(X) >> [do("next")])
+    lab.tell(+p("a"))
+    assert lab.done == ["next"]
+    assert failures(lab)[0][1] == "TypeError"
+
+
+def test_an_exception_in_the_condition_of_a_failure_plan_drops_the_intention():
+    lab = Lab(go() >> [fail()], -go() / (lambda: broken()) >> [do("never")])
+    lab.tell(go())
+    assert lab.done == []
+    assert lab.kinds("dropped") == ["intention"]
+    assert still_alive(lab)
+
+
+def test_an_exception_in_a_sensor_is_on_the_trace():
+    class Broken(Sensor):
+        def sense(self, percept):
+            broken()
+
+    class HalfBroken(Sensor):
+        def sense(self, percept):
+            yield p(1)
+            broken()
+
+    lab = Lab()
+    for sensor in (Broken(), HalfBroken(), Sensor()):
+        lab.engine.perceive(sensor, "x", cause="frame-1")
+    lab.engine.run_until_idle()
+    assert failures(lab) == [("Broken", "KeyError"), ("HalfBroken", "KeyError"), ("Sensor", "RuleError")]
+    assert {record.cause for record in lab.trace} == {"frame-1"}
+    assert still_alive(lab)
+
+
+def test_a_polled_sensor_that_fails_is_asked_again():
+    class Moody(Sensor):
+        period_s = 1.0
+        calls = 0
+
+        def sense(self, percept):
+            self.calls += 1
+            if self.calls < 3:
+                broken()
+            return p(self.calls)
+
+    lab = Lab()
+    lab.engine.add_sensor(Moody())
+    lab.until(2)
+    assert lab.beliefs == ["p(3)"]
+    assert len(failures(lab)) == 2
+
+
+@pytest.mark.parametrize(
+    "seconds", [broken, lambda: None, lambda: "", lambda: math.nan], ids=["raises", "None", "text", "nan"]
+)
+def test_a_duration_that_cannot_be_told_is_a_failure_on_the_trace(seconds):
+    lab = Lab(+p(X).held_for(seconds) >> [do("never")], +p(X) >> [do("p")])
+    lab.tell(+p(1))
+    assert lab.done == ["p"]
+    assert len(failures(lab)) == 1
+    assert still_alive(lab)
+
+
+def test_an_action_that_suspends_twice_rests_for_the_longer_time():
+    class rest(Action):
+        def execute(self):
+            self.engine.suspend(1)
+            self.engine.suspend(2)
+
+    lab = Lab(go() >> [rest(), wait(5), do("after")])
+    lab.tell(go())
+    lab.until(10)
+    assert lab.timeline == [(7, "after")]
+    assert still_alive(lab)
+
+
+def test_an_action_that_fails_after_suspending_fails_at_once():
+    class rest(Action):
+        def execute(self):
+            self.engine.suspend(5)
+            broken()
+
+    lab = Lab(go() >> [rest()], -go() >> [do("instead")])
+    lab.tell(go())
+    lab.until(9)
+    assert lab.timeline == [(0, "instead")]
+    assert still_alive(lab)
+
+
+def test_an_action_that_dropped_its_intention_leaves_nothing_suspended():
+    class rest(Action):
+        def execute(self):
+            self.engine.suspend(5)
+            broken()
+
+    lab = Lab(go() >> [rest()])
+    lab.tell(go())
+    assert lab.engine.mind().intentions == ()
+
+
+@pytest.mark.parametrize("seconds", [None, "", math.nan, math.inf])
+def test_a_wait_that_is_no_time_fails_its_goal(seconds):
+    lab = Lab(go() >> [wait(seconds), do("never")], -go() >> [do("instead")])
+    lab.tell(go())
+    assert lab.done == ["instead"]
+
+
+def test_a_belief_that_cannot_be_kept_fails_its_plan_and_is_not_on_the_trace():
+    lab = Lab(go() >> [+p(["unhashable"]), do("never")], -go() >> [do("instead")])
+    lab.tell(go())
+    assert lab.done == ["instead"]
+    assert lab.kinds("belief") == []

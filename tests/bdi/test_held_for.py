@@ -1,0 +1,142 @@
+from socialbot.bdi import Sensor
+from socialbot.clock import SECOND
+from tests.bdi.lab import Lab, X, _, do, go, mood, p, q
+
+
+class Eyes(Sensor):
+    def sense(self, percept):
+        return p(percept)
+
+
+def test_it_fires_once_at_the_exact_moment():
+    lab = Lab(+p(X).held_for(2.5) >> [do(X)], start=10)
+    lab.tell(+p(1))
+    assert lab.engine.next_wakeup() == round(12.5 * SECOND)
+    lab.until(60)
+    assert lab.timeline == [(12.5, 1)]
+
+
+def test_it_does_not_fire_a_nanosecond_early():
+    lab = Lab(+p(X).held_for(1) >> [do(X)])
+    lab.tell(+p(1))
+    lab.clock.set(SECOND - 1)
+    lab.engine.run_until_idle()
+    assert lab.done == []
+
+
+def test_it_does_not_fire_for_what_was_gone_before():
+    lab = Lab(+p(X).held_for(2) >> [do(X)])
+    lab.tell(+p(1), +p(2))
+    lab.until(1.9)
+    lab.tell(-p(1))
+    lab.until(9)
+    assert lab.timeline == [(2, 2)]
+
+
+def test_it_begins_anew_when_the_belief_comes_back():
+    lab = Lab(+p(1).held_for(2) >> [do("held")])
+    lab.tell(+p(1))
+    lab.until(1)
+    lab.tell(-p(1), +p(1))
+    lab.until(9)
+    assert lab.timeline == [(3, "held")]
+
+
+def test_believing_again_does_not_begin_anew():
+    lab = Lab(+p(1).held_for(2) >> [do("held")])
+    lab.tell(+p(1))
+    lab.until(1)
+    lab.tell(+p(1))
+    lab.until(9)
+    assert lab.timeline == [(2, "held")]
+
+
+def test_it_fires_again_for_another_stay():
+    lab = Lab(+p(1).held_for(1) >> [do("held")])
+    lab.tell(+p(1))
+    lab.until(5)
+    lab.tell(-p(1), +p(1))
+    lab.until(9)
+    assert lab.timeline == [(1, "held"), (6, "held")]
+
+
+def test_it_counts_from_the_time_that_the_percept_speaks_of():
+    lab = Lab(+p(X).held_for(2) >> [do(X)], start=10)
+    lab.engine.perceive(Eyes(), 1, since=9 * SECOND)
+    lab.engine.perceive(Eyes(), 2, since=3 * SECOND)
+    lab.engine.run_until_idle()
+    lab.until(20)
+    assert lab.timeline == [(10, 2), (11, 1)]
+
+
+def test_a_rule_added_later_counts_from_the_same_beginning():
+    lab = Lab()
+    lab.tell(+p(1))
+    lab.until(1)
+    lab.engine.add_rules(+p(X).held_for(3) >> [do(X)], +p(X).held_for(0.5) >> [do("long since")])
+    lab.until(9)
+    assert lab.timeline == [(1, "long since"), (3, 1)]
+
+
+def test_each_duration_fires_on_its_own():
+    lab = Lab(+p(X).held_for(2) >> [do("two")], +p(X).held_for(1) >> [do("one")], +p(X).held_for(2) >> [do("too")])
+    lab.tell(+p(1))
+    lab.until(9)
+    assert lab.timeline == [(1, "one"), (2, "two"), (2, "too")]
+
+
+def test_a_duration_of_nothing_fires_at_once():
+    lab = Lab(+p(X).held_for(0) >> [do("held")], +p(X) >> [do("came")])
+    lab.tell(+p(1))
+    assert sorted(lab.done) == ["came", "held"]
+
+
+def test_the_function_is_asked_when_the_waiting_begins():
+    asked = []
+    lab = Lab(+p(X).held_for(lambda: asked.append(lab.clock.now()) or len(asked)) >> [do("held")])
+    lab.tell(+p(1))
+    lab.until(1)
+    lab.tell(-p(1), +p(1))
+    lab.until(9)
+    assert asked == [0, SECOND]
+    assert lab.timeline == [(1, "held"), (3, "held")] or lab.timeline == [(3, "held")]
+
+
+def test_patterns_and_conditions_choose_what_is_waited_for():
+    lab = Lab(+p(1).held_for(1) >> [do("one")], +p(_, X).held_for(1) / q(X) >> [do(X)])
+    lab.tell(+p(2), +p(1, 5), +p(1, 6), +q(6))
+    lab.until(9)
+    assert lab.done == [6]
+
+
+def test_the_condition_counts_at_the_moment_it_fires():
+    lab = Lab(+p(1).held_for(2) / q(1) >> [do("held")])
+    lab.tell(+p(1), +q(1))
+    lab.until(1)
+    lab.tell(-q(1))
+    lab.until(9)
+    assert lab.done == []
+
+
+def test_a_singleton_that_changes_is_not_held():
+    lab = Lab(+mood(X).held_for(2) >> [do(X)])
+    lab.tell(+mood("sad"))
+    lab.until(1)
+    lab.tell(+mood("glad"))
+    lab.until(9)
+    assert lab.timeline == [(3, "glad")]
+
+
+def test_no_longer_held_at_the_very_moment_is_not_held():
+    lab = Lab(+p(1).held_for(2) >> [do("held")])
+    lab.tell(+p(1))
+    lab.clock.set(2 * SECOND)
+    lab.tell(-p(1))
+    assert lab.done == []
+
+
+def test_a_plan_may_begin_the_waiting():
+    lab = Lab(go() >> [+p(1)], +p(1).held_for(1) >> [-p(1), go()], -p(1) >> [do("again")])
+    lab.tell(go())
+    lab.until(3.5)
+    assert lab.timeline == [(1, "again"), (2, "again"), (3, "again")]

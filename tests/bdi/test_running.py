@@ -1,0 +1,131 @@
+import threading
+import time
+
+from socialbot.bdi import Engine, wait
+from socialbot.clock import SECOND, WallClock
+from tests.bdi.lab import Lab, X, Y, do, go, p, ping
+
+
+class Live(Lab):
+    """A lab that runs by itself in a thread, by the computer's clock."""
+
+    def __init__(self, *rules) -> None:
+        super().__init__()
+        self.arrived = threading.Event()
+        self.engine = Engine("live", WallClock(), robot=self, sink=self.trace.append)
+        self.engine.add_rules(*rules)
+        self.thread = threading.Thread(target=self.engine.run)
+
+    def note(self, what) -> None:
+        self.timeline.append((time.monotonic(), what))
+        if what == "last":
+            self.arrived.set()
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *error):
+        self.engine.stop()
+        self.thread.join(5)
+        assert not self.thread.is_alive()
+
+
+def test_the_running_engine_reacts_and_waits_by_the_clock():
+    with Live(go() >> [do("first"), wait(0.05), do("last")]) as live:
+        live.engine.achieve(go())
+        assert live.arrived.wait(5)
+    (began, _), (ended, _) = live.timeline
+    assert 0.045 <= ended - began < 2
+
+
+def test_the_running_engine_uses_no_time_while_there_is_nothing_to_do():
+    with Live(+p(X) >> [do("last")]) as live:
+        begun = time.process_time()
+        time.sleep(0.2)
+        assert time.process_time() - begun < 0.1
+        live.engine.believe(p(1))
+        assert live.arrived.wait(5)
+
+
+def test_held_for_is_heard_of_while_running():
+    with Live(+p(X).held_for(0.05) >> [do("last")]) as live:
+        live.engine.believe(p(1))
+        assert live.arrived.wait(5)
+
+
+def test_stop_ends_an_engine_that_sleeps_and_one_that_is_busy():
+    with Live():
+        time.sleep(0.02)
+    with Live(go() >> [go()]) as live:
+        live.engine.achieve(go())
+        time.sleep(0.02)
+
+
+def test_stop_before_run_ends_it_at_once():
+    live = Live()
+    live.engine.stop()
+    live.engine.run()
+
+
+def test_nothing_that_many_threads_post_is_lost():
+    lab = Lab(+ping(X, Y) >> [do(X, Y)])
+
+    def post(thread):
+        for number in range(250):
+            lab.engine.believe(ping(thread, number))
+
+    threads = [threading.Thread(target=post, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        lab.engine.run_until_idle()
+    lab.engine.run_until_idle()
+    assert len(lab.done) == 1000
+    for number in range(4):
+        assert [told for thread, told in lab.done if thread == number] == list(range(250))
+
+
+def test_many_threads_wake_a_running_engine():
+    with Live(+ping(X) / (X < 100) >> [do(X)], +ping(X) >> [do("last")]) as live:
+        threads = [threading.Thread(target=live.engine.believe, args=(ping(n),)) for n in range(20)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        live.engine.believe(ping(100))
+        assert live.arrived.wait(5)
+    assert sorted(live.done[:-1]) == list(range(20))
+
+
+def test_posting_wakes_the_host():
+    woken = []
+    lab = Lab()
+    engine = Engine("hosted", lab.clock, wake=lambda: woken.append(1))
+    engine.believe(p(1))
+    engine.forget(p(1))
+    engine.achieve(go())
+    assert len(woken) == 3
+
+
+def test_an_engine_with_a_wake_of_its_own_can_run_as_well():
+    woken = threading.Event()
+    engine = Engine("hosted", WallClock(), robot=Lab(), wake=woken.set)
+    engine.add_rules(+p(X) >> [do(X)])
+    thread = threading.Thread(target=engine.run, daemon=True)
+    thread.start()
+    time.sleep(0.02)
+    engine.believe(p(1))
+    engine.stop()
+    thread.join(2)
+    assert not thread.is_alive()
+    assert woken.is_set()
+
+
+def test_the_next_wakeup_is_the_earliest_timer():
+    lab = Lab(go(X) >> [wait(X)])
+    assert lab.engine.next_wakeup() is None
+    lab.tell(go(3), go(1), go(2))
+    assert lab.engine.next_wakeup() == SECOND
+    lab.until(1)
+    assert lab.engine.next_wakeup() == 2 * SECOND

@@ -1,0 +1,24 @@
+"""Every worker has a DDS domain of its own, and speaks to this machine only."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+FIRST_DOMAIN = 20
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+    os.environ["ROS_DOMAIN_ID"] = str(FIRST_DOMAIN + int(worker))
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-test-ros-log")
+
+
+@pytest.fixture(scope="session")
+def corridor() -> Path:
+    """The committed bag."""
+    return Path(__file__).parents[1] / "data" / "synthetic" / "corridor"

@@ -1,0 +1,150 @@
+import sys
+import threading
+import time
+
+import miniaudio
+import numpy as np
+import pytest
+
+from socialbot.speech import playback
+from socialbot.speech.playback import DevicePlayer, find_player
+from socialbot.speech.synthesis import Sound
+
+NULL = miniaudio.Backend.NULL
+"""miniaudio's own device without hardware, which takes sound at the real pace and drops it."""
+
+
+def tone(seconds: float) -> Sound:
+    return Sound(np.arange(round(22050 * seconds), dtype=np.int16), 22050)
+
+
+class End:
+    """Waits for the end of a sound and notes how and where it was reported."""
+
+    def __init__(self) -> None:
+        self.calls: list[str | None] = []
+        self.thread: threading.Thread | None = None
+        self._event = threading.Event()
+
+    def __call__(self, error: str | None) -> None:
+        self.calls.append(error)
+        self.thread = threading.current_thread()
+        self._event.set()
+
+    def wait(self, timeout: float = 5.0) -> list[str | None]:
+        assert self._event.wait(timeout)
+        return self.calls
+
+
+@pytest.fixture
+def player():
+    found = find_player([NULL])
+    assert found is not None
+    yield found
+    found.stop()
+
+
+def test_the_end_is_reported_once_from_another_thread_when_the_sound_is_over(player):
+    end = End()
+    began = time.monotonic()
+    player.play(tone(0.4), end)
+    assert time.monotonic() - began < 0.2
+    assert end.wait() == [None]
+    assert 0.4 <= time.monotonic() - began < 1.5
+    assert end.thread is not threading.main_thread()
+
+
+def test_a_stopped_sound_ends_at_once_and_silently(player):
+    end = End()
+    player.play(tone(10.0), end)
+    began = time.monotonic()
+    player.stop()
+    player.stop()
+    assert time.monotonic() - began < 0.5
+    assert end.calls == []
+    assert not any(thread.name == "socialbot-playback" for thread in threading.enumerate())
+
+
+def test_a_newer_sound_cuts_off_the_present_one(player):
+    first, second = End(), End()
+    player.play(tone(10.0), first)
+    player.play(tone(0.1), second)
+    assert second.wait() == [None]
+    assert first.calls == []
+
+
+def test_a_player_plays_many_sounds_one_after_the_other(player):
+    for _ in range(3):
+        end = End()
+        player.play(tone(0.05), end)
+        assert end.wait() == [None]
+
+
+def test_a_device_that_cannot_be_opened_is_reported_at_the_end():
+    end = End()
+    DevicePlayer(miniaudio.Backend.COREAUDIO).play(tone(0.1), end)
+    (error,) = end.wait()
+    assert error is not None
+    assert error.startswith("MiniaudioError")
+
+
+def test_a_device_that_vanishes_while_playing_is_reported(player, monkeypatch):
+    devices: list[miniaudio.PlaybackDevice] = []
+    opening = playback.open_device
+
+    def remember(backend: miniaudio.Backend, sample_rate: int) -> miniaudio.PlaybackDevice:
+        devices.append(opening(backend, sample_rate))
+        return devices[-1]
+
+    monkeypatch.setattr(playback, "open_device", remember)
+    end = End()
+    player.play(tone(10.0), end)
+    deadline = time.monotonic() + 5.0
+    while not (devices and devices[0].running) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    miniaudio.lib.ma_device_stop(devices[0]._device)
+    assert end.wait() == ["the sound device has stopped"]
+
+
+def test_a_device_that_takes_no_sound_is_given_up(player, monkeypatch):
+    monkeypatch.setattr(playback, "_PATIENCE_S", 0.1)
+    monkeypatch.setattr(miniaudio.PlaybackDevice, "start", lambda *_: None)
+    end = End()
+    player.play(tone(0.1), end)
+    assert end.wait() == ["the sound device hangs"]
+
+
+def test_all_samples_reach_the_device_in_order_with_silence_after_them():
+    sound = tone(0.3)
+    source = playback._Source(sound)
+    frames = source.frames()
+    taken = b""
+    for wanted in (100, 1, 5000, 10**6):
+        assert not source.over.is_set()
+        taken += frames.send(wanted)
+    with pytest.raises(StopIteration):
+        frames.send(1)
+    assert source.over.is_set()
+    samples = np.frombuffer(taken, np.int16)
+    assert np.array_equal(samples[: sound.samples.size], sound.samples)
+    assert not samples[sound.samples.size :].any()
+    assert samples.size / 22050 == pytest.approx(0.5)
+
+
+def test_without_a_device_there_is_no_player():
+    assert find_player([miniaudio.Backend.COREAUDIO]) is None
+    assert isinstance(find_player([miniaudio.Backend.COREAUDIO, NULL]), DevicePlayer)
+
+
+def test_without_the_library_there_is_no_player(monkeypatch):
+    monkeypatch.setitem(sys.modules, "miniaudio", None)
+    assert find_player() is None
+
+
+def test_the_null_device_is_never_taken_for_a_loudspeaker():
+    assert NULL not in playback._usual_backends()
+
+
+def test_looking_for_a_device_never_fails():
+    found = find_player()
+    assert found is None or isinstance(found, DevicePlayer)

@@ -1,0 +1,320 @@
+import logging
+import sys
+import threading
+import wave
+from collections.abc import Iterator
+
+import miniaudio
+import pytest
+
+from socialbot.clock import SECOND
+from socialbot.errors import DeviceError, ParameterError
+from socialbot.graph import Graph, Placement
+from socialbot.inline import InlineRunner
+from socialbot.messages import Message, SpeechStatus, Utterance
+from socialbot.speech.playback import OnEnd, Player, find_player
+from socialbot.speech.speaker import Speaker, slug
+from socialbot.speech.synthesis import Sound, Synthesizer
+
+
+class Stage:
+    """A speaker in the inline runner, and all that it reports."""
+
+    def __init__(self, kind: type[Speaker] = Speaker, start: bool = True, **parameters: object) -> None:
+        parameters.setdefault("playback", "off")
+        placement = Placement("speech", kind, parameters)
+        self.runner = InlineRunner(Graph("test", (placement,), inputs=frozenset({"/speech/say"})))
+        self.statuses: list[SpeechStatus] = []
+        self.runner.tap("/speech/status", self._note)
+        if start:
+            self.runner.start()
+
+    def _note(self, topic: str, message: Message) -> None:
+        assert isinstance(message, SpeechStatus)
+        self.statuses.append(message)
+
+    @property
+    def node(self) -> Speaker:
+        node = self.runner.nodes["speech"]
+        assert isinstance(node, Speaker)
+        return node
+
+    def say(self, name: str, text: str = "", *, at: float = 0.0, key: str = "") -> None:
+        message = Utterance(stamp=round(at * SECOND), id=name, text=text or f"This is {name}.", key=key)
+        self.runner.feed("/speech/say", message)
+
+    def until(self, seconds: float) -> None:
+        self.runner.advance(round(seconds * SECOND))
+
+    @property
+    def story(self) -> list[str]:
+        return [f"{status.utterance_id} {status.state}" for status in self.statuses]
+
+    def no_faults(self) -> bool:
+        return self.runner.faults["speech"].failures == 0
+
+
+@pytest.fixture
+def stage() -> Iterator[Stage]:
+    stage = Stage()
+    yield stage
+    assert stage.no_faults()
+
+
+def test_an_utterance_starts_at_once_and_finishes_after_its_sound(stage):
+    stage.say("hello", "Hello, nice to see you.", at=1.0)
+    stage.until(60.0)
+    assert stage.story == ["hello started", "hello finished"]
+    started, finished = stage.statuses
+    assert started.stamp == 1 * SECOND
+    duration_s = Synthesizer().say("Hello, nice to see you.").duration_s
+    assert finished.stamp - started.stamp == round(duration_s * SECOND)
+    assert started.text == "Hello, nice to see you."
+
+
+def test_one_speaks_while_the_others_wait_in_order(stage):
+    for name in ("a", "b", "c"):
+        stage.say(name, "Hi.")
+    assert stage.story == ["a started", "b waiting", "c waiting"]
+    stage.until(60.0)
+    assert stage.story[3:] == ["a finished", "b started", "b finished", "c started", "c finished"]
+    ends = [status.stamp for status in stage.statuses if status.state in ("started", "finished")]
+    assert ends == sorted(ends)
+    assert ends[1] == ends[2]
+
+
+def test_a_newer_one_takes_the_place_of_the_waiting_one_with_its_key(stage):
+    stage.say("a", key="greet")
+    stage.say("b", key="greet")
+    stage.say("c")
+    stage.say("d", key="greet")
+    stage.until(60.0)
+    assert stage.story == [
+        "a started", "b waiting", "c waiting", "b replaced", "d waiting", "a finished", "d started", "d finished",
+        "c started", "c finished",
+    ]  # fmt: skip
+    assert next(status for status in stage.statuses if status.state == "replaced").detail == "by d"
+
+
+def test_utterances_without_a_key_replace_nothing(stage):
+    for name in ("a", "b", "c"):
+        stage.say(name, "Hi.", key="")
+    stage.until(60.0)
+    assert stage.story.count("b finished") == stage.story.count("c finished") == 1
+
+
+def test_who_waits_too_long_expires_at_that_moment():
+    stage = Stage(max_waiting_s=1.5)
+    stage.say("long", "A very long story that goes on and on and on, and then on for a while, until it ends.")
+    stage.say("late", at=0.5)
+    stage.until(60.0)
+    assert stage.story == ["long started", "late waiting", "late expired", "long finished"]
+    assert stage.statuses[2].stamp == 2 * SECOND
+    stage.say("next", at=61.0)
+    assert stage.story[-1] == "next started"
+    assert stage.no_faults()
+
+
+def test_a_replacement_waits_for_a_time_of_its_own():
+    stage = Stage(max_waiting_s=1.5)
+    stage.say("long", "A very long story that goes on and on and on, and then on for a while, until it ends.")
+    stage.say("old", at=0.5, key="k")
+    stage.say("new", at=1.5, key="k")
+    stage.until(60.0)
+    expired = [status for status in stage.statuses if status.state == "expired"]
+    assert [(status.utterance_id, status.stamp) for status in expired] == [("new", 3 * SECOND)]
+    assert stage.no_faults()
+
+
+def test_beyond_the_room_for_waiting_the_oldest_gives_way():
+    stage = Stage(max_waiting=2)
+    for name in ("a", "b", "c", "d"):
+        stage.say(name, "Hi.")
+    stage.until(60.0)
+    assert stage.story[:5] == ["a started", "b waiting", "c waiting", "b replaced", "d waiting"]
+    assert stage.statuses[3].detail == "too many are waiting"
+    assert [line for line in stage.story if "finished" in line] == ["a finished", "c finished", "d finished"]
+
+
+def test_an_utterance_without_text_fails_and_the_queue_goes_on(stage):
+    stage.say("a")
+    stage.say("empty", " ")
+    stage.say("blank", "\n")
+    stage.say("b")
+    stage.until(60.0)
+    assert stage.story[4:] == ["a finished", "empty failed", "blank failed", "b started", "b finished"]
+    assert "without text" in stage.statuses[5].detail
+
+
+def test_sounds_are_kept_as_numbered_files(tmp_path):
+    folder = tmp_path / "spoken" / "here"
+    stage = Stage(folder=str(folder), volume=0.5)
+    stage.say("a", "Hello, nice to see you!")
+    stage.say("b", "日本")
+    stage.until(60.0)
+    names = ["001-hello-nice-to-see-you.wav", "002-utterance.wav"]
+    assert sorted(path.name for path in folder.iterdir()) == names
+    assert [status.detail for status in stage.statuses if status.state == "started"] == names
+    expected = Synthesizer().say("Hello, nice to see you!").at_volume(0.5)
+    with wave.open(str(folder / names[0])) as file:
+        assert file.readframes(10**6) == expected.samples.tobytes()
+    assert stage.no_faults()
+
+
+def test_a_file_that_cannot_be_written_does_not_silence_the_robot(tmp_path, caplog):
+    stage = Stage(folder=str(tmp_path / "gone"))
+    (tmp_path / "gone").rmdir()
+    stage.say("a")
+    stage.until(60.0)
+    assert stage.story == ["a started", "a finished"]
+    assert stage.statuses[0].detail == ""
+    assert "001-this-is-a.wav is not written" in caplog.text
+
+
+def test_a_folder_that_cannot_be_made_is_a_configuration_error(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ParameterError, match="no folder"):
+        Stage(folder=str(tmp_path / "file" / "below"))
+
+
+def test_file_names_are_short_and_plain():
+    assert slug("  Grüß Gott, Café?! ") == "gru-gott-cafe"
+    assert len(slug("word " * 50)) <= 40
+    assert not slug("word " * 50).endswith("-")
+
+
+def test_the_voice_may_change_while_running(stage):
+    stage.say("a", "Hello there.")
+    stage.until(10.0)
+    stage.node.set_parameter("rate_wpm", 320)
+    stage.say("b", "Hello there.", at=10.0)
+    stage.until(20.0)
+    times = [status.stamp for status in stage.statuses]
+    assert times[3] - times[2] < 0.7 * (times[1] - times[0])
+
+
+def test_an_unknown_voice_is_refused_and_the_present_one_stays(stage):
+    with pytest.raises(ParameterError, match="unknown voice"):
+        stage.node.set_parameter("voice", "quack")
+    assert stage.node.voice == "en"
+    stage.say("a")
+    assert stage.story == ["a started"]
+    with pytest.raises(ParameterError, match="unknown voice"):
+        Stage(voice="quack")
+
+
+def test_without_the_speech_extra_every_utterance_fails_with_the_remedy(monkeypatch, caplog):
+    monkeypatch.setitem(sys.modules, "espeakng_loader", None)
+    stage = Stage()
+    stage.say("a")
+    stage.say("b")
+    assert stage.story == ["a failed", "b failed"]
+    assert all("pip install socialbot[speech]" in status.detail for status in stage.statuses)
+    assert [record.levelno for record in caplog.records] == [logging.WARNING]
+    assert stage.no_faults()
+
+
+class Deck:
+    """A player whose sounds end when the test says so, in a thread as a device's would."""
+
+    def __init__(self) -> None:
+        self.playing: list[tuple[Sound, OnEnd]] = []
+        self.stops = 0
+
+    def play(self, sound: Sound, on_end: OnEnd) -> None:
+        self.playing.append((sound, on_end))
+
+    def stop(self) -> None:
+        self.stops += 1
+
+    def end(self, error: str | None = None, index: int = -1) -> None:
+        thread = threading.Thread(target=self.playing[index][1], args=(error,))
+        thread.start()
+        thread.join()
+
+
+def with_player(player: Player | None) -> type[Speaker]:
+    class Equipped(Speaker):
+        def find_player(self) -> Player | None:
+            return player
+
+    return Equipped
+
+
+def test_a_played_utterance_finishes_when_the_player_says_so():
+    deck = Deck()
+    stage = Stage(with_player(deck), playback="auto", volume=0.25, max_waiting_s=1000.0)
+    stage.say("a", "Hello.")
+    stage.say("b", "Hello.")
+    stage.until(100.0)
+    assert stage.story == ["a started", "b waiting"]
+    assert deck.playing[0][0].samples.tolist() == Synthesizer().say("Hello.").at_volume(0.25).samples.tolist()
+    deck.end()
+    stage.until(101.0)
+    assert stage.story[2:] == ["a finished", "b started"]
+    deck.end(index=0)
+    stage.until(102.0)
+    assert stage.story[-1] == "b started"
+
+
+def test_a_device_that_fails_while_playing_fails_the_utterance_and_the_next_is_tried():
+    deck = Deck()
+    stage = Stage(with_player(deck), playback="required")
+    stage.say("a")
+    stage.say("b")
+    deck.end("the sound device has stopped")
+    stage.until(0.1)
+    assert stage.story == ["a started", "b waiting", "a failed", "b started"]
+    assert stage.statuses[2].detail == "the sound device has stopped"
+    assert stage.no_faults()
+
+
+def test_stop_stops_the_player_and_nothing_is_said_afterwards():
+    deck = Deck()
+    stage = Stage(with_player(deck), playback="auto")
+    stage.say("a")
+    stage.say("b")
+    stage.runner.close()
+    assert deck.stops == 1
+    deck.end()
+    stage.until(60.0)
+    assert stage.story == ["a started", "b waiting"]
+    assert stage.no_faults()
+
+
+def test_without_a_device_auto_keeps_time_by_the_clock_and_required_refuses_to_start():
+    stage = Stage(with_player(None), playback="auto")
+    stage.say("a")
+    stage.until(60.0)
+    assert stage.story == ["a started", "a finished"]
+    with pytest.raises(DeviceError, match="no sound device"):
+        Stage(with_player(None), playback="required")
+
+
+def test_with_playback_off_no_device_is_looked_for():
+    class Proud(Speaker):
+        def find_player(self) -> Player | None:
+            raise AssertionError("looked for a device")
+
+    Stage(Proud, playback="off")
+
+
+def test_miniaudio_plays_through_its_null_device():
+    player = find_player([miniaudio.Backend.NULL])
+    assert player is not None
+    stage = Stage(with_player(player), playback="required")
+    stage.say("a", "Hi.")
+    stage.runner.posted.put(stage.runner.posted.get(timeout=5.0))
+    stage.until(1.0)
+    assert stage.story == ["a started", "a finished"]
+
+
+def test_two_runs_report_the_same():
+    def run() -> list[SpeechStatus]:
+        stage = Stage()
+        for index in range(12):
+            stage.say(f"u{index}", f"Sentence number {index}.", at=0.4 * index, key=("", "k")[index % 2])
+        stage.until(60.0)
+        return stage.statuses
+
+    assert run() == run()

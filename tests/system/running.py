@@ -1,0 +1,71 @@
+"""Runs the command line as a user does, and waits for what should come of it."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any
+
+import msgspec
+
+from socialbot.bridge.bags import BagWriter, open_bag
+
+
+def socialbot(*arguments: object, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
+    """Runs ``socialbot`` to its end."""
+    command = [sys.executable, "-m", "socialbot", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, stdin=subprocess.DEVNULL)
+
+
+@contextmanager
+def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """``socialbot`` in the background; SIGINT ends it if the test has not."""
+    command = [sys.executable, "-m", "socialbot", *map(str, arguments)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, stdin=subprocess.DEVNULL
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.wait(15)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def eventually(holds: Callable[[], bool], timeout_s: float = 20.0) -> bool:
+    """Waits until ``holds`` does, but not for ever; says whether it came true."""
+    deadline = monotonic() + timeout_s
+    while not holds():
+        if monotonic() > deadline:
+            return False
+        sleep(0.02)
+    return True
+
+
+def cut(bag: Path, out: Path, begin_s: float, end_s: float) -> Path:
+    """The pictures of a part of ``bag`` as a bag of its own."""
+    with open_bag(bag) as source, BagWriter(out) as target:
+        topics = {topic.name: topic.name for topic in source.topics}
+        for topic, message in source.messages(topics):
+            if begin_s <= (message.stamp - source.start) / 1e9 < end_s or topic.endswith("camera_info"):
+                target.write(topic, message, message.stamp)
+    return out
+
+
+def results(folder: Path) -> dict[str, Any]:
+    """The results of a run."""
+    return msgspec.json.decode((folder / "results.json").read_bytes())
+
+
+def actions(folder: Path) -> list[tuple[float, str, tuple[str, ...]]]:
+    """What was done in a run: seconds, name, arguments."""
+    return [(one["t_s"], one["name"], tuple(one["arguments"])) for one in results(folder)["actions"]]

@@ -1,0 +1,131 @@
+"""Processes of a running graph: they end well, come and go, and take parameters from ROS."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.system.running import eventually, results, running, socialbot
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for number in range(20):
+        cv2.imwrite(str(folder / f"{number}.png"), np.full((240, 320, 3), 10 * number, np.uint8))
+    return folder
+
+
+@pytest.fixture
+def onlooker() -> Iterator[Any]:
+    from socialbot.bridge.session import spinning_node
+
+    with spinning_node("onlooker") as ros:
+        yield ros
+
+
+def live(pictures: Path, out: Path, *more: object) -> list[object]:
+    """Waldo on a folder of pictures, over and over."""
+    return ["up", "--camera", pictures, "--out", out, "--set", "camera.loop=true", *more]
+
+
+def stands(ros: Any) -> bool:
+    from socialbot.bridge.readiness import await_graph
+    from socialbot.graph_file import load_graph
+
+    return not await_graph(ros, load_graph("waldo"), timeout_s=30.0)
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("hosting", [(), ("--composed",)], ids=["process a node", "composed"])
+def test_signals_end_every_process_with_code_0(
+    pictures: Path, tmp_path: Path, onlooker: Any, how: signal.Signals, hosting: tuple[str, ...]
+) -> None:
+    with running(*live(pictures, tmp_path / "run", *hosting)) as process:
+        assert stands(onlooker), process.stdout and process.stdout.read()
+        process.send_signal(how)
+        assert process.wait(15) == 0
+    logs = tmp_path / "run" / "log"
+    assert not [log for log in logs.glob("*.log") if "Traceback" in log.read_text()]
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_node_leaves_and_joins_again(pictures: Path, tmp_path: Path, onlooker: Any, how: signal.Signals) -> None:
+    def heads() -> int:
+        return onlooker.get_node_names().count("head")
+
+    with running("node", "head") as head:
+        assert eventually(lambda: heads() == 1)
+        head.send_signal(how)
+        assert head.wait(15) == 0
+    assert eventually(lambda: heads() == 0)
+    with running("node", "head"):
+        assert eventually(lambda: heads() == 1)
+
+
+def test_parameters_have_ranges_and_change_at_run_time(onlooker: Any) -> None:
+    from rclpy.parameter import Parameter
+    from rclpy.parameter_client import AsyncParameterClient
+
+    def ask(future: Any) -> Any:
+        assert eventually(future.done)
+        return future.result()
+
+    with running("node", "bdi_engine", "--set", "bdi_engine.range_m=3.5"):
+        client = AsyncParameterClient(onlooker, "bdi_engine")
+        assert eventually(client.services_are_ready)
+        described = ask(client.describe_parameters(["help_after_s"])).descriptors[0]
+        assert "offered help" in described.description
+        assert described.floating_point_range[0].from_value == 0.5
+        assert ask(client.get_parameters(["range_m"])).values[0].double_value == 3.5
+        too_short = [Parameter("help_after_s", value=0.1)]
+        assert not ask(client.set_parameters(too_short)).results[0].successful
+        assert ask(client.set_parameters([Parameter("help_after_s", value=4.0)])).results[0].successful
+        assert ask(client.get_parameters(["help_after_s"])).values[0].double_value == 4.0
+    with running("node", "speech"):
+        client = AsyncParameterClient(onlooker, "speech")
+        assert eventually(client.services_are_ready)
+        fixed = ask(client.set_parameters([Parameter("playback", value="off")])).results[0]
+        assert not fixed.successful
+        assert "read" in fixed.reason.lower()
+
+
+def graph_with(detector: str, folder: Path) -> Path:
+    graph = folder / "graph.yaml"
+    graph.write_text(
+        "name: misbehaving\n"
+        "inputs: [/camera/image_raw, /camera/image_raw/compressed]\n"
+        "paced_by: /humans/bodies/detections\n"
+        "nodes:\n"
+        "  image_converter: {type: image_converter}\n"
+        f"  detector: {{type: 'tests.system.nodes:{detector}'}}\n"
+    )
+    return graph
+
+
+def test_a_detector_that_raises_is_counted_and_the_stream_goes_on(short_bag: Path, tmp_path: Path) -> None:
+    graph, out = graph_with("RaisingDetector", tmp_path), tmp_path / "run"
+    done = socialbot("replay", short_bag, "--graph", graph, "--out", out, "--rate", 3, "--no-video")
+    assert done.returncode == 0, done.stderr
+    assert "failed 5 of 10 times; first: RuntimeError: no idea" in done.stdout
+    assert results(out)["frames"] == 5
+    assert results(out)["nodes"]["detector"]["failures"] == 5
+
+
+def test_a_process_that_dies_is_named_and_nothing_recorded_is_lost(short_bag: Path, tmp_path: Path) -> None:
+    graph, out = graph_with("DyingDetector", tmp_path), tmp_path / "run"
+    done = socialbot("replay", short_bag, "--graph", graph, "--out", out, "--no-video")
+    assert done.returncode == 9
+    assert "detector" in done.stderr
+    assert "remedy" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len((out / "trace.jsonl").read_text().splitlines()) == 2

@@ -1,0 +1,57 @@
+"""The whole graph: inline twice the same, and over DDS the same decisions at the same time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.system.running import actions, cut, results, socialbot
+
+FRAME_PERIOD_S = 0.1
+BRISK = ("--set", "bdi_engine.help_after_s=3", "--no-video")
+
+
+@pytest.fixture(scope="module")
+def visit(corridor: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Nobody, somebody who comes and stays: 13 s of the corridor."""
+    return cut(corridor, tmp_path_factory.mktemp("bag") / "visit", 2.5, 15.5)
+
+
+@pytest.fixture(scope="module")
+def inline(visit: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("inline") / "run"
+    done = socialbot("replay", visit, "--runner", "inline", "--out", folder, *BRISK)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_waldo_greets_and_offers_help(inline: Path) -> None:
+    assert [(name, arguments[:1]) for _, name, arguments in actions(inline)] == [
+        ("stayIdle", ()),
+        ("speak", ("greeting",)),
+        ("speak", ("offer",)),
+    ]
+    assert len(list((inline / "speech").glob("*.wav"))) == 2
+
+
+def test_inline_traces_are_the_same_to_the_byte(visit: Path, inline: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    assert socialbot("replay", visit, "--runner", "inline", "--out", again, *BRISK).returncode == 0
+    assert (again / "trace.jsonl").read_bytes() == (inline / "trace.jsonl").read_bytes()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("hosting", [(), ("--composed",)], ids=["process a node", "composed"])
+def test_ros_does_the_same_within_a_frame_period(
+    visit: Path, inline: Path, tmp_path: Path, hosting: tuple[str, ...]
+) -> None:
+    folder = tmp_path / "ros"
+    done = socialbot("replay", visit, "--runner", "ros", "--out", folder, *BRISK, *hosting)
+    assert done.returncode == 0, done.stderr
+    expected, found = actions(inline), actions(folder)
+    assert [action[1:] for action in found] == [action[1:] for action in expected]
+    for (there, *_), (here, *_) in zip(found, expected, strict=True):
+        assert abs(there - here) <= FRAME_PERIOD_S
+    assert results(folder)["frames"] == results(inline)["frames"]
+    assert len(list((folder / "speech").glob("*.wav"))) == 2

@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.errors import GraphError, ParameterError, SocialbotError
+from socialbot.graph import Graph, Placement
+from socialbot.graph_file import GRAPHS, NODE_TYPES, dump_graph, load_graph, node_type, parse_graph
+from tests.test_graph import Echo, Source
+
+GOOD = """\
+name: test
+inputs: [/more]
+paced_by: /echo
+nodes:
+  source:
+    type: tests.test_graph:Source
+  echo:
+    type: tests.test_graph:Echo
+    parameters:
+      volume: 0.4
+      times: 3
+    remap:
+      status: /echo/status
+"""
+
+
+def test_a_file_says_what_the_graph_is(tmp_path):
+    path = tmp_path / "g.yaml"
+    path.write_text(GOOD)
+    expected = Graph(
+        "test",
+        (
+            Placement("source", Source),
+            Placement("echo", Echo, {"volume": 0.4, "times": 3}, {"status": "/echo/status"}),
+        ),
+        inputs=frozenset({"/more"}),
+        paced_by="/echo",
+    )
+    assert load_graph(str(path)) == expected
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_a_graph_that_comes_with_socialbot_is_sound(name):
+    assert load_graph(name).name == name
+
+
+@pytest.mark.parametrize("name", NODE_TYPES)
+def test_a_node_that_comes_with_socialbot_is_there(name):
+    assert node_type(name).__doc__
+
+
+@pytest.mark.parametrize("name", NODE_TYPES)
+def test_each_parameter_says_what_it_means_and_accepts_its_own_default(name):
+    for parameter in node_type(name).parameters().values():
+        assert parameter.doc
+        assert parameter.check(parameter.default, "here") == parameter.default
+
+
+def test_waldo_listens_to_the_camera_and_has_its_seven_nodes():
+    waldo = load_graph("waldo")
+    assert len(waldo.placements) == 7
+    assert waldo.paced_by == "/humans/bodies/detections"
+    assert {"/waldo/actions", "/speech/say", "/head/command"} <= waldo.topics().keys()
+    assert {"/camera/image_raw", "/camera/camera_info"} <= waldo.without_sources().inputs
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("paced_by:", "pacedby:", 3, ["unknown key 'pacedby'", "did you mean 'paced_by'?"]),
+        ("    remap:", "    remaps:", 12, ["unknown key 'remaps'", "did you mean 'remap'?"]),
+        ("tests.test_graph:Echo", "echo", 8, ["unknown node type 'echo'", "package.module:Class"]),
+        ("tests.test_graph:Echo", "tests.test_graph:Eco", 8, ["cannot load node type"]),
+        ("tests.test_graph:Echo", "tests.no_graph:Echo", 8, ["cannot load node type", "no_graph"]),
+        ("tests.test_graph:Echo", "tests.test_graph:graph", 8, ["is no node"]),
+        ("inputs: [/more]", "inputs: [/more", 3, ["no valid YAML"]),
+        ("      times: 3", "      times: 3: 4", 11, ["no valid YAML"]),
+        ("      times: 3", "      times: 3\n      times: 4", 12, ["no valid YAML", "duplicate"]),
+        ("name: test", "name: 3", 1, ["'name' must be a text, got 3"]),
+        ("inputs: [/more]", "inputs: /more", 2, ["'inputs' must be a list of texts"]),
+        ("inputs: [/more]", "inputs: [1]", 2, ["'inputs' must be a list of texts"]),
+        ("    type: tests.test_graph:Echo\n", "", 7, ["'type'"]),
+        ("    type: tests.test_graph:Echo", "    type: 7", 8, ["'type' must be a text, got 7"]),
+        ("  source:\n    type: tests.test_graph:Source", "  source: here", 5, ["expected names with values"]),
+        ("      volume: 0.4", "      volume: 4.5", 10, ["4.5 is out of range", "echo.volume"]),
+        ("      volume: 0.4", "      volume: loud", 10, ["'loud' is not of type float"]),
+        ("      volume: 0.4", "      volumes: 0.4", 10, ["no parameter 'volumes'", "did you mean 'volume'?"]),
+        ("      status: /echo/status", "      stats: /echo/status", 13, ["no input or output 'stats'"]),
+        ("      status: /echo/status", "      status: [1]", 13, ["'status' must be a text"]),
+        ("      status: /echo/status", "      heard: /sad", 13, ["nobody publishes /sad", "did you mean '/said'?"]),
+        ("      status: /echo/status", "      status: /said", 13, ["/said is Utterance for source but SpeechStatus"]),
+        ("paced_by: /echo", "paced_by: /eco", 3, ["paced_by names /eco", "did you mean '/echo'?"]),
+    ],
+)  # fmt: skip
+def test_an_error_names_file_line_and_remedy(old, new, line, words):
+    assert old in GOOD
+    with pytest.raises((GraphError, ParameterError)) as caught:
+        parse_graph(GOOD.replace(old, new), where="dir/g.yaml")
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+    assert re.match(rf"dir/g\.yaml:{line}\b", caught.value.where or ""), caught.value.where
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "expected names with values"),
+        ("[]", "expected names with values"),
+        ("name: x", "'nodes' is missing"),
+        ("nodes: {}", "'name'"),
+        ("name: x\nnodes:", "expected names with values"),
+        ("\x00", "no valid YAML"),
+        ("a: *b", "no valid YAML"),
+        ("--- {name: x}\n--- {name: y}", "no valid YAML"),
+        ("name: x\nnodes: {3: {type: waldo}}", "3"),
+    ],
+)
+def test_a_page_that_is_no_graph_is_refused(text, words):
+    with pytest.raises(GraphError, match=words) as caught:
+        parse_graph(text, where="g.yaml")
+    assert (caught.value.where or "").startswith("g.yaml")
+
+
+def test_a_missing_file_and_one_that_is_no_text_are_explained(tmp_path):
+    with pytest.raises(GraphError, match="did you mean 'waldo'"):
+        load_graph("wald")
+    binary = tmp_path / "g.yaml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(GraphError, match="cannot read the graph"):
+        load_graph(str(binary))
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.text(st.sampled_from("abn:- \n{}[]'\"#&*!|>%@,0\t"), max_size=40))
+def test_whatever_the_text_is_errors_are_for_people(text):
+    with pytest.raises(SocialbotError):
+        parse_graph(text, where="g.yaml")
+
+
+TEXTS = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), min_size=1, max_size=12)
+TRICKY = st.sampled_from(("yes", "null", "1", "1e3", "~", "- a", "a: b", "#", "on", "'", "2026-11-21", " x "))
+TOPICS = st.from_regex(r"/[a-z]{1,6}(/[a-z]{1,6})?", fullmatch=True)
+PARAMETERS = st.fixed_dictionaries(
+    {},
+    optional={
+        "volume": st.floats(0.0, 1.0),
+        "times": st.integers(1, 2**40),
+        "loud": st.booleans(),
+        "voice": st.sampled_from(("en", "it")),
+        "device": TEXTS | TRICKY,
+    },
+)
+
+
+@settings(deadline=None, max_examples=60)
+@given(TEXTS | TRICKY, st.lists(TEXTS | TRICKY, max_size=3, unique=True), PARAMETERS, TOPICS, st.booleans(), st.frozensets(TOPICS))
+def test_a_graph_survives_being_written_and_read(name, nodes, parameters, topic, remapped, inputs):
+    remap = {"say": topic} if remapped and topic not in ("/said", "/status") else {}
+    graph = Graph(
+        name,
+        tuple(Placement(node, Echo, parameters, remap) for node in nodes),
+        inputs=inputs | {"/said"},
+        paced_by="/status" if nodes else "",
+    )
+    assert parse_graph(dump_graph(graph), where="dumped") == graph
+
+
+def test_the_graphs_that_come_with_socialbot_survive_too():
+    waldo = load_graph("waldo").without_sources().with_parameters({"bdi_engine": {"offer": "Aiuto? Sì, «subito»!"}})
+    assert parse_graph(dump_graph(waldo), where="dumped") == waldo

@@ -1,0 +1,159 @@
+"""The rules of the house: who may import what."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import socialbot
+
+ROOT = Path(socialbot.__file__).parent
+ROS = {"rclpy", "rosbags", "ament_index_python", "builtin_interfaces", "rosidl_runtime_py", "launch", "launch_ros"}
+
+
+@cache
+def imports(path: Path) -> frozenset[str]:
+    """Every module that ``path`` imports anywhere, inside functions too, in full."""
+    return frozenset(imported(ast.parse(path.read_text("utf-8")), path))
+
+
+def imported(tree: ast.AST, path: Path) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno} imports relatively"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
+            yield from (arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant))
+
+
+def modules(folder: str = "") -> list[Path]:
+    return sorted((ROOT / folder).rglob("*.py"))
+
+
+def offenders(paths: list[Path], forbidden: tuple[str, ...]) -> list[str]:
+    return [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in paths
+        for name in sorted(imports(path))
+        if any(name == start or name.startswith(f"{start}.") for start in forbidden)
+    ]
+
+
+@pytest.mark.parametrize("folder", ["bdi", "vision", "speech", "planning"])
+def test_the_parts_do_not_know_each_other_nor_the_bridge(folder):
+    others = {"bdi", "vision", "speech", "planning", "agents", "bridge"} - {folder}
+    assert offenders(modules(folder), tuple(f"socialbot.{other}" for other in others)) == []
+
+
+def test_the_parts_that_are_there_were_looked_at():
+    for folder in ("bdi", "vision", "speech", "agents", "bridge"):
+        assert len(modules(folder)) > 2
+    assert "socialbot.bdi.rules.Head" in imports(ROOT / "bdi" / "literals.py")
+    assert any("rclpy" in name for path in modules("bridge") for name in imports(path))
+
+
+def test_agents_know_the_parts_but_not_the_bridge():
+    assert offenders(modules("agents"), ("socialbot.bridge",)) == []
+
+
+def test_only_the_bridge_knows_ros():
+    for path in modules():
+        if path.relative_to(ROOT).parts[0] == "bridge":
+            continue
+        tops = {name.partition(".")[0] for name in imports(path)}
+        assert not {top for top in tops if top in ROS or top.endswith(("_msgs", "_srvs"))}, path
+
+
+def test_the_engine_needs_of_socialbot_only_clock_and_errors():
+    allowed = ("socialbot.bdi", "socialbot.clock", "socialbot.errors")
+    for path in modules("bdi"):
+        for name in imports(path):
+            top = name.partition(".")[0]
+            assert name.startswith(allowed) if top == "socialbot" else top in sys.stdlib_module_names, (path, name)
+
+
+def test_clock_and_errors_need_nothing_but_the_standard_library():
+    for name in ("clock.py", "errors.py", "__init__.py"):
+        assert {top.partition(".")[0] for top in imports(ROOT / name)} <= sys.stdlib_module_names
+
+
+def python(code: str, *, folder: Path | None = None) -> str:
+    """What a fresh interpreter prints when it runs ``code``."""
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=60, cwd=folder
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+BEGIN = f"import sys; sys.path.insert(0, {str(ROOT.parent)!r})\n"
+
+
+def test_importing_the_engine_loads_nothing_beyond_the_standard_library():
+    loaded = python(BEGIN + "before = set(sys.modules); import socialbot.bdi; print(*set(sys.modules) - before)").split()
+    own = {"socialbot", "socialbot.clock", "socialbot.errors"}
+    for name in loaded:
+        assert name in own or name.startswith("socialbot.bdi") or name.partition(".")[0] in sys.stdlib_module_names
+
+
+def test_importing_the_engine_is_cheap():
+    code = BEGIN + "import time; begin = time.process_time(); import socialbot.bdi; print(time.process_time() - begin)"
+    python(code)  # compiles
+    assert min(float(python(code)) for _ in range(5)) < 0.030
+
+
+WITHOUT_ROS = (
+    BEGIN
+    + textwrap.dedent(f"""
+    import importlib.abc
+
+    class NoRos(importlib.abc.MetaPathFinder):
+        def find_spec(self, name, path=None, target=None):
+            if name.partition(".")[0] in {sorted(ROS - {"rosbags"})} or name.partition(".")[0].endswith("_msgs"):
+                raise ModuleNotFoundError(f"{{name}} is blocked", name=name)
+
+    sys.meta_path.insert(0, NoRos())
+    """)
+)
+
+
+def test_without_ros_the_inline_runner_the_replay_and_the_cli_are_there():
+    python(WITHOUT_ROS + "import socialbot.inline, socialbot.replay, socialbot.cli")
+
+
+def test_without_ros_waldo_runs_inline():
+    said = python(
+        WITHOUT_ROS
+        + textwrap.dedent("""
+        import json
+        from socialbot.clock import SECOND
+        from socialbot.graph_file import load_graph
+        from socialbot.inline import InlineRunner
+        from socialbot.messages import PersonDetection, PersonDetections
+
+        graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
+        runner = InlineRunner(graph)
+        actions = []
+        runner.tap("/waldo/actions", lambda _, message: actions.append(message.name))
+        runner.start()
+        person = PersonDetection(x=0, y=0, w=9, h=9, score=1.0, distance_m=2.0)
+        for tenth in range(20):
+            seen = PersonDetections(
+                stamp=tenth * SECOND // 10, frame_id="camera", width=640, height=480, persons=(person,)
+            )
+            runner.feed("/humans/bodies/detections", seen)
+        runner.close()
+        print(json.dumps([actions, [name for name in sys.modules if name.startswith("rclpy")]]))
+        """)
+    )
+    assert json.loads(said) == [["speak"], []]

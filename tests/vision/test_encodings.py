@@ -1,0 +1,231 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.errors import ImageError
+from socialbot.messages import CompressedImage, Image
+from socialbot.vision.encodings import ENCODINGS, bgr_from_compressed, bgr_from_image
+
+
+def message(rows: np.ndarray, encoding: str, width: int, *, pad: int = 0, big: bool = False) -> Image:
+    """An image message from rows of bytes, with ``pad`` bytes of rubbish behind each row."""
+    height, used = rows.shape
+    data = np.full((height, used + pad), 0xA5, np.uint8)
+    data[:, :used] = rows
+    return Image(
+        stamp=1, frame_id="c", height=height, width=width, encoding=encoding, step=used + pad, data=data.reshape(-1),
+        is_bigendian=big,
+    )  # fmt: skip
+
+
+def noise(*shape: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
+
+
+def smooth(height: int, width: int, *, seed: int = 0) -> np.ndarray:
+    rough = np.random.default_rng(seed).normal(size=(height + 40, width + 40, 3))
+    big = cv2.GaussianBlur(rough, (0, 0), 6)[20:-20, 20:-20]
+    return np.clip((big - big.min()) * 255 / np.ptp(big), 0, 255).astype(np.uint8)
+
+
+def compressed(data: np.ndarray | bytes, form: str) -> CompressedImage:
+    return CompressedImage(stamp=1, frame_id="c", format=form, data=np.frombuffer(bytes(data), np.uint8))
+
+
+def encoded(extension: str, pixels: np.ndarray, *options: int) -> bytes:
+    good, data = cv2.imencode(extension, pixels, options)
+    assert good
+    return data.tobytes()
+
+
+CHANNELS = {
+    "bgr8": (3, [0, 1, 2]), "8UC3": (3, [0, 1, 2]), "rgb8": (3, [2, 1, 0]), "bgra8": (4, [0, 1, 2]),
+    "8UC4": (4, [0, 1, 2]), "rgba8": (4, [2, 1, 0]), "mono8": (1, [0, 0, 0]), "8UC1": (1, [0, 0, 0]),
+}  # fmt: skip
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    encoding=st.sampled_from(sorted(CHANNELS)),
+    height=st.integers(1, 20),
+    width=st.integers(1, 20),
+    pad=st.integers(0, 17),
+    seed=st.integers(0, 1000),
+)
+def test_channels_are_put_in_order_whatever_size_and_padding(encoding, height, width, pad, seed):
+    count, order = CHANNELS[encoding]
+    pixels = noise(height, width, count, seed=seed)
+    result = bgr_from_image(message(pixels.reshape(height, -1), encoding, width, pad=pad))
+    assert result.dtype == np.uint8
+    np.testing.assert_array_equal(result, pixels[..., order])
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    encoding=st.sampled_from(["mono16", "16UC1"]),
+    height=st.integers(1, 12),
+    width=st.integers(1, 12),
+    pad=st.integers(0, 5),
+    big=st.booleans(),
+    seed=st.integers(0, 1000),
+)
+def test_sixteen_bits_keep_their_upper_eight_in_either_byte_order(encoding, height, width, pad, big, seed):
+    values = np.random.default_rng(seed).integers(0, 65536, (height, width), dtype=np.uint16)
+    rows = values.astype(">u2" if big else "<u2").view(np.uint8).reshape(height, -1)
+    result = bgr_from_image(message(rows, encoding, width, pad=pad, big=big))
+    np.testing.assert_array_equal(result, np.repeat((values >> 8)[..., None], 3, axis=2))
+
+
+@pytest.mark.parametrize(
+    ("encoding", "order"), [("yuv422", "uyvy"), ("uyvy", "uyvy"), ("yuv422_yuy2", "yuyv"), ("yuyv", "yuyv")]
+)
+@pytest.mark.parametrize("pad", [0, 6])
+def test_yuv_follows_bt601(encoding, order, pad):
+    rng = np.random.default_rng(3)
+    height, width = 10, 16
+    y = rng.integers(16, 236, (height, width)).astype(np.uint8)
+    u, v = (rng.integers(16, 241, (height, width // 2)).astype(np.uint8) for _ in range(2))
+    first, second = y[:, 0::2], y[:, 1::2]
+    parts = {"uyvy": (u, first, v, second), "yuyv": (first, u, second, v)}[order]
+    rows = np.stack(parts, axis=2).reshape(height, -1)
+    luma, cb, cr = 1.164 * (y - 16.0), np.repeat(u, 2, axis=1) - 128.0, np.repeat(v, 2, axis=1) - 128.0
+    expected = np.stack([luma + 2.017 * cb, luma - 0.392 * cb - 0.813 * cr, luma + 1.596 * cr], axis=2)
+    result = bgr_from_image(message(rows, encoding, width, pad=pad))
+    np.testing.assert_allclose(result, np.clip(expected, 0, 255), atol=2)
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+@pytest.mark.parametrize("pad", [0, 5])
+def test_bayer_mosaics_give_back_the_scene(pattern, pad):
+    scene = smooth(40, 60)
+    mosaic = np.empty(scene.shape[:2], np.uint8)
+    for place, letter in enumerate(pattern):
+        row, column = divmod(place, 2)
+        mosaic[row::2, column::2] = scene[row::2, column::2, "bgr".index(letter)]
+    result = bgr_from_image(message(mosaic, f"bayer_{pattern}8", 60, pad=pad))
+    wrong = np.abs(result.astype(int) - scene)[2:-2, 2:-2]
+    exchanged = np.abs(result[..., ::-1].astype(int) - scene)[2:-2, 2:-2]
+    assert wrong.mean() < 2
+    assert exchanged.mean() > 10
+
+
+def test_bgr8_is_not_copied():
+    plain = message(noise(4, 15), "bgr8", 5)
+    padded = message(noise(4, 15), "bgr8", 5, pad=3)
+    assert np.shares_memory(bgr_from_image(plain), plain.data)
+    assert np.shares_memory(bgr_from_image(padded), padded.data)
+
+
+def test_the_last_row_may_lack_its_padding():
+    rows = noise(3, 15)
+    image = message(rows, "bgr8", 5, pad=3)
+    short = Image(
+        stamp=1, frame_id="c", height=3, width=5, encoding="bgr8", step=18, data=image.data[: 2 * 18 + 15]
+    )  # fmt: skip
+    np.testing.assert_array_equal(bgr_from_image(short).reshape(3, 15), rows)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_every_encoding_is_converted_and_refuses_too_little_data(encoding):
+    # 8 bytes a pixel are enough for any.
+    image = Image(stamp=1, frame_id="c", height=6, width=8, encoding=encoding, step=64, data=noise(6 * 64))
+    assert bgr_from_image(image).shape == (6, 8, 3)
+    cut = Image(stamp=1, frame_id="c", height=6, width=8, encoding=encoding, step=64, data=noise(5 * 64 + 7))
+    with pytest.raises(ImageError, match=f"{encoding} image of 8x6.*bytes are needed"):
+        bgr_from_image(cut)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"encoding": "32FC1"}, ["unknown encoding '32FC1'", "bgr8, rgb8|bgr8, 8UC3", "bayer_rggb8"]),
+        ({"encoding": ""}, ["unknown encoding ''"]),
+        ({"width": 0}, ["0x4", "no pixels"]),
+        ({"height": 0}, ["6x0", "no pixels"]),
+        ({"step": 17}, ["6x4", "17 bytes", "needs 18"]),
+        ({"data": np.empty(0, np.uint8)}, ["0 values", "72 bytes are needed"]),
+        ({"data": np.zeros(72, np.float32)}, ["float32"]),
+        ({"encoding": "uyvy", "width": 5}, ["uyvy image of 5x4", "even", "4 or 6"]),
+        ({"encoding": "bayer_rggb8", "width": 2}, ["2x4", "too small"]),
+    ],
+)
+def test_what_cannot_be_converted_is_named(changes, words):
+    fields = {"height": 4, "width": 6, "encoding": "bgr8", "step": 18, "data": noise(72), **changes}
+    with pytest.raises(ImageError) as caught:
+        bgr_from_image(Image(stamp=1, frame_id="c", **fields))
+    for word in words:
+        assert any(choice in str(caught.value) for choice in word.split("|")), (word, str(caught.value))
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize("form", ["jpeg", "jpg", "rgb8; jpeg compressed bgr8", "bgr8; jpeg compressed bgr8", "JPEG"])
+def test_jpeg(form):
+    scene = smooth(48, 64)
+    result = bgr_from_compressed(compressed(encoded(".jpg", scene, cv2.IMWRITE_JPEG_QUALITY, 98), form))
+    assert np.abs(result.astype(int) - scene).mean() < 2
+
+
+@pytest.mark.parametrize("form", ["png", "bgr8; png compressed ", "bgr8; png compressed bgr8"])
+def test_png(form):
+    scene = noise(12, 17, 3)
+    np.testing.assert_array_equal(bgr_from_compressed(compressed(encoded(".png", scene), form)), scene)
+
+
+def test_compressed_rgb_says_that_red_and_blue_are_exchanged():
+    scene = noise(12, 17, 3)
+    data = encoded(".png", scene)
+    result = bgr_from_compressed(compressed(data, "bgr8; png compressed rgb8"))
+    np.testing.assert_array_equal(result, scene[..., ::-1])
+
+
+def test_png_of_16_bits_grey_and_with_alpha():
+    deep = np.random.default_rng(1).integers(0, 65536, (9, 11), dtype=np.uint16)
+    grey = bgr_from_compressed(compressed(encoded(".png", deep), "mono16; png compressed "))
+    np.testing.assert_array_equal(grey, np.repeat((deep >> 8)[..., None], 3, axis=2).astype(np.uint8))
+    clear = noise(9, 11, 4)
+    np.testing.assert_array_equal(bgr_from_compressed(compressed(encoded(".png", clear), "png")), clear[..., :3])
+
+
+def test_a_jpeg_may_be_padded_behind_its_end():
+    data = encoded(".jpg", smooth(48, 64))
+    assert bgr_from_compressed(compressed(data + bytes(100), "jpeg")).shape == (48, 64, 3)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 0.999])
+@pytest.mark.parametrize("extension", [".jpg", ".png"])
+def test_a_cut_file_is_refused(extension, share):
+    data = encoded(extension, smooth(48, 64))
+    with pytest.raises(ImageError, match=r"cut short|decoded"):
+        bgr_from_compressed(compressed(data[: int(len(data) * share)], extension[1:]))
+
+
+def test_a_thumbnail_does_not_hide_that_a_jpeg_is_cut():
+    thumbnail = encoded(".jpg", smooth(8, 8))
+    whole = encoded(".jpg", smooth(48, 64))
+    header = b"\xff\xe1" + (len(thumbnail) + 2).to_bytes(2, "big") + thumbnail
+    assert bgr_from_compressed(compressed(whole[:2] + header + whole[2:], "jpeg")).shape == (48, 64, 3)
+    with pytest.raises(ImageError, match="cut short"):
+        bgr_from_compressed(compressed(whole[:2] + header + whole[2:-200], "jpeg"))
+
+
+@pytest.mark.parametrize(
+    ("data", "form", "words"),
+    [
+        (b"", "jpeg", "no data"),
+        (b"rubbish" * 20, "jpeg", "decoded"),
+        (b"\xff\xd8\xff\xd9", "jpeg", "decoded"),
+        (b"\x89PNG\r\n", "png", "decoded"),
+        (b"1234", "tiff", "unknown format"),
+        (b"1234", "", "unknown format"),
+        (b"1234", "16UC1; compressedDepth png", "unknown format"),
+    ],
+)
+def test_bad_compressed_images_are_named(data, form, words):
+    with pytest.raises(ImageError, match=words) as caught:
+        bgr_from_compressed(compressed(data, form))
+    assert repr(form) in str(caught.value)
+    assert caught.value.remedy

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from socialbot.graph import Graph, Placement
+from socialbot.inline import InlineRunner
+from socialbot.messages import CompressedImage, Image
+from socialbot.vision.image_converter import ImageConverter
+
+RAW, COMPRESSED, COLOR = "/camera/image_raw", "/camera/image_raw/compressed", "/camera/image_color"
+
+
+def converted(*messages):
+    runner = InlineRunner(
+        Graph("g", (Placement("image_converter", ImageConverter),), inputs=frozenset({RAW, COMPRESSED}))
+    )
+    out: list[Any] = []
+    runner.tap(COLOR, lambda _, message: out.append(message))
+    runner.start()
+    runner.run(messages)
+    return out, runner.faults["image_converter"]
+
+
+def rgb(stamp: int, **changes) -> Image:
+    pixels = np.arange(2 * 3 * 3, dtype=np.uint8)
+    fields = {"height": 2, "width": 3, "encoding": "rgb8", "step": 9, "data": pixels, **changes}
+    return Image(stamp=stamp, frame_id="eye", **fields)
+
+
+def test_raw_pictures_become_bgr8_of_the_same_moment_and_frame():
+    (image,), _ = converted((RAW, rgb(7)))
+    assert (image.stamp, image.frame_id, image.encoding, image.step) == (7, "eye", "bgr8", 9)
+    assert image.bgr()[0, 1].tolist() == [5, 4, 3]
+
+
+def test_compressed_pictures_too():
+    scene = np.full((8, 10, 3), (10, 100, 200), np.uint8)
+    data = cv2.imencode(".png", scene)[1].reshape(-1)
+    (image,), _ = converted((COMPRESSED, CompressedImage(stamp=9, frame_id="eye", format="png", data=data)))
+    assert (image.stamp, image.frame_id, image.width, image.height) == (9, "eye", 10, 8)
+    np.testing.assert_array_equal(image.bgr(), scene)
+
+
+def test_bgr8_passes_without_a_copy():
+    source = rgb(1, encoding="bgr8")
+    (image,), _ = converted((RAW, source))
+    assert np.shares_memory(image.data, source.data)
+
+
+def test_padded_rows_are_closed_up():
+    (image,), _ = converted((RAW, rgb(1, encoding="bgr8", step=10, data=np.arange(20, dtype=np.uint8))))
+    assert image.step == 9
+    assert image.data.tolist() == [*range(9), *range(10, 19)]
+
+
+def test_a_bad_picture_is_counted_and_the_next_one_goes_through():
+    out, faults = converted((RAW, rgb(1, encoding="weird")), (RAW, rgb(2)))
+    assert [image.stamp for image in out] == [2]
+    assert (faults.failures, faults.calls) == (1, 2)
+    assert faults.first.startswith("ImageError: ")
+    assert "weird" in faults.first

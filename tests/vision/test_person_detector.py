@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from socialbot.errors import GraphError, ParameterError
+from socialbot.graph import Graph, Placement
+from socialbot.inline import InlineRunner
+from socialbot.messages import BoxMarkers, CameraInfo, Image, PersonDetections
+from socialbot.vision import person_detector
+from socialbot.vision.camera import CameraModel
+from socialbot.vision.detector import Detections
+from socialbot.vision.person_detector import PersonDetector
+from tests.vision.drawn import add_person, corridor
+
+COLOR, INFO = "/camera/image_color", "/camera/camera_info"
+BOXES = np.array([[300.0, 150, 40, 180], [100, 200, 30, 120]])
+
+
+class Stub:
+    """A detector that always gives the same."""
+
+    box_width_m = 0.6
+    boxes = BOXES
+
+    def __init__(self, threshold: float, threads: int) -> None:
+        self.threshold, self.threads = threshold, threads
+
+    def detect(self, image: np.ndarray) -> Detections:
+        scores = np.array([0.9, 0.5])
+        keep = scores >= self.threshold
+        return Detections(self.boxes[keep], scores[keep])
+
+
+class Rig:
+    """The node in an inline runner, and what it has said."""
+
+    def __init__(self, **parameters) -> None:
+        placement = Placement("person_detector", PersonDetector, parameters)
+        self.runner = InlineRunner(Graph("g", (placement,), inputs=frozenset({COLOR, INFO})))
+        self.detections: list[Any] = []
+        self.markers: list[Any] = []
+        self.runner.tap("/humans/bodies/detections", lambda _, message: self.detections.append(message))
+        self.runner.tap("/humans/bodies/annotations", lambda _, message: self.markers.append(message))
+        self.runner.start()
+        self.node = self.runner.nodes["person_detector"]
+        self.faults = self.runner.faults["person_detector"]
+
+    def show(self, pixels: np.ndarray, stamp: int = 5) -> PersonDetections:
+        self.runner.feed(COLOR, Image.from_bgr(pixels, stamp=stamp, frame_id="eye"))
+        return self.detections[-1]
+
+    def info(self, width: int = 640, height: int = 480, focal: float = 525.0) -> None:
+        k = (focal, 0.0, width / 2, 0.0, focal, height / 2, 0.0, 0.0, 1.0)
+        self.runner.feed(INFO, CameraInfo(stamp=0, frame_id="eye", width=width, height=height, k=k), time=0)
+
+
+@pytest.fixture
+def stub(monkeypatch):
+    monkeypatch.setattr(person_detector, "DETECTORS", {"hog": Stub})
+
+
+@pytest.fixture(autouse=True)
+def opencv_threads():
+    before = cv2.getNumThreads()
+    yield
+    cv2.setNumThreads(before)
+
+
+BLANK = np.zeros((480, 640, 3), np.uint8)
+
+
+def test_somebody_drawn_is_found_with_distance_and_direction():
+    rig = Rig()
+    rig.info()
+    picture = corridor()
+    # 1.70 m at 5 m, camera 1.62 m high and 0.052 rad down: 178 pixels, feet at row 383.
+    x, y, w, h = add_person(picture, 400, 383 - 178, 178)
+    message = rig.show(picture, stamp=5)
+    person = message.persons[0]
+    assert (message.stamp, message.frame_id, message.width, message.height) == (5, "eye", 640, 480)
+    assert abs(person.x + person.w / 2 - (x + w / 2)) < 15
+    assert person.distance_m == pytest.approx(5.0, rel=0.15)
+    assert person.bearing_rad == pytest.approx(-np.arctan(80 / 525), abs=0.03)
+    assert person.elevation_rad == pytest.approx(-0.01, abs=0.05)
+    assert person.track_id == ""
+    assert y + h < 480
+
+
+def test_an_empty_picture_is_answered_too():
+    rig = Rig()
+    assert rig.show(corridor(320, 240)).persons == ()
+    assert rig.markers[-1].boxes == ()
+
+
+def test_markers_are_the_boxes(stub):
+    rig = Rig()
+    message = rig.show(BLANK, stamp=8)
+    assert rig.markers == [BoxMarkers(stamp=8, frame_id="eye", boxes=tuple(map(tuple, BOXES.tolist())))]
+    assert [[p.x, p.y, p.w, p.h] for p in message.persons] == BOXES.tolist()
+    assert [p.score for p in message.persons] == [0.9, 0.5]
+    assert all(type(p.x) is float and type(p.score) is float for p in message.persons)
+
+
+def test_geometry_comes_from_camera_info_and_parameters(stub):
+    rig = Rig(mount_height_m=1.2, pitch_rad=0.1, person_height_m=1.8)
+    rig.info(focal=400.0)
+    person = rig.show(BLANK).persons[0]
+    camera = CameraModel(400, 400, 320, 240, 640, 480, 1.2, 0.1)
+    assert person.distance_m == camera.distance(BOXES[0], person_height_m=1.8)
+    assert (person.bearing_rad, person.elevation_rad) == camera.head(BOXES[0], person_height_m=1.8)
+
+
+def test_somebody_cut_off_is_as_wide_as_the_detector_s_boxes(stub, monkeypatch):
+    rig = Rig()
+    rig.info()
+    monkeypatch.setattr(Stub, "boxes", np.array([[300.0, 150, 120, 330], [0, 0, 1, 1]]))
+    camera = CameraModel(525, 525, 320, 240, 640, 480, 1.62, 0.052)
+    expected = camera.distance((300, 150, 120, 330), person_width_m=0.6)
+    assert rig.show(BLANK).persons[0].distance_m == expected != camera.distance((300, 150, 120, 330))
+
+
+def test_without_camera_info_the_field_of_view_is_taken_and_said_once(stub, caplog):
+    rig = Rig(hfov_rad=1.2)
+    with caplog.at_level(logging.WARNING):
+        rig.show(BLANK, 1)
+        person = rig.show(BLANK, 2).persons[0]
+    camera = CameraModel.from_field_of_view(640, 480, 1.2, pitch_rad=0.052)
+    assert person.distance_m == camera.distance(BOXES[0])
+    assert sum("no camera_info" in record.message for record in caplog.records) == 1
+    rig.info()
+    assert rig.show(BLANK, 3).persons[0].distance_m != person.distance_m
+
+
+def test_pictures_of_another_size_than_camera_info_scale_it_with_one_warning(stub, caplog):
+    rig = Rig()
+    rig.info(1280, 720, 900.0)
+    with caplog.at_level(logging.WARNING):
+        rig.show(BLANK, 1)
+        person = rig.show(BLANK, 2).persons[0]
+    camera = CameraModel(450, 600, 320, 240, 640, 480, 1.62, 0.052)
+    assert person.distance_m == pytest.approx(camera.distance(BOXES[0]))
+    assert sum("1280x720" in record.message and "640x480" in record.message for record in caplog.records) == 1
+
+
+def test_an_uncalibrated_camera_info_is_refused_and_changes_nothing(stub):
+    rig = Rig()
+    before = rig.show(BLANK, 1).persons
+    rig.info(focal=0.0)
+    assert (rig.faults.failures, "focal" in rig.faults.first) == (1, True)
+    assert rig.show(BLANK, 2).persons == before
+
+
+def test_threshold_and_geometry_change_at_run_time(stub):
+    rig = Rig(threshold=0.3)
+    rig.info()
+    first = rig.show(BLANK, 1).persons
+    rig.node.set_parameter("threshold", 0.7)
+    assert [p.score for p in rig.show(BLANK, 2).persons] == [0.9]
+    distances = [first[0].distance_m]
+    for stamp, (name, value) in enumerate([("mount_height_m", 1.0), ("pitch_rad", 0.2), ("person_height_m", 1.5)], 3):
+        rig.node.set_parameter(name, value)
+        distances.append(rig.show(BLANK, stamp).persons[0].distance_m)
+    assert len(set(distances)) == 4
+
+
+def test_threads_reach_opencv_and_the_detector_and_are_fixed(stub):
+    rig = Rig(threads=2)
+    assert cv2.getNumThreads() == 2
+    assert rig.node._detector.threads == 2  # type: ignore[attr-defined]
+    with pytest.raises(ParameterError, match="before the node starts"):
+        rig.node.set_parameter("threads", 1)
+
+
+def test_an_unknown_detector_is_refused():
+    with pytest.raises((ParameterError, GraphError), match="hog"):
+        Rig(detector="magic")
+
+
+def test_a_picture_that_is_not_bgr8_is_counted(stub):
+    rig = Rig()
+    image = Image(stamp=1, frame_id="eye", height=2, width=2, encoding="rgb8", step=6, data=np.zeros(12, np.uint8))
+    rig.runner.feed(COLOR, image)
+    assert (rig.faults.failures, rig.detections) == (1, [])
