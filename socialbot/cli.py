@@ -79,13 +79,14 @@ def replay(
             paced=pace,
             truth=truth,
         )
+        topic = opened.choose_image_topic(chosen).name
+        truth_of_all = find_truth(plan)
         folder = out or new_run_folder()
         with RunRecord(folder) as record:
             with Display(console, start=opened.start, until=opened.end) as display:
                 outcome = run_replay(plan, record, display.show)
             if video and record.detections:
-                topic = opened.choose_image_topic(chosen).name
-                write_video(opened, topic, record, find_truth(plan), folder / "annotated.mp4")
+                write_video(opened, topic, record, truth_of_all, folder / "annotated.mp4")
     if outcome.scores is not None:
         console.print(scores_table(outcome.scores))
     report_faults(console, outcome.results)
@@ -160,7 +161,7 @@ def main() -> None:
     try:
         app()
     except SocialbotError as error:
-        Console(stderr=True, highlight=False).print(f"[bold red]error[/] {_escape(str(error))}", soft_wrap=True)
+        Console(stderr=True, highlight=False).print(f"[bold red]error:[/] {_escape(str(error))}", soft_wrap=True)
         sys.exit(error.exit_code)
 
 

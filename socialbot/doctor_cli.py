@@ -39,7 +39,7 @@ def doctor(
         report = {"schema": "socialbot/doctor", "version": 1, "findings": [asdict(each) for each in findings]}
         typer.echo(json.dumps(report, indent=2))
     else:
-        console.print(f"\n{count['ok']} ok, {count['warning']} warnings, {count['error']} errors")
+        console.print(f"\n{count['ok']} ok, {_many(count['warning'], 'warning')}, {_many(count['error'], 'error')}")
     if count["error"]:
         raise typer.Exit(InstallationError.exit_code)
 
@@ -52,6 +52,10 @@ def _paragraph(finding: Finding, width: int) -> Text:
     if finding.remedy:
         text.append("\n" + _wrapped(INDENT + f"remedy: {finding.remedy}", width), style="cyan")
     return text
+
+
+def _many(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _wrapped(text: str, width: int) -> str:

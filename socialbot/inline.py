@@ -73,7 +73,7 @@ class _Context:
 class InlineRunner:
     """Runs ``graph`` in simulated time that begins at ``start`` (ns).
 
-    A node that raises is logged and counted in ``faults``; the stream goes on.
+    A node that raises is logged for the first time, and counted in ``faults``; the stream goes on.
     """
 
     def __init__(self, graph: Graph, *, start: int = 0) -> None:
@@ -153,7 +153,8 @@ class InlineRunner:
             callback()
         except Exception as error:  # noqa: BLE001 - whatever a node raises, the graph goes on
             faults.count(error)
-            log.warning("%s: %s: %s", self._names[context], type(error).__name__, error)
+            if faults.failures == 1:
+                log.warning("%s: %s: %s", self._names[context], type(error).__name__, error)
 
     def _drain(self) -> None:
         while self._queue or not self.posted.empty():

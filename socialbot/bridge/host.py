@@ -129,7 +129,7 @@ class NodeHost:
             self._inbox.put(port, decode(port.message_type, ros_message, stamp=self._clock.now()))
         except MessageError as error:
             self._statistics.refused += 1
-            self._report(f"refused a message on {port.topic}", error)
+            self._report(f"refused a message on {port.topic}", error, self._statistics.refused)
 
     def _work(self) -> None:
         try:
@@ -161,12 +161,16 @@ class NodeHost:
         except Exception as error:  # noqa: BLE001 - whatever a node raises, the graph goes on
             self._statistics.failures += 1
             self._statistics.first_failure = self._statistics.first_failure or f"{type(error).__name__}: {error}"
-            self._report("failed", error)
+            self._report("failed", error, self._statistics.failures)
         seconds = time.perf_counter() - begin
         if not callable(item):
             item[0].charge(seconds)
         self._statistics.note(seconds)
 
-    def _report(self, what: str, error: Exception) -> None:
-        expected = isinstance(error, SocialbotError)
-        logging.getLogger(f"socialbot.{self.name}").warning("%s: %s", what, error, exc_info=not expected)
+    def _report(self, what: str, error: Exception, count: int) -> None:
+        """Logs the first failure, the tenth, the hundredth, ...: a bad stream must not flood the log."""
+        if str(count).strip("0") == "1":
+            times = f" {count} times" if count > 1 else ""
+            expected = isinstance(error, SocialbotError)
+            logger = logging.getLogger(f"socialbot.{self.name}")
+            logger.warning("%s%s: %s", what, times, error, exc_info=not expected)

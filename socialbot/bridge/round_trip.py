@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable, MutableMapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 
@@ -59,9 +59,9 @@ def try_round_trip() -> Trial:
         return Trial(sent=sender.count(deadline), received=listener.count(deadline))
 
 
-def free_domain() -> int:
-    """A domain of ``DOMAINS`` in which nobody is. Raises NodeError when there is none."""
-    for domain in DOMAINS:
+def free_domain(domains: Sequence[int] = DOMAINS) -> int:
+    """One of ``domains`` in which nobody is. Raises NodeError when there is none."""
+    for domain in domains:
         # Each participant listens at its domain's port for discovery, so that port is taken where somebody is.
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
@@ -69,7 +69,7 @@ def free_domain() -> int:
             except OSError:
                 continue
             return domain
-    raise NodeError(f"the domains {DOMAINS[0]} to {DOMAINS[-1]} are all in use", remedy="end other ROS programs")
+    raise NodeError(f"the domains {domains[0]} to {domains[-1]} are all in use", remedy="end other ROS programs")
 
 
 class _Part:
