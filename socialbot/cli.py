@@ -6,7 +6,7 @@ import logging
 import sys
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -14,7 +14,9 @@ from rich.table import Table
 
 from socialbot import __version__
 from socialbot.errors import ParameterError, SocialbotError
-from socialbot.graph import Graph, suggestion
+
+if TYPE_CHECKING:
+    from socialbot.graph import Graph
 
 app = typer.Typer(
     name="socialbot",
@@ -168,13 +170,19 @@ def main() -> None:
 def _add_commands() -> None:
     from socialbot.bridge.bag_cli import bag
     from socialbot.bridge.player_cli import play
+    from socialbot.bridge.topic_cli import topic
+    from socialbot.doctor_cli import doctor
 
     bag.command()(play)
     app.add_typer(bag, name="bag")
+    app.add_typer(topic, name="topic")
+    app.command()(doctor)
 
 
 def with_changes(graph: Graph, changes: list[str]) -> Graph:
     """``graph`` with ``NODE.PARAMETER=VALUE`` applied. Raises ParameterError or GraphError for what does not fit."""
+    from socialbot.graph import suggestion
+
     parameters: dict[str, dict[str, object]] = {}
     for change in changes:
         target, equals, text = change.partition("=")

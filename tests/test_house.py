@@ -33,7 +33,7 @@ def imported(tree: ast.AST, path: Path) -> Iterator[str]:
             assert node.level == 0, f"{path}:{node.lineno} imports relatively"
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
-            yield from (arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant))
+            yield from (str(arg.value) for arg in node.args[:1] if isinstance(arg, ast.Constant))
 
 
 def modules(folder: str = "") -> list[Path]:
@@ -100,7 +100,9 @@ BEGIN = f"import sys; sys.path.insert(0, {str(ROOT.parent)!r})\n"
 
 
 def test_importing_the_engine_loads_nothing_beyond_the_standard_library():
-    loaded = python(BEGIN + "before = set(sys.modules); import socialbot.bdi; print(*set(sys.modules) - before)").split()
+    loaded = python(
+        BEGIN + "before = set(sys.modules); import socialbot.bdi; print(*set(sys.modules) - before)"
+    ).split()
     own = {"socialbot", "socialbot.clock", "socialbot.errors"}
     for name in loaded:
         assert name in own or name.startswith("socialbot.bdi") or name.partition(".")[0] in sys.stdlib_module_names
@@ -112,9 +114,7 @@ def test_importing_the_engine_is_cheap():
     assert min(float(python(code)) for _ in range(5)) < 0.030
 
 
-WITHOUT_ROS = (
-    BEGIN
-    + textwrap.dedent(f"""
+WITHOUT_ROS = BEGIN + textwrap.dedent(f"""
     import importlib.abc
 
     class NoRos(importlib.abc.MetaPathFinder):
@@ -124,7 +124,6 @@ WITHOUT_ROS = (
 
     sys.meta_path.insert(0, NoRos())
     """)
-)
 
 
 def test_without_ros_the_inline_runner_the_replay_and_the_cli_are_there():

@@ -19,9 +19,9 @@ PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 def prepare(
     environment: MutableMapping[str, str] = os.environ, *, log_folder: Path | None = None, domain: int | None = None
 ) -> None:
-    """Fills in what the user has not set; call it before rclpy starts. ``domain`` and ``log_folder`` do override."""
-    environment.setdefault(PROFILE_VARIABLE, str(PROFILE))
-    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    """Fills in what is not set, or empty; call it before rclpy starts. ``domain`` and ``log_folder`` do override."""
+    for variable, value in ((PROFILE_VARIABLE, str(PROFILE)), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")):
+        environment[variable] = environment.get(variable) or value
     if domain is not None:
         environment["ROS_DOMAIN_ID"] = str(domain)
     if log_folder is not None:

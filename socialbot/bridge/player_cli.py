@@ -7,11 +7,6 @@ from typing import Annotated
 
 import typer
 
-from socialbot.bridge.bags import open_bag
-from socialbot.bridge.feeding import feeding
-from socialbot.bridge.player import Playing, play_bag
-from socialbot.graph_file import load_graph
-
 
 def play(
     bag: Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap, .db3 or ROS 1 .bag.")],
@@ -22,6 +17,11 @@ def play(
     parent: Annotated[int | None, typer.Option(hidden=True)] = None,
 ) -> None:
     """Play a bag into ROS, with /clock. Without --graph: every topic, under its own name."""
+    from socialbot.bridge.bags import open_bag
+    from socialbot.bridge.feeding import feeding
+    from socialbot.bridge.player import Playing, play_bag
+    from socialbot.graph_file import load_graph
+
     with open_bag(bag) as opened:
         if graph is None:
             topics = {topic.name: topic.name for topic in opened.topics if topic.count}

@@ -13,15 +13,12 @@ from typing import Any
 from socialbot.bridge import environment
 from socialbot.bridge.bag_writer import BagWriter
 from socialbot.bridge.ros_types import message_class
+from socialbot.bridge.topics import HIDDEN, AdaptingSubscription
 from socialbot.clock import Clock, WallClock
 from socialbot.errors import InstallationError
 
 log = logging.getLogger("socialbot.recorder")
 
-LEFT_OUT = ("/parameter_events", "/rosout")
-"""Topics that are recorded only when they are asked for; so are hidden ones (``/_name``, ``/name/_action/...``)."""
-
-DEPTH = 100
 DISCOVERY_PERIOD_S = 0.2
 _SPIN_S = 0.05
 
@@ -47,7 +44,7 @@ def record(
 ) -> Recording:
     """Records ``topics``, or all, to the new bag ``out`` until ``duration_s`` is over or ``stopped``.
 
-    Topics that appear later are recorded too. ``clock`` gives the times of reception. Raises BagError
+    Topics that appear later are recorded too; hidden ones (``/rosout``, ``/_name``, ...) only when they are asked for. ``clock`` gives the times of reception. Raises BagError
     when ``out`` exists or cannot be written, InstallationError when there is no ROS.
     """
     environment.require_ros()
@@ -85,11 +82,14 @@ class _Listener:
         self._topics = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
         self._clock = clock
         self._heard: set[tuple[str, str]] = set()
+        self._subscriptions: list[AdaptingSubscription] = []
 
     def look(self) -> None:
-        """Subscribes to topics that are new."""
+        """Subscribes to topics that are new, and anew where a new publisher offers less."""
+        for subscription in self._subscriptions:
+            subscription.adapt()
         for topic, type_names in self._node.get_topic_names_and_types():
-            if topic in self._topics or not (self._topics or topic in LEFT_OUT or "/_" in topic):
+            if topic in self._topics or not (self._topics or topic in HIDDEN or "/_" in topic):
                 for type_name in type_names:
                     self._hear(topic, type_name)
 
@@ -104,26 +104,13 @@ class _Listener:
             self.refused[topic] = error.what
             log.warning("%s is not recorded: %s", topic, error.what)
             return
-        qos, latched = _matching_qos(publishers)
         type_hash = str(publishers[0].topic_type_hash)
 
         def write(data: bytes) -> None:
-            self._bag.write_raw(topic, type_name, data, self._clock.now(), latched=latched, type_hash=type_hash)
+            now, latched = self._clock.now(), subscription.latched
+            self._bag.write_raw(topic, type_name, data, now, latched=latched, type_hash=type_hash)
 
-        self._node.create_subscription(kind, topic, write, qos, raw=True)
+        subscription = AdaptingSubscription(self._node, topic, kind, write, raw=True)
+        subscription.adapt()
+        self._subscriptions.append(subscription)
         log.info("recording %s (%s)", topic, type_name)
-
-
-def _matching_qos(publishers: Collection[Any]) -> tuple[Any, bool]:
-    """As much as all publishers offer: who asks for more gets nothing. And whether they keep the last message."""
-    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
-    offers = [publisher.qos_profile for publisher in publishers]
-    reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
-    latched = reliable and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
-    qos = QoSProfile(
-        depth=DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
-    return qos, latched

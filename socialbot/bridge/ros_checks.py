@@ -138,7 +138,7 @@ def profile(variables: Mapping[str, str] = os.environ) -> Finding:
     """Whether the DDS profile in effect leaves room for pictures in shared memory."""
     name = "DDS profile"
     variable = environment.PROFILE_VARIABLE
-    if variable not in variables or Path(variables[variable]) == environment.PROFILE:
+    if not variables.get(variable) or Path(variables[variable]) == environment.PROFILE:
         return Finding(name, "ok", "socialbot's own")
     path = Path(variables[variable])
     unset = f"unset {variable}; socialbot then uses its own profile"

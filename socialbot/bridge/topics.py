@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialbot.bridge import environment
+from socialbot.bridge.qos import matching_qos
 from socialbot.bridge.ros_types import message_class
 from socialbot.errors import GraphError
 from socialbot.graph import suggestion
@@ -115,7 +116,9 @@ def messages(
         return
     arrived: deque[Any] = deque()
     # rclpy refuses a built-in function such as `arrived.append` for a callback.
-    subscription = _Subscription(ros, name, message_class(type_name), lambda message: arrived.append(message), raw=raw)
+    subscription = AdaptingSubscription(
+        ros, name, message_class(type_name), lambda message: arrived.append(message), raw=raw
+    )
     executor = SingleThreadedExecutor(context=ros.context)
     executor.add_node(ros)
     try:
@@ -127,7 +130,7 @@ def messages(
         executor.shutdown()
 
 
-class _Subscription:
+class AdaptingSubscription:
     """A subscription that asks for no more than all the publishers offer, also when new ones come."""
 
     def __init__(self, ros: Any, name: str, kind: Any, take: Callable[[Any], None], *, raw: bool) -> None:
@@ -140,6 +143,13 @@ class _Subscription:
         self._subscription: Any = None
         self._adapted = -math.inf
 
+    @property
+    def latched(self) -> bool:
+        """Whether the publishers keep their last message for who comes late."""
+        from rclpy.qos import DurabilityPolicy
+
+        return self._qos is not None and self._qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+
     def adapt(self) -> None:
         """Subscribes anew where the publishers now ask for it."""
         from rclpy.event_handler import SubscriptionEventCallbacks
@@ -148,7 +158,7 @@ class _Subscription:
             return
         self._adapted = time.monotonic()
         publishers = _publishers(self._ros, self._name)
-        qos = matching_qos(publishers)
+        qos = matching_qos(publishers, DEPTH)
         if qos == self._qos or (not publishers and self._subscription is not None):
             return
         if self._subscription is not None:
@@ -162,20 +172,6 @@ class _Subscription:
             raw=self._raw,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
-
-
-def matching_qos(publishers: Collection[Any]) -> Any:
-    """As much as all ``publishers`` offer: who asks for more gets nothing."""
-    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
-    offers = [publisher.qos_profile for publisher in publishers]
-    reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
-    latched = reliable and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
-    return QoSProfile(
-        depth=DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
 
 
 @dataclass(frozen=True)

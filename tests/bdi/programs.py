@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from socialbot.bdi import Rule, fail, wait
 from socialbot.bdi.literals import Belief, Change, Conjunction, Event, Goal, Literal, conjunction
 from tests.bdi.lab import X, do, go, mood, p, ping, q, sub
-from tests.bdi.reference import Atom, Plain, Step, Check
+from tests.bdi.reference import Atom, Check, Plain, Step
 
 CLASSES: dict[str, type[Literal]] = {"p": p, "q": q, "s": mood, "r": ping, "g": go, "h": sub}
 CHANGES = {"added": Change.ADDED, "removed": Change.REMOVED, "wanted": Change.WANTED, "failed": Change.FAILED}

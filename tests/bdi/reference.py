@@ -48,7 +48,7 @@ class Plain:
     body: tuple[Step, ...]
 
 
-class Failed(Exception):
+class Failed(Exception):  # noqa: N818 - what it says
     pass
 
 

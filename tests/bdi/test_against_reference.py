@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from socialbot.clock import SECOND
 from tests.bdi.lab import Lab
 from tests.bdi.programs import CLASSES, PROGRAMS, STIMULI, literal, rule_of
-from tests.bdi.reference import Atom, Plain, Reference, Step, Check
+from tests.bdi.reference import Atom, Check, Plain, Reference, Step
 
 FULL = 60
 

@@ -1,3 +1,5 @@
+# ruff: noqa: N803 - functions name the variables they look at
+
 import itertools
 
 import pytest
@@ -286,7 +288,9 @@ def test_a_sensor_may_return_beliefs_and_changes(sensed, beliefs):
     assert lab.kinds("failure") == []
 
 
-@pytest.mark.parametrize("sensed", ["p", [3], go(), +p(X), p(1).held_for(1), +p(0).held_for(1), -go(), do("x")], ids=str)
+@pytest.mark.parametrize(
+    "sensed", ["p", [3], go(), +p(X), p(1).held_for(1), +p(0).held_for(1), -go(), do("x")], ids=str
+)
 def test_what_else_a_sensor_returns_is_a_failure_on_the_trace(sensed):
     class Odd(Sensor):
         def sense(self, percept):
@@ -342,14 +346,14 @@ def test_a_period_that_is_none_is_refused(period):
 
 
 def test_engines_that_share_rules_share_no_state():
-    class count(do):
+    class Count(do):
         calls = 0
 
         def execute(self, *what):
             self.calls += 1
             super().execute(self.calls, self.engine.name, *what)
 
-    rules = [go(X) >> [count(X), +p(X), wait(1), count(X)], +p(X) / (p(X) & (lambda X: X > 0)) >> [do("p", X)]]
+    rules = [go(X) >> [Count(X), +p(X), wait(1), Count(X)], +p(X) / (p(X) & (lambda X: X > 0)) >> [do("p", X)]]
     labs = [Lab(*rules, name=name) for name in ("one", "two")]
     labs[0].tell(go(1))
     labs[1].tell(go(2))

@@ -1,3 +1,5 @@
+# ruff: noqa: N803 - functions name the variables they look at
+
 import math
 
 import pytest
@@ -110,20 +112,20 @@ def test_a_goal_may_wait_in_its_failure_plan():
 
 
 def test_an_action_may_fail_its_goal_by_itself():
-    class pick(Action):
+    class Pick(Action):
         def execute(self, thing):
             raise PlanFailed(f"no {thing}")
 
-    lab = Lab(go() >> [pick("cup")])
+    lab = Lab(go() >> [Pick("cup")])
     lab.tell(go())
     (failure,) = [record for record in lab.trace if record.kind == "failure"]
     assert failure.detail == {"reason": "failed", "message": "no cup"}
 
 
 def test_an_action_without_execute_fails_and_says_how_to_mend_it():
-    class nothing(Action): ...
+    class Nothing(Action): ...
 
-    lab = Lab(go() >> [nothing()])
+    lab = Lab(go() >> [Nothing()])
     lab.tell(go())
     (failure,) = [record for record in lab.trace if record.kind == "failure"]
     assert "override execute()" in str(failure.detail["message"])
@@ -146,9 +148,9 @@ def test_an_exception_in_a_condition_rejects_the_rule_and_is_on_the_trace():
     lab = Lab(+p(X) / (lambda X: broken(X)) >> [do("never")], +p(X) >> [do("next")])
     lab.tell(+p(1))
     assert lab.done == ["next"]
-    assert failures(lab) == [("+p(X) / (<lambda>(X)) >> [do(\"never\")]", "KeyError")]
+    assert failures(lab) == [('+p(X) / (<lambda>(X)) >> [do("never")]', "KeyError")]
     plan = next(record for record in lab.trace if record.kind == "plan")
-    assert plan.detail["rejected"] == ["+p(X) / (<lambda>(X)) >> [do(\"never\")]"]
+    assert plan.detail["rejected"] == ['+p(X) / (<lambda>(X)) >> [do("never")]']
 
 
 def test_a_comparison_of_what_cannot_be_compared_rejects_the_rule():
@@ -215,12 +217,12 @@ def test_a_duration_that_cannot_be_told_is_a_failure_on_the_trace(seconds):
 
 
 def test_an_action_that_suspends_twice_rests_for_the_longer_time():
-    class rest(Action):
+    class Rest(Action):
         def execute(self):
             self.engine.suspend(1)
             self.engine.suspend(2)
 
-    lab = Lab(go() >> [rest(), wait(5), do("after")])
+    lab = Lab(go() >> [Rest(), wait(5), do("after")])
     lab.tell(go())
     lab.until(10)
     assert lab.timeline == [(7, "after")]
@@ -228,12 +230,12 @@ def test_an_action_that_suspends_twice_rests_for_the_longer_time():
 
 
 def test_an_action_that_fails_after_suspending_fails_at_once():
-    class rest(Action):
+    class Rest(Action):
         def execute(self):
             self.engine.suspend(5)
             broken()
 
-    lab = Lab(go() >> [rest()], -go() >> [do("instead")])
+    lab = Lab(go() >> [Rest()], -go() >> [do("instead")])
     lab.tell(go())
     lab.until(9)
     assert lab.timeline == [(0, "instead")]
@@ -241,12 +243,12 @@ def test_an_action_that_fails_after_suspending_fails_at_once():
 
 
 def test_an_action_that_dropped_its_intention_leaves_nothing_suspended():
-    class rest(Action):
+    class Rest(Action):
         def execute(self):
             self.engine.suspend(5)
             broken()
 
-    lab = Lab(go() >> [rest()])
+    lab = Lab(go() >> [Rest()])
     lab.tell(go())
     assert lab.engine.mind().intentions == ()
 

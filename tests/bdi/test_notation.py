@@ -1,3 +1,5 @@
+# ruff: noqa: N803 - functions name the variables they look at
+
 import functools
 from contextlib import contextmanager
 
@@ -24,7 +26,8 @@ def raises(*words):
         (-p(X) >> [do(X)], "-p(X) >> [do(X)]"),
         (go() / p(X) >> [do(X), sub(X)], "go() / (p(X)) >> [do(X), sub(X)]"),
         (-go(X) >> [do("sorry")], '-go(X) >> [do("sorry")]'),
-        (+p(X) / (q(X, Y) & ~q(Y, X) & (X > Y)) >> [-p(X), +q(Y)], "+p(X) / (q(X, Y) & ~q(Y, X) & (X > Y)) >> [-p(X), +q(Y)]"),
+        (+p(X) / (q(X, Y) & ~q(Y, X)) >> [-p(X), +q(Y)], "+p(X) / (q(X, Y) & ~q(Y, X)) >> [-p(X), +q(Y)]"),
+        (+p(X) / (q(Y) & (X > Y)) >> [], "+p(X) / (q(Y) & (X > Y)) >> []"),
         (+p(X).held_for(2.5) >> [wait(1), fail()], "+p(X).held_for(2.5) >> [wait(1), fail()]"),
         (+p().held_for(lambda: 3.0) >> [], "+p().held_for(...) >> []"),
         (+p(X) / (lambda X: X > 1) >> [], "+p(X) / (<lambda>(X)) >> []"),
@@ -60,17 +63,17 @@ def test_a_function_object_can_be_a_condition():
 @pytest.mark.parametrize("condition", [q(1), ~q(1), X > 1], ids=["belief", "negation", "comparison"])
 def test_a_condition_without_parentheses_is_explained(condition):
     with raises("parentheses"):
-        +p(X) / p(2) & condition >> [do("x")]
+        _rule = +p(X) / p(2) & condition >> [do("x")]
 
 
 def test_a_condition_without_parentheses_before_a_goal_is_explained():
     with raises("falls apart", "parentheses"):
-        +p(1) / p(2) & go() >> [do("x")]
+        _rule = +p(1) / p(2) & go() >> [do("x")]
 
 
 def test_a_belief_without_plus_or_minus_is_no_event():
     with raises("+p(1)"):
-        p(1) >> [do("x")]  # type: ignore[operator]
+        _rule = p(1) >> [do("x")]  # type: ignore[operator]
 
 
 @pytest.mark.parametrize(
@@ -141,31 +144,31 @@ def test_a_class_instead_of_an_instance_is_explained(make):
 @pytest.mark.parametrize("step", [p(1), p(1).held_for(1), +p(1).held_for(1), -go(), "say", None, p])
 def test_what_is_no_step_is_refused(step):
     with raises("no step of a plan"):
-        go() >> [step]
+        _rule = go() >> [step]
 
 
 def test_a_body_that_is_no_list_is_explained():
     with raises("[do("):
-        go() >> do("x")  # type: ignore[operator]
+        _rule = go() >> do("x")  # type: ignore[operator]
 
 
 @pytest.mark.parametrize("condition", [p, go(), 3, "p", +p(1)])
 def test_what_is_no_condition_is_refused(condition):
     with raises("cannot be a condition"):
-        go() / condition  # type: ignore[operator]
+        _rule = go() / condition  # type: ignore[operator]
     with raises("cannot be a condition"):
-        p(1) & condition
+        _rule = p(1) & condition
 
 
 def test_an_event_cannot_compute_in_its_arguments():
     with raises("+p(X + 1) computes"):
-        +p(X + 1) >> []
+        _rule = +p(X + 1) >> []
 
 
 @pytest.mark.parametrize("event", [-ping(1), +ping(1).held_for(1)])
 def test_a_reactor_is_never_removed_nor_held(event):
     with raises("never happens"):
-        event >> []
+        _rule = event >> []
     assert isinstance(+ping(1) >> [], Rule)
 
 

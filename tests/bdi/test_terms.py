@@ -79,9 +79,7 @@ def test_arithmetic_on_variables_is_that_of_python(symbol, left, right):
     assert str(apply(X, Y)) == f"X {symbol} Y"
 
 
-@pytest.mark.parametrize(
-    "symbol", ["+", "-", "*", "/"]
-)
+@pytest.mark.parametrize("symbol", ["+", "-", "*", "/"])
 def test_a_number_may_stand_on_the_left(symbol):
     apply = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}[symbol]
     assert evaluate(apply(8, X), {"X": 2}) == apply(8, 2)

@@ -65,7 +65,8 @@ def test_an_action_is_led_back_to_what_was_perceived():
     lab.engine.believe(p(1), cause="frame-9")
     lab.engine.run_until_idle()
     assert chain(lab, "action") == [
-        'action do("x")', "plan sub()", "goal sub()", "plan go(X)", "goal go(1)", "plan +p(X)", "belief p(1)", "frame-9",
+        'action do("x")', "plan sub()", "goal sub()", "plan go(X)", "goal go(1)",
+        "plan +p(X)", "belief p(1)", "frame-9",
     ]  # fmt: skip
 
 

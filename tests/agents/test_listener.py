@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import pytest
+
+from socialbot.agents.waldo.listener import Listener
+from socialbot.clock import SECOND
+from socialbot.graph import Graph, Placement
+from socialbot.inline import InlineRunner
+from socialbot.messages import ActionRequest, HeadCommand, Message, Utterance
+
+
+class Stage:
+    """A listener and what it sends to the actuators."""
+
+    def __init__(self) -> None:
+        graph = Graph("test", (Placement("listener", Listener),), inputs=frozenset({"/waldo/actions"}))
+        self.runner = InlineRunner(graph)
+        self.sent: list[Message] = []
+        for topic in ("/speech/say", "/head/command"):
+            self.runner.tap(topic, lambda _, message: self.sent.append(message))
+        self.runner.start()
+
+    def act(self, name: str, *arguments: str | int | float | bool) -> list[Message]:
+        self.sent.clear()
+        action = ActionRequest(stamp=3 * SECOND, id="waldo-9", agent="waldo", name=name, arguments=arguments)
+        self.runner.feed("/waldo/actions", action)
+        return list(self.sent)
+
+
+def test_speaking_turns_the_head_to_people_and_says_the_sentence():
+    assert Stage().act("speak", "greeting", "Hello!") == [
+        HeadCommand(stamp=3 * SECOND, mode="track", cause="waldo-9"),
+        Utterance(stamp=3 * SECOND, id="say-waldo-9", text="Hello!", key="greeting", cause="waldo-9"),
+    ]
+
+
+def test_staying_idle_looks_straight_on_and_says_nothing():
+    assert Stage().act("stayIdle") == [HeadCommand(stamp=3 * SECOND, mode="centre", cause="waldo-9")]
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        ("dance",),
+        ("speak",),
+        ("speak", "greeting"),
+        ("speak", "greeting", 3),
+        ("speak", "a", "b", "c"),
+        ("stayIdle", 1),
+    ],
+)
+def test_an_action_that_no_actuator_can_do_is_counted_and_harms_nothing(action):
+    stage = Stage()
+    assert stage.act(*action) == []
+    faults = stage.runner.faults["listener"]
+    assert faults.failures == 1
+    assert f"no actuator does {action[0]}" in faults.first
+    assert "speak(situation, sentence)" in faults.first
+    assert len(stage.act("speak", "greeting", "Hello!")) == 2

@@ -1,0 +1,284 @@
+from __future__ import annotations
+
+import array
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+from typer.testing import CliRunner
+
+from socialbot.bridge.message_text import message_text
+from socialbot.bridge.round_trip import free_domain
+from socialbot.bridge.topic_cli import rate_line, topic
+from socialbot.bridge.topics import Arrivals, Rate, Topic, messages, settled_topics
+from socialbot.errors import GraphError, InstallationError
+
+SAID = {
+    "schema": "socialbot/Utterance/1",
+    "stamp": 7,
+    "id": "u1",
+    "text": "Good morning: can I help?",
+    "key": "",
+    "cause": "",
+}
+PICTURE_BYTES = 921600
+
+TALKER = f"""
+import array, json, time
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
+from socialbot.bridge.process import Ending
+from socialbot.bridge.session import spinning_node
+
+latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+picture = Image(width=640, height=480, encoding="bgr8", data=array.array("B", bytes({PICTURE_BYTES})))
+with Ending().on_signals() as ending, spinning_node("talker") as node:
+    node.create_publisher(String, "/speech/say", latched).publish(String(data=json.dumps({SAID!r})))
+    node.create_publisher(String, "/silent", 10)
+    node.create_subscription(String, "/wanted", print, 10)
+    images = node.create_publisher(Image, "/camera/image_raw", qos_profile_sensor_data)
+    while not ending.asked:
+        images.publish(picture)
+        time.sleep(0.05)
+"""
+
+
+class Fields:
+    """A message as rclpy makes them, as far as `message_text` looks."""
+
+    def __init__(self, **fields: Any) -> None:
+        vars(self).update(fields)
+
+    def get_fields_and_field_types(self) -> dict[str, str]:
+        return dict.fromkeys(vars(self), "")
+
+
+def loaded(text: str) -> Any:
+    return YAML(typ="safe", pure=True).load(text)
+
+
+class TestMessageText:
+    def test_is_yaml_that_says_what_the_message_holds(self):
+        point = Fields(x=0.5, y=float("inf"), positions=array.array("d", [1.0, 2.0]))
+        message = Fields(
+            header=Fields(stamp=Fields(sec=3), frame_id=""),
+            level=b"\x02",
+            flag=True,
+            words=["pan", "yes", "a: b", "two\nlines", "\x1b[31m", 'it\'s "so"'],
+            matrix=np.eye(2).reshape(-1),
+            none=[],
+            points=[point, point],
+        )
+        as_yaml = {"x": 0.5, "y": float("inf"), "positions": [1.0, 2.0]}
+        assert loaded(message_text(message)) == {
+            "header": {"stamp": {"sec": 3}, "frame_id": ""},
+            "level": 2,
+            "flag": True,
+            "words": ["pan", "yes", "a: b", "two\nlines", "\x1b[31m", 'it\'s "so"'],
+            "matrix": [1.0, 0.0, 0.0, 1.0],
+            "none": [],
+            "points": [as_yaml, as_yaml],
+        }
+
+    def test_tells_only_the_size_of_long_arrays(self):
+        message = Fields(data=array.array("B", bytes(900)), ranges=array.array("f", [0.0] * 360), k=np.zeros(100))
+        assert message_text(message) == "data: <900 bytes>\nranges: <360 numbers>\nk: <100 numbers>"
+        assert len(loaded(message_text(message, raw=True))["data"]) == 900
+
+    def test_shows_what_json_in_a_string_says(self):
+        message = Fields(data=json.dumps({**SAID, "persons": [{"x": 1.0, "track_id": ""}, {}]}))
+        text = message_text(message)
+        assert text.startswith("data:\n  schema: socialbot/Utterance/1\n  stamp: 7\n")
+        assert loaded(text)["data"] == json.loads(message.data)  # type: ignore[attr-defined]
+        assert loaded(message_text(message, raw=True))["data"] == message.data  # type: ignore[attr-defined]
+
+    @pytest.mark.parametrize("text", ["{broken", "Hello", "", "[1, 2]", "{" * 5000])
+    def test_leaves_other_text_as_it_is(self, text):
+        assert loaded(message_text(Fields(data=text))) == {"data": text}
+
+    def test_lets_nothing_through_that_drives_a_terminal(self):
+        assert message_text(Fields(data="\x1b]0;x\x07\x9b")).isprintable()
+
+
+class TestArrivals:
+    def test_tell_rate_periods_and_bandwidth(self):
+        arrivals = Arrivals(window=100)
+        for time_s in (0.0, 0.1, 0.3, 0.4):
+            arrivals.note(time_s, 1000)
+        rate = arrivals.rate()
+        assert rate is not None
+        assert (rate.hz, rate.min_s, rate.max_s) == pytest.approx((7.5, 0.1, 0.2))
+        assert rate.deviation_s == pytest.approx(np.std([0.1, 0.2, 0.1]))
+        assert rate.bytes_per_s == pytest.approx(7500)
+
+    def test_look_at_the_window_only(self):
+        arrivals = Arrivals(window=3)
+        for time_s in (0.0, 10.0, 10.5, 11.0):
+            arrivals.note(time_s, 1)
+        rate = arrivals.rate()
+        assert rate is not None
+        assert (rate.hz, rate.messages) == pytest.approx((2.0, 3))
+
+    def test_need_two_messages(self):
+        arrivals = Arrivals(window=3)
+        assert arrivals.rate() is None
+        arrivals.note(1.0, 1)
+        assert arrivals.rate() is None
+
+    @pytest.mark.parametrize("scale", [1e-6, 1.0, 9.9e5])
+    def test_are_told_in_one_line_of_80_columns(self, scale):
+        rate = Rate(hz=1234.5, min_s=99.9, max_s=99.9, deviation_s=9.9, bytes_per_s=1e6 * scale, messages=1000)
+        assert len(rate_line(rate)) <= 80
+
+
+class Graph:
+    """What `settled_topics` sees: one look after the other, the last one for ever."""
+
+    def __init__(self, *looks: tuple[str, ...]) -> None:
+        self._looks = list(looks)
+        self._now: tuple[str, ...] = ()
+
+    def get_name(self) -> str:
+        return "me"
+
+    def get_topic_names_and_types(self) -> list[tuple[str, list[str]]]:
+        self._now = self._looks.pop(0) if len(self._looks) > 1 else self._looks[0]
+        return [(name, ["std_msgs/msg/String"]) for name in self._now]
+
+    def get_publishers_info_by_topic(self, name: str) -> list[Any]:
+        return [SimpleNamespace(node_name=node, topic_type="no_msgs/msg/No") for node in ("me", "other")]
+
+    def get_subscriptions_info_by_topic(self, name: str) -> list[Any]:
+        return []
+
+
+class TestSettledTopics:
+    def test_wait_until_nothing_changes(self):
+        topics = settled_topics(Graph((), ("/b",), ("/b", "/a")))
+        assert topics == (Topic("/a", ("std_msgs/msg/String",), 1, 0), Topic("/b", ("std_msgs/msg/String",), 1, 0))
+
+    def test_end_when_asked(self):
+        begun = time.monotonic()
+        assert settled_topics(Graph(()), ended=lambda: True) == ()
+        assert time.monotonic() - begun < 0.2
+
+
+@pytest.fixture(scope="module")
+def domain() -> str:
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    return str(free_domain(range(50 + 5 * (worker % 5), 55 + 5 * (worker % 5))))
+
+
+@pytest.fixture(autouse=True)
+def apart(domain, monkeypatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+
+@pytest.fixture(scope="module")
+def talker(domain) -> Iterator[None]:
+    variables = {**os.environ, "ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    process = subprocess.Popen([sys.executable, "-c", TALKER], env=variables)
+    yield
+    # Killed, it would leave its shared memory behind.
+    process.terminate()
+    process.wait(10)
+
+
+def run(*arguments: str) -> str:
+    result = CliRunner().invoke(topic, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    return result.output
+
+
+@pytest.mark.ros
+@pytest.mark.usefixtures("talker")
+class TestCommands:
+    def test_echo_shows_the_last_of_a_latched_topic(self):
+        shown, end = run("echo", "speech/say", "--count", "1").split("---")
+        assert loaded(shown) == {"data": SAID}
+        assert not end.strip()
+
+    def test_echo_cuts_pictures_and_hears_best_effort(self):
+        text = run("echo", "/camera/image_raw", "--count", "2")
+        assert text.count("data: <921600 bytes>\n---\n") == 2
+
+    def test_list_shows_topics_types_and_both_ends(self):
+        rows = [line.split() for line in run("list").splitlines()]
+        assert rows == [
+            ["topic", "type", "pubs", "subs"],
+            ["/camera/image_raw", "sensor_msgs/Image", "1", "0"],
+            ["/silent", "std_msgs/String", "1", "0"],
+            ["/speech/say", "std_msgs/String", "1", "0"],
+            ["/wanted", "std_msgs/String", "0", "1"],
+        ]
+        assert "/rosout" in run("list", "--all")
+
+    def test_hz_tells_the_rate_and_ends_by_duration(self):
+        *_, last = run("hz", "/camera/image_raw", "--duration", "1.5").splitlines()
+        rate, unit, *_ = last.split()
+        assert unit == "Hz"
+        assert 2 < float(rate) < 25
+        assert "MB/s" in last
+
+    def test_a_misspelt_topic_is_an_error_with_a_suggestion(self):
+        with pytest.raises(GraphError, match="nobody publishes /speech/sy") as caught:
+            run("echo", "/speech/sy", "--timeout", "1")
+        assert "did you mean '/speech/say'?" in str(caught.value)
+
+    def test_a_topic_that_is_only_wanted_is_not_there(self):
+        with pytest.raises(GraphError, match="nobody publishes /wanted"):
+            run("hz", "/wanted", "--timeout", "0.5")
+
+    @pytest.mark.parametrize(
+        ("arguments", "number"),
+        [(("echo", "/speech/say"), signal.SIGINT), (("hz", "/camera/image_raw"), signal.SIGTERM)],
+    )
+    def test_signals_end_it_well(self, arguments, number):
+        command = [sys.executable, "-c", "from socialbot.bridge.topic_cli import topic; topic()", *arguments]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline()
+            process.send_signal(number)
+            _, complaint = process.communicate(timeout=10)
+        finally:
+            process.kill()
+        assert (process.returncode, complaint) == (0, "")
+
+
+@pytest.mark.ros
+class TestMessages:
+    def test_a_type_that_is_not_installed_is_an_error(self):
+        with pytest.raises(InstallationError, match="no_msgs/msg/No"):
+            next(messages(Graph(("/a",)), "/a", timeout_s=1.0))
+
+    def test_the_subscription_asks_for_less_when_a_publisher_offers_less(self):
+        from rclpy.qos import qos_profile_sensor_data
+        from std_msgs.msg import String
+
+        from socialbot.bridge.session import spinning_node
+        from socialbot.bridge.topics import onlooker
+
+        deadline = time.monotonic() + 8
+        with spinning_node("driver") as driver, onlooker() as ros:
+            publisher, said = driver.create_publisher(String, "/mixed", 10), "reliable"
+            with closing(messages(ros, "/mixed", timeout_s=5.0)) as heard:
+                for message in heard:
+                    assert time.monotonic() < deadline
+                    publisher.publish(String(data=said))
+                    if message is not None and message.data == "reliable":
+                        publisher, said = driver.create_publisher(String, "/mixed", qos_profile_sensor_data), "best"
+                    if message is not None and message.data == "best":
+                        break
