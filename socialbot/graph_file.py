@@ -17,6 +17,7 @@ from __future__ import annotations
 import importlib
 import importlib.resources
 import io
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,10 @@ GRAPHS: Mapping[str, str] = {"waldo": "agents/waldo/graph.yaml"}
 
 
 def load_graph(name: str) -> Graph:
-    """The graph called ``name``, one of `GRAPHS` or a file. Raises GraphError or ParameterError with file and line."""
+    """The graph called ``name``, one of `GRAPHS` or a file.
+
+    Node types of its own may stand in modules beside the file. Raises GraphError with file and line.
+    """
     if name in GRAPHS:
         text = importlib.resources.files("socialbot").joinpath(GRAPHS[name]).read_text("utf-8")
         return parse_graph(text, where=name)
@@ -53,6 +57,9 @@ def load_graph(name: str) -> Graph:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise GraphError(f"cannot read the graph: {error}", where=name, remedy=suggestion(name, GRAPHS)) from error
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:
+        sys.path.append(folder)
     return parse_graph(text, where=str(path))
 
 

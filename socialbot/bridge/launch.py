@@ -57,6 +57,7 @@ class Launch:
         """Starts ``socialbot *arguments`` as the process ``name``, with its log in the folder."""
         variables = dict(os.environ)
         environment.prepare(variables, log_folder=self._folder / "ros")
+        variables["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
         command = [sys.executable, "-m", "socialbot", *arguments, "--parent", str(os.getpid())]
         with self._log(name).open("ab") as log:
             process = subprocess.Popen(

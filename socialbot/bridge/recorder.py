@@ -44,8 +44,9 @@ def record(
 ) -> Recording:
     """Records ``topics``, or all, to the new bag ``out`` until ``duration_s`` is over or ``stopped``.
 
-    Topics that appear later are recorded too; hidden ones (``/rosout``, ``/_name``, ...) only when they are asked for. ``clock`` gives the times of reception. Raises BagError
-    when ``out`` exists or cannot be written, InstallationError when there is no ROS.
+    Topics that appear later are recorded too; hidden ones (``/rosout``, ``/_name``, ...) only when they are asked
+    for. ``clock`` gives the times of reception. Raises BagError when ``out`` exists or cannot be written,
+    InstallationError when there is no ROS.
     """
     environment.require_ros()
     from rclpy.executors import SingleThreadedExecutor

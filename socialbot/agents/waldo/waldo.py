@@ -44,16 +44,13 @@ class OfferHelp(Goal):
 
 @dataclass
 class Manners:
-    """What can be tuned while Waldo runs: distances in m, durations in s, and the sentences."""
+    """What can be tuned while Waldo runs: distances in m, durations in s (see docs/waldo.md)."""
 
     range_m: float = 6.0
     appear_s: float = 0.5
     vanish_s: float = 1.5
     help_after_s: float = 8.0
     regreet_after_s: float = 5.0
-    greeting: str = "Hello! Nice to see you."
-    greeting_several: str = "Hello everybody!"
-    offer: str = "Can I help you with anything?"
 
 
 # 3. Define actions (and the sensor that perceives people)

@@ -36,12 +36,14 @@ class WaldoNode(AgentNode):
     regreet_after_s = Parameter(
         Manners.regreet_after_s, "people are greeted anew after nobody was there (s)", minimum=0.0, maximum=86400.0
     )
-    greeting = Parameter(Manners.greeting, "what to say to one person who comes")
-    greeting_several = Parameter(Manners.greeting_several, "what to say to several people who come together")
-    offer = Parameter(Manners.offer, "what to say to somebody who stays")
+    greeting = Parameter("Hello! Nice to see you.", "what to say to one person who comes")
+    greeting_several = Parameter("Hello everybody!", "what to say to several people who come together")
+    offer = Parameter("Can I help you with anything?", "what to say to somebody who stays")
 
     def build(self) -> Engine:
-        self._manners = Manners(**self.parameter_values)
+        self._manners = Manners()
+        for name in self.parameter_values:
+            self.on_parameter(name)
         self._sensor = PersonSensor(self._manners)
         return waldo(self.name, self.clock, self._manners, robot=self, sink=self.record, wake=self.wake)
 
@@ -51,8 +53,9 @@ class WaldoNode(AgentNode):
         self.engine.perceive(self._sensor, message, cause=message.id, since=message.stamp)
 
     def on_parameter(self, name: str) -> None:
-        setattr(self._manners, name, self.parameter_values[name])
+        if hasattr(self._manners, name):
+            setattr(self._manners, name, self.parameter_values[name])
 
     def sentence(self, situation: str) -> str:
         """The sentence for a situation, as the parameters have it now."""
-        return getattr(self._manners, situation)
+        return str(self.parameter_values[situation])

@@ -1,0 +1,17 @@
+"""The published schemas are those of the code."""
+
+from __future__ import annotations
+
+import pytest
+
+from socialbot.messages import STRUCTURED, Structured
+from tools.schemas import FOLDER, schema_file, schema_text
+
+
+@pytest.mark.parametrize("message_type", STRUCTURED, ids=lambda kind: kind.__name__)
+def test_the_schema_in_docs_is_up_to_date(message_type: type[Structured]) -> None:
+    assert schema_file(message_type).read_text() == schema_text(message_type), "run python tools/schemas.py"
+
+
+def test_docs_hold_no_schema_of_the_past() -> None:
+    assert {file.stem for file in FOLDER.glob("*.json")} == {kind.__name__ for kind in STRUCTURED}
