@@ -24,7 +24,7 @@ HIDDEN = ("/parameter_events", "/rosout")
 LOOK_AGAIN_S = 0.05
 ADAPT_S = 0.5
 """How often the subscription is compared with what the publishers offer."""
-QUIET_S = 0.5
+QUIET_S = 1.0
 SETTLE_LIMIT_S = 3.0
 DEPTH = 100
 

@@ -23,8 +23,8 @@ OnEnd = Callable[[str | None], None]
 _PERIOD_MS = 50
 _TAIL_S = 0.2
 """Silence after each sound, longer than what a device holds in its buffers, so that no end is cut off."""
-_PATIENCE_S = 2.0
-"""A device that needs this much longer than the sound itself has failed."""
+_PATIENCE_S = 1.0
+"""A device that takes no sound for so long has failed."""
 
 
 class Player(Protocol):
@@ -62,7 +62,7 @@ class DevicePlayer:
     def stop(self) -> None:
         if self._source is not None and self._thread is not None:
             self._source.cut_off()
-            pass
+            self._thread.join(_PATIENCE_S)
 
     def _run(self, source: _Source, on_end: OnEnd) -> None:
         try:
@@ -75,15 +75,18 @@ class DevicePlayer:
     def _play(self, source: _Source) -> str | None:
         """Plays ``source`` until it is over; says what went wrong."""
         with open_device(self.backend, source.sample_rate) as device:
-            device.stop_callback = source.over.set  # pyright: ignore[reportAttributeAccessIssue]
             device.start(source.frames())
-            if not source.over.wait(source.duration_s + _PATIENCE_S):
-                return "the sound device hangs"
-        return "the sound device has stopped" if source.left else None
+            left = -1
+            # miniaudio's own notice of a stop comes too early: closing a device just then may never return.
+            while not source.over.wait(_PATIENCE_S):
+                if source.left == left:
+                    return "the sound device takes no more sound"
+                left = source.left
+        return None
 
 
 class _Source:
-    """Hands a sound to a device; ``over`` is set when all of it is taken, it is cut off or the device is gone."""
+    """Hands a sound to a device; ``over`` is set when all of it is taken or it is cut off."""
 
     def __init__(self, sound: Sound) -> None:
         self.sample_rate = sound.sample_rate
@@ -91,11 +94,6 @@ class _Source:
         self.over = threading.Event()
         self._samples = np.concatenate([sound.samples, np.zeros(round(_TAIL_S * sound.sample_rate), np.int16)])
         self.left = self._samples.size
-
-    @property
-    def duration_s(self) -> float:
-        """The duration of the sound and the silence after it."""
-        return self._samples.size / self.sample_rate
 
     def cut_off(self) -> None:
         """Ends it before its time."""

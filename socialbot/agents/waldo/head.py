@@ -39,8 +39,6 @@ class Motion:
     def at(self, time: int) -> Pose:
         """The pose at ``time`` (ns)."""
         share = min(max((time - self.begin) / SECOND / self.duration_s, 0.0), 1.0)
-        if share == 1.0:
-            return self.target
         return Pose(*(a + share * (b - a) for a, b in zip(self.start, self.target, strict=True)))
 
 
