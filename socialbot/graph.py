@@ -229,12 +229,20 @@ class Node:
         return self.context.call_at(self.clock.now() + nanoseconds(seconds), callback)
 
     def set_parameter(self, name: str, value: object) -> None:
-        """Changes a parameter while running. Raises ParameterError when it is unknown, fixed or does not fit."""
+        """Changes a parameter while running.
+
+        Raises ParameterError when it is unknown, fixed or does not fit, and whatever the node objects.
+        """
         checked = check_parameters(type(self), {name: value}, where=self.name)
         if self._parameters[name].fixed:
             raise ParameterError("can only be set before the node starts", where=f"{self.name}.{name}")
+        before = self.parameter_values[name]
         self.parameter_values[name] = checked[name]
-        self.on_parameter(name)
+        try:
+            self.on_parameter(name)
+        except Exception:
+            self.parameter_values[name] = before
+            raise
 
     def start(self) -> None:
         """Called once, when all connections stand."""
@@ -243,7 +251,7 @@ class Node:
         """Called once, before the node goes away; gives back devices and files."""
 
     def on_parameter(self, name: str) -> None:
-        """Called after a parameter has changed."""
+        """Called after a parameter has changed; an exception takes the change back."""
 
 
 def _own(cls: type, kind: type) -> dict[str, Any]:

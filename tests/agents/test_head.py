@@ -96,6 +96,12 @@ def test_tracking_turns_to_the_nearest_person_and_unknown_distances_count_as_far
     assert stage.positions == [(-0.4, 0.1)]
 
 
+def test_a_distance_that_is_no_number_counts_as_far():
+    stage = Stage()
+    stage.see(1.0, person(0.4, math.nan), person(0.2, 3.0))
+    assert stage.positions == [(0.2, 0.0)]
+
+
 def test_of_people_at_unknown_distances_the_one_straight_ahead_is_chosen():
     stage = Stage()
     stage.see(1.0, person(-0.9, None), person(0.2, None), person(0.4, math.nan))
@@ -195,6 +201,14 @@ def test_after_centring_the_nearest_is_chosen_afresh():
     stage.see(1.0, person(0.5, 2.0))
     stage.see(10.0, person(0.5, 2.0), person(-0.5, 1.9))
     assert stage.positions == [(0.5, 0.0), (0.0, 0.0), (-0.5, 0.0)]
+
+
+def test_told_to_track_again_the_nearest_is_chosen_afresh():
+    stage = Stage()
+    stage.see(1.0, person(0.5, 2.0))
+    stage.order(2.0, "track")
+    stage.see(3.0, person(0.5, 2.0), person(-0.5, 1.9))
+    assert stage.positions == [(0.5, 0.0), (-0.5, 0.0)]
 
 
 def test_centre_and_look_ignore_people_until_told_to_track():
