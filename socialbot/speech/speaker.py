@@ -95,13 +95,8 @@ class Speaker(Node):
 
     def on_parameter(self, name: str) -> None:
         """Takes another voice; an unknown one leaves the present one in force. Raises ParameterError."""
-        if self._synthesizer is None or name not in ("voice", "rate_wpm", "pitch"):
-            return
-        try:
+        if self._synthesizer is not None and name in ("voice", "rate_wpm", "pitch"):
             self._synthesizer = Synthesizer(self.voice, self.rate_wpm, self.pitch)
-        except ParameterError:
-            self.parameter_values[name] = getattr(self._synthesizer, name)
-            raise
 
     @say
     def on_say(self, utterance: Utterance) -> None:
