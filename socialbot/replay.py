@@ -20,7 +20,7 @@ from socialbot.bridge.feeding import feeding
 from socialbot.bridge.launch import Launch
 from socialbot.bridge.observing import Fates, Onlooker, observing
 from socialbot.bridge.process import Ending
-from socialbot.bridge.readiness import await_graph
+from socialbot.bridge.readiness import await_graph, expect_free_names
 from socialbot.clock import SECOND
 from socialbot.errors import NodeError
 from socialbot.graph import Graph
@@ -151,18 +151,16 @@ def _run_ros(plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path,
 
     fates = Fates()
     logs = folder / "log"
-    with (
-        Ending().on_signals() as ending,
-        observing(recorded_topics(graph), observe, fates.note) as onlooker,
-        Launch(graph, logs, sim_time=True, composed=plan.composed) as launch,
-    ):
-        _await_graph(onlooker, graph, launch, ending)
-        player = launch.start("bag_player", _player_arguments(plan, logs / "graph.yaml"))
-        while player.poll() is None and not ending.asked:
+    with Ending().on_signals() as ending, observing(recorded_topics(graph), observe, fates.note) as onlooker:
+        expect_free_names(onlooker.ros, graph)
+        with Launch(graph, logs, sim_time=True, composed=plan.composed) as launch:
+            _await_graph(onlooker, graph, launch, ending)
+            player = launch.start("bag_player", _player_arguments(plan, logs / "graph.yaml"))
+            while player.poll() is None and not ending.asked:
+                launch.check()
+                time.sleep(0.1)
             launch.check()
-            time.sleep(0.1)
-        launch.check()
-        time.sleep(DRAIN_S)
+            time.sleep(DRAIN_S)
     failed = {name: code for name, code in launch.exit_codes.items() if code}
     if failed:
         raise NodeError(

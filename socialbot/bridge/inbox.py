@@ -17,6 +17,9 @@ from socialbot.messages import Message
 BACKLOG = 16
 """How many frames of a stream may wait at all; older ones fall off."""
 
+CALLS_AVERAGED = 8
+"""Over how many calls the cost of a message is averaged: one call that was held up makes no node slow."""
+
 
 @dataclass(eq=False)
 class Line:
@@ -25,12 +28,19 @@ class Line:
     port: Input[Any]
     waiting: deque[Message] = field(default_factory=deque)
     cost_s: float = 0.0
+    spacing_s: float = 0.0
     received: int = 0
     skipped: int = 0
+    handled: int = 0
+    latest: int = 0
 
     def put(self, message: Message) -> None:
         """Adds a message at the end."""
+        if self.received:
+            spacing_s = (message.stamp - self.latest) / SECOND
+            self.spacing_s += (spacing_s - self.spacing_s) / min(self.received, CALLS_AVERAGED)
         self.received += 1
+        self.latest = message.stamp
         self.waiting.append(message)
         if self.port.delivery is Delivery.LATCHED:
             self._keep(1)
@@ -43,15 +53,28 @@ class Line:
         Of a stream that comes faster than it can be handled this is the newest one. A node that was held
         up for once, but is fast enough, catches up and loses nothing.
         """
-        if self.port.delivery is Delivery.NEWEST and len(self.waiting) > 1:
-            spacing = (self.waiting[-1].stamp - self.waiting[0].stamp) / (len(self.waiting) - 1) / SECOND
-            if self.cost_s > spacing:
-                self._keep(1)
+        if self._slow:
+            self._keep(1)
         return self.waiting.popleft()
 
+    def pause(self, now: int) -> float:
+        """How long (s) to wait for a newer message; 0 when what is there is to be taken.
+
+        When the newest message is nearly as old as the spacing, the next one is on its way already. A node
+        that cannot handle all of them does better to handle that one. ``now`` is in ns.
+        """
+        age = (now - self.waiting[-1].stamp) / SECOND
+        due = 0.9 * self.spacing_s < age < 2 * self.spacing_s
+        return 2 * self.spacing_s - age if self._slow and due else 0.0
+
     def charge(self, seconds: float) -> None:
-        """Learns what handling a message costs: a moving average that follows within a few messages."""
-        self.cost_s = seconds if self.cost_s == 0.0 else 0.7 * self.cost_s + 0.3 * seconds
+        """Learns what handling a message costs: the average of the last calls."""
+        self.handled += 1
+        self.cost_s += (seconds - self.cost_s) / min(self.handled, CALLS_AVERAGED)
+
+    @property
+    def _slow(self) -> bool:
+        return self.port.delivery is Delivery.NEWEST and self.cost_s > self.spacing_s > 0.0
 
     def _keep(self, count: int) -> None:
         while len(self.waiting) > count:
@@ -143,13 +166,20 @@ class Inbox:
                     if callback is not None:
                         return callback
                 elif self._order:
-                    return self._next_message()
+                    wait = self._wait_for_newer()
+                    if not wait:
+                        return self._next_message()
+                    self._changed.wait(wait if pause is None else min(wait, pause))
                 else:
                     self._changed.wait(None if self._simulated else pause)
             return None
 
     def _until_alarm(self) -> float | None:
         return (self._alarms[0][0] - self._now()) / SECOND if self._alarms else None
+
+    def _wait_for_newer(self) -> float:
+        # Simulated time may stand still, and a second input has something to do meanwhile.
+        return 0.0 if self._simulated or len(self._order) > 1 else self._order[0].pause(self._now())
 
     def _next_message(self) -> tuple[Line, Message]:
         line = self._order.popleft()

@@ -6,17 +6,20 @@ published before they do is lost. So every node counts its own peers.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from socialbot.errors import NodeError
 from socialbot.graph import Graph
 
 UNCONNECTED = "unconnected"
 """The key on /diagnostics: what a node still misses, empty when it is connected."""
 
 LOOK_AGAIN_S = 0.02
+LOOK_ROUND_S = 0.8
 
 
 @dataclass(frozen=True)
@@ -84,4 +87,19 @@ def await_graph(
         missing = [*readiness.missing(), *([f"{ros.get_name()}: {lacking}"] if lacking else [])]
         if not missing or ended() or time.monotonic() > deadline:
             return missing
+        time.sleep(LOOK_AGAIN_S)
+
+
+def expect_free_names(ros: Any, graph: Graph) -> None:
+    """Raises NodeError when nodes of these names run in the ROS domain already: both graphs would hear each other."""
+    ours = {placement.name for placement in graph.placements}
+    deadline = time.monotonic() + LOOK_ROUND_S
+    while time.monotonic() < deadline:
+        taken = ours & set(ros.get_node_names())
+        if taken:
+            raise NodeError(
+                f"nodes of these names are running already: {', '.join(sorted(taken))}",
+                where=f"ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}",
+                remedy="end them, or set ROS_DOMAIN_ID to another number (0 to 101)",
+            )
         time.sleep(LOOK_AGAIN_S)

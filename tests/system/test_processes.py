@@ -72,6 +72,15 @@ def test_a_node_leaves_and_joins_again(pictures: Path, tmp_path: Path, onlooker:
         assert eventually(lambda: heads() == 1)
 
 
+def test_two_graphs_in_one_domain_are_refused(short_bag: Path, tmp_path: Path, onlooker: Any) -> None:
+    with running("node", "head"):
+        assert eventually(lambda: "head" in onlooker.get_node_names())
+        done = socialbot("replay", short_bag, "--out", tmp_path / "run", "--no-video")
+    assert done.returncode == 6
+    assert "head" in done.stderr
+    assert "ROS_DOMAIN_ID" in done.stderr
+
+
 def test_parameters_have_ranges_and_change_at_run_time(onlooker: Any) -> None:
     from rclpy.parameter import Parameter
     from rclpy.parameter_client import AsyncParameterClient

@@ -1,0 +1,1 @@
+"""Experiments and benchmarks: each module is a command, ``python -m evaluation.NAME``."""

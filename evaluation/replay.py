@@ -1,0 +1,235 @@
+"""How fast and how faithful a replay is: inline against a bare loop of decoding and detecting, and ROS against inline.
+
+``python -m evaluation.replay BAG`` lets the inline runner and the bare loop take turns in this process,
+compares the traces of the inline runs byte by byte, and the actions of a replay through ROS with theirs.
+"""
+
+from __future__ import annotations
+
+import itertools
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+from unittest import mock
+
+import cv2
+import typer
+
+from evaluation.report import DomainOption, JsonOption, QuickOption, Report, run
+from socialbot.bridge import environment
+from socialbot.bridge.bag_writer import BagWriter
+from socialbot.bridge.bags import Bag, open_bag
+from socialbot.clock import SECOND
+from socialbot.errors import BagError
+from socialbot.graph_file import load_graph
+from socialbot.messages import ActionRequest, CompressedImage, Image
+from socialbot.replay import Replay, Runner, replay
+from socialbot.run_record import RunRecord
+from socialbot.vision.encodings import bgr_from_compressed, bgr_from_image
+from socialbot.vision.hog import HogDetector
+
+DOMAIN = 78
+BAG = Path("data/synthetic/corridor")
+PASSES = 2
+QUICK_S = 4.0
+"""How much of the bag a quick run takes."""
+
+OUTSIDE_LIMIT = 0.10
+THRESHOLD = 0.3
+
+
+@dataclass
+class Meter:
+    """Wall clock and processor time (s); ``with meter:`` adds what passes within."""
+
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+
+    def __enter__(self) -> Meter:
+        self.wall_s -= time.perf_counter()
+        self.cpu_s -= time.process_time()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.wall_s += time.perf_counter()
+        self.cpu_s += time.process_time()
+
+
+@dataclass
+class Pass:
+    """One pass over the bag: its time in all, and that within the detector."""
+
+    whole: Meter
+    detector: Meter
+
+    @property
+    def outside_cpu(self) -> float:
+        """The share of processor time outside the detector."""
+        return 1 - self.detector.cpu_s / self.whole.cpu_s
+
+    @property
+    def outside_wall(self) -> float:
+        """The share of the wall clock outside the detector."""
+        return 1 - self.detector.wall_s / self.whole.wall_s
+
+
+@dataclass
+class InlinePass(Pass):
+    """An inline replay, with its trace and what the agent did."""
+
+    trace: bytes
+    actions: list[ActionRequest]
+    stamps: list[int]
+
+
+def bare_pass(bag: Bag) -> Pass:
+    """The least there is to do: decode every picture and look for people, one thread."""
+    topic = bag.choose_image_topic().name
+    cv2.setNumThreads(1)
+    with metered_detector() as detector, Meter() as whole:
+        hog = HogDetector(THRESHOLD)
+        for _, message in bag.messages({topic: topic}):
+            assert isinstance(message, (Image, CompressedImage))
+            hog.detect(bgr_from_image(message) if isinstance(message, Image) else bgr_from_compressed(message))
+    return Pass(whole, detector)
+
+
+def inline_pass(bag: Bag, folder: Path) -> InlinePass:
+    """What ``socialbot replay BAG --runner inline --no-video`` does."""
+    with metered_detector() as detector, Meter() as whole:
+        record = _replay(bag, "inline", folder)
+    trace = (folder / "trace.jsonl").read_bytes()
+    return InlinePass(whole, detector, trace, record.actions, [message.stamp for message in record.detections])
+
+
+def ros_actions(bag: Bag, folder: Path) -> list[ActionRequest]:
+    """What the agent does when the bag is replayed through nodes in processes of their own."""
+    return _replay(bag, "ros", folder).actions
+
+
+def command_cpu_s(bag: Path, folder: Path) -> float:
+    """Processor time (s) of the whole command, from the start of Python to the end of the annotated video."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [sys.executable, "-m", "socialbot", "replay", str(bag), "--runner", "inline", "--out", str(folder)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _replay(bag: Bag, runner: Runner, folder: Path) -> RunRecord:
+    graph = load_graph("waldo").with_parameters({"person_detector": {"threshold": THRESHOLD}})
+    with RunRecord(folder) as record:
+        replay(Replay(bag=bag, graph=graph, runner=runner), record, lambda *_: None)
+    return record
+
+
+@contextmanager
+def metered_detector() -> Iterator[Meter]:
+    """Measures the time spent in the detector, whoever calls it."""
+    meter = Meter()
+    detect: Callable[..., Any] = HogDetector.detect
+
+    def metered(detector: HogDetector, image: Any) -> Any:
+        with meter:
+            return detect(detector, image)
+
+    with mock.patch.object(HogDetector, "detect", metered):
+        yield meter
+
+
+def shortened(bag: Bag, path: Path, seconds: float) -> Path:
+    """The first ``seconds`` of ``bag`` as a bag of its own."""
+    end = bag.start + round(seconds * SECOND)
+    names = {topic.name: topic.name for topic in bag.topics if topic.count}
+    with BagWriter(path) as writer:
+        for topic, at, type_name, data in itertools.takewhile(lambda item: item[1] < end, bag.raw_messages(names)):
+            writer.write_raw(topic, type_name, data, at)
+    return path
+
+
+def measure(bag_path: Path, domain: int, *, quick: bool) -> Report:
+    """Replays the bag, or the begin of it, in every way. Raises BagError when it holds no pictures."""
+    environment.prepare(domain=domain)
+    report = Report("replay", quick)
+    with tempfile.TemporaryDirectory(prefix="replay-") as scratch:
+        folder = Path(scratch)
+        if quick:
+            with open_bag(bag_path) as whole:
+                bag_path = shortened(whole, folder / "short", QUICK_S)
+        with open_bag(bag_path) as bag:
+            bare: list[Pass] = []
+            inline: list[InlinePass] = []
+            for turn in range(PASSES):
+                bare.append(bare_pass(bag))
+                inline.append(inline_pass(bag, folder / f"inline-{turn}"))
+            actions = ros_actions(bag, folder / "ros")
+        command_s = None if quick else command_cpu_s(bag_path, folder / "command")
+    if len(inline[0].stamps) < 2:
+        raise BagError("too few pictures to measure with", where=str(bag_path))
+    add_speed(report, bare, inline)
+    if command_s is not None:
+        outside = round(1 - min(one.detector.cpu_s for one in inline) / command_s, 4)
+        report.add("command_outside_detector_share", "the whole command, with start and video: share outside", outside)
+    add_faith(report, inline, actions)
+    return report
+
+
+def add_speed(report: Report, bare: list[Pass], inline: list[InlinePass]) -> None:
+    """Adds what inline replay costs beside the detector, and beside the bare loop."""
+    frames = len(inline[0].stamps)
+    bare_cpu, inline_cpu = (min(one.whole.cpu_s for one in passes) for passes in (bare, inline))
+    bare_wall, inline_wall = (min(one.whole.wall_s for one in passes) for passes in (bare, inline))
+    add = report.add
+    add("frames", "frames", frames)
+    add("passes", "passes of each kind, taking turns; the least is taken", PASSES)
+    add("bare_ms_per_frame", "bare loop of decode and detect: processor time, ms a frame", _ms(bare_cpu / frames))
+    add("inline_ms_per_frame", "inline replay: processor time, ms a frame", _ms(inline_cpu / frames))
+    add("inline_to_bare", "inline against bare, processor time", round(inline_cpu / bare_cpu, 4))
+    add("inline_to_bare_wall", "inline against bare, wall clock", round(inline_wall / bare_wall, 4))
+    outside = round(min(one.outside_cpu for one in inline), 4)
+    add("outside_detector_share", "inline: share of processor time outside the detector", outside, OUTSIDE_LIMIT)
+    outside = round(min(one.outside_wall for one in inline), 4)
+    add("outside_detector_share_wall", "inline: share of the wall clock outside the detector", outside, OUTSIDE_LIMIT)
+    outside = round(min(one.outside_cpu for one in bare), 4)
+    add("bare_outside_detector_share", "bare loop: share of processor time outside the detector", outside)
+
+
+def add_faith(report: Report, inline: list[InlinePass], ros: list[ActionRequest]) -> None:
+    """Adds whether inline replays agree with each other, and with the one through ROS."""
+    first = inline[0]
+    period = statistics.median(later - earlier for earlier, later in itertools.pairwise(first.stamps))
+    apart = [abs(a.stamp - b.stamp) / period for a, b in zip(first.actions, ros, strict=False)]
+    same = [(a.name, a.arguments) for a in first.actions] == [(b.name, b.arguments) for b in ros]
+    identical = all(one.trace == first.trace for one in inline)
+    add = report.add
+    add("traces_identical", "traces of the inline replays are the same, byte for byte", identical, True)
+    add("trace_bytes", "length of the trace, bytes", len(first.trace))
+    add("actions", "actions of the agent", len(first.actions))
+    add("ros_actions_same", "the replay through ROS has the same actions in the same order", same, True)
+    add("ros_apart_periods", "largest difference of their times, frame periods", round(max(apart, default=0.0), 3), 1.0)
+
+
+def _ms(seconds: float) -> float:
+    return round(1000 * seconds, 3)
+
+
+def main(
+    bag: Annotated[Path, typer.Argument(help="The bag to replay.")] = BAG,
+    json: JsonOption = None,
+    quick: QuickOption = False,
+    domain: DomainOption = DOMAIN,
+) -> None:
+    """Measure inline replay against a bare loop, and compare a replay through ROS with it."""
+    measure(bag, domain, quick=quick).finish(json)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,179 @@
+"""What an evaluation found: figures beside what is required of them, as a table and as JSON."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from socialbot.errors import SocialbotError
+from socialbot.replay import versions
+
+JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the figures here, too.")]
+QuickOption = Annotated[bool, typer.Option("--quick", help="A shorter run: under a minute.")]
+DomainOption = Annotated[int, typer.Option(min=0, max=101, help="The ROS domain to use; nobody else should.")]
+
+PAGE_WIDTH = 110
+
+Value = float | int | bool | str | None
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure by its ``key`` in the JSON. ``required`` is the most it may be, or the truth value it must have."""
+
+    key: str
+    text: str
+    value: Value
+    required: float | bool | None = None
+
+    @property
+    def ok(self) -> bool | None:
+        """Whether the requirement is met; None when there is none."""
+        if self.required is None:
+            return None
+        if isinstance(self.required, bool):
+            return self.value is self.required
+        return isinstance(self.value, (int, float)) and self.value <= self.required
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Where the figures were taken, and how busy (processes, a minute's mean) it was with other things before."""
+
+    processor: str
+    cores: int
+    system: str
+    load_before: float
+    versions: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def here(cls) -> Machine:
+        """This machine."""
+        cores = len(os.sched_getaffinity(0))
+        system = f"{platform.system()} {platform.release()}"
+        return cls(_processor(), cores, system, round(os.getloadavg()[0], 2), versions())
+
+
+@dataclass
+class Report:
+    """The figures of one evaluation; ``tables`` go by node or the like: a row of values for each name."""
+
+    title: str
+    quick: bool
+    machine: Machine = field(default_factory=Machine.here)
+    figures: list[Figure] = field(default_factory=list)
+    tables: dict[str, dict[str, dict[str, Value]]] = field(default_factory=dict)
+
+    def add(self, key: str, text: str, value: Value, required: float | bool | None = None) -> None:
+        """Adds a figure."""
+        self.figures.append(Figure(key, text, value, required))
+
+    @property
+    def unmet(self) -> list[str]:
+        """The keys of the figures that are not as required."""
+        return [figure.key for figure in self.figures if figure.ok is False]
+
+    def content(self) -> dict[str, Any]:
+        """Everything as plain data; each figure under its own key."""
+        return {
+            "evaluation": self.title,
+            "quick": self.quick,
+            "machine": msgspec.to_builtins(self.machine),
+            **{figure.key: figure.value for figure in self.figures},
+            "required": {figure.key: figure.required for figure in self.figures if figure.required is not None},
+            "unmet": self.unmet,
+            **self.tables,
+        }
+
+    def finish(self, file: Path | None) -> None:
+        """Prints the report and, where a ``file`` is given, writes it as JSON. Raises SocialbotError if it cannot."""
+        if file is not None:
+            try:
+                file.write_bytes(msgspec.json.format(msgspec.json.encode(self.content()), indent=2) + b"\n")
+            except OSError as error:
+                raise SocialbotError(f"cannot be written: {error.strerror}", where=str(file)) from error
+        self.show(Console(highlight=False, width=None if sys.stdout.isatty() else PAGE_WIDTH))
+
+    def show(self, console: Console) -> None:
+        """Prints the tables."""
+        machine = self.machine
+        console.print(f"[bold]{self.title}[/]{' (quick)' if self.quick else ''}")
+        console.print(
+            f"{machine.processor}, {machine.cores} cores, {machine.system}, Python {machine.versions['python']}; "
+            f"load before: {machine.load_before}",
+            style="dim",
+            soft_wrap=True,
+        )
+        console.print(self._figures())
+        for name, rows in self.tables.items():
+            console.print(_table(name, rows))
+
+    def _figures(self) -> Table:
+        table = Table("figure", "value", "required", "ok", box=None, pad_edge=False, header_style="dim")
+        for figure in self.figures:
+            required = figure.required
+            limit = "" if required is None else "yes" if required is True else f"at most {_text(required)}"
+            ok = {None: "", True: "[green]ok[/]", False: "[bold red]no[/]"}[figure.ok]
+            table.add_row(escape(figure.text), _text(figure.value), limit, ok)
+        return table
+
+
+def run(command: Callable[..., None]) -> None:
+    """Runs ``command`` with the options of the command line; errors meant for users are one message."""
+    app = typer.Typer(
+        add_completion=False, pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]}
+    )
+    app.command()(command)
+    try:
+        app()
+    except SocialbotError as error:
+        Console(stderr=True, highlight=False).print(f"[bold red]error[/] {escape(str(error))}", soft_wrap=True)
+        sys.exit(error.exit_code)
+
+
+def percentile(values: list[float], share: float) -> float | None:
+    """The value that ``share`` of all do not exceed; None when there are none."""
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else None
+
+
+def _table(name: str, rows: dict[str, dict[str, Value]]) -> Table:
+    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
+    table = Table(name, box=None, pad_edge=False, header_style="dim")
+    for column in columns:
+        table.add_column(column, justify="right")
+    for row_name, row in rows.items():
+        table.add_row(escape(row_name), *(_text(row.get(column)) for column in columns))
+    return table
+
+
+def _text(value: Value) -> str:
+    match value:
+        case None:
+            return "-"
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return f"{value:.4g}"
+        case _:
+            return escape(str(value))
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

@@ -1,0 +1,265 @@
+"""How well pictures travel: from camera over converter and detector to an agent's action, a process for each node.
+
+``python -m evaluation.transport`` runs the graph twice, with a fast detector and with a slow one, and
+prints what the way costs beside the detector's own time, which frames got lost, and how old the frames
+were that the slow detector worked on.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from evaluation.report import DomainOption, JsonOption, QuickOption, Report, Value, percentile, run
+from evaluation.transport_nodes import Answerer, Begin, Camera, IdleDetector, Look
+from socialbot.bridge import environment
+from socialbot.bridge.codec import encode, ros_type
+from socialbot.bridge.launch import Launch
+from socialbot.bridge.observing import Onlooker, observing
+from socialbot.bridge.qos import publisher_qos
+from socialbot.bridge.readiness import Connection, await_graph, publisher_connection
+from socialbot.bridge.ros_types import RclpyTypes, message_class
+from socialbot.clock import SECOND, WallClock
+from socialbot.errors import NodeError
+from socialbot.graph import Delivery, Graph, Placement
+from socialbot.messages import ActionRequest, Message
+from socialbot.vision.image_converter import ImageConverter
+
+DOMAIN = 77
+RATE_HZ = 30.0
+PERIOD_MS = 1000 / RATE_HZ
+SLOW_S = 0.08
+"""What the slow detector takes for a picture: more than two periods."""
+
+LATENCY_LIMIT_MS = 15.0
+GRAPH_TIMEOUT_S = 30.0
+SETTLE_S = 1.0
+"""How long the graph stands before the camera begins, so that the start of the processes is over."""
+
+DRAIN_S = 1.0
+PATIENCE_S = 10.0
+"""How much longer than planned the camera may take."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """When the agent decided on the action for a frame, and when another process heard of it (ns)."""
+
+    decided: int
+    heard: int
+
+
+@dataclass
+class Cost:
+    """The processor time (s) that a node had used at some times (ns), and its memory, from /diagnostics."""
+
+    samples: list[tuple[int, float]] = field(default_factory=list)
+    peak_rss_mb: float = 0.0
+
+    def note(self, now: int, values: dict[str, str]) -> None:
+        """Takes the statistics of this node."""
+        self.samples.append((now, float(values["cpu_s"])))
+        self.peak_rss_mb = float(values["peak_rss_mb"])
+
+    def cpu_share(self, begin: int, end: int) -> float | None:
+        """The share of one processor used between two times; None when there are too few samples."""
+        within = [sample for sample in self.samples if begin <= sample[0] <= end]
+        if len(within) < 2:
+            return None
+        (first, used_before), *_, (last, used) = within
+        return round((used - used_before) / ((last - first) / SECOND), 3)
+
+
+@dataclass
+class Trial:
+    """One run of the graph with a detector that takes ``busy_s``, and what was seen of it."""
+
+    frames: int
+    busy_s: float
+    clock: WallClock = field(default_factory=WallClock)
+    sent: list[int] = field(default_factory=list)
+    looks: list[Look] = field(default_factory=list)
+    answers: dict[int, Answer] = field(default_factory=dict)
+    costs: dict[str, Cost] = field(default_factory=dict)
+    begun: int = 0
+    ended: int = 0
+
+    def run(self, folder: Path) -> Trial:
+        """Brings up the graph, lets the camera take its pictures, and collects. Raises NodeError when it fails."""
+        graph = self.graph(folder)
+        topics = {"/agent/actions": ActionRequest}
+        with observing(topics, self._hear, self._note) as onlooker, Launch(graph, folder) as launch:
+            self._begin(graph, onlooker, launch)
+            self._await_pictures(launch, folder / "sent.json")
+            self.ended = self.clock.now()
+            time.sleep(DRAIN_S)
+        self.sent = msgspec.json.decode((folder / "sent.json").read_bytes(), type=list[int])
+        self.looks = msgspec.json.decode((folder / "looks.json").read_bytes(), type=list[Look])
+        return self
+
+    def overhead_ms(self) -> list[float]:
+        """From the stamp of each frame to the action, less the detector's own time."""
+        return [(answer.decided - look.stamp - (look.ended - look.began)) / 1e6 for look, answer in self._answered()]
+
+    def heard_ms(self) -> list[float]:
+        """The same, to the moment when another process has received the action."""
+        return [(answer.heard - look.stamp - (look.ended - look.began)) / 1e6 for look, answer in self._answered()]
+
+    def arrival_ms(self) -> list[float]:
+        """From the stamp of each frame to the begin of the detector's work, while there were newer ones to come."""
+        return [(look.began - look.stamp) / 1e6 for look in self._steady()]
+
+    def age_ms(self) -> list[float]:
+        """How old each frame was when the detector had finished with it, likewise."""
+        return [(look.ended - look.stamp) / 1e6 for look in self._steady()]
+
+    def work_ms(self) -> list[float]:
+        """What the detector took for each frame."""
+        return [(look.ended - look.began) / 1e6 for look in self.looks]
+
+    def skipped(self) -> int:
+        """How many of the frames sent the detector did not see."""
+        return len(set(self.sent) - {look.stamp for look in self.looks})
+
+    def nodes(self) -> dict[str, dict[str, Value]]:
+        """Memory and processor time of each node."""
+        return {
+            name: {"peak_rss_mb": cost.peak_rss_mb, "cpu_share": cost.cpu_share(self.begun, self.ended)}
+            for name, cost in sorted(self.costs.items())
+        }
+
+    def _steady(self) -> list[Look]:
+        return [look for look in self.looks if look.began <= self.sent[-1]]
+
+    def _answered(self) -> Iterable[tuple[Look, Answer]]:
+        return ((look, self.answers[look.stamp]) for look in self.looks if look.stamp in self.answers)
+
+    def graph(self, folder: Path) -> Graph:
+        """Camera, converter, detector and agent; camera and detector leave their records in ``folder``."""
+        camera = {"rate_hz": RATE_HZ, "frames": self.frames, "record": str(folder / "sent.json")}
+        detector = {"busy_s": self.busy_s, "record": str(folder / "looks.json")}
+        return Graph(
+            name="transport",
+            placements=(
+                Placement("camera", Camera, camera),
+                Placement("image_converter", ImageConverter),
+                Placement("detector", IdleDetector, detector),
+                Placement("agent", Answerer),
+            ),
+            inputs=frozenset({"/evaluation/begin", "/camera/image_raw/compressed"}),
+        )
+
+    def _hear(self, topic: str, message: Message) -> None:
+        if isinstance(message, ActionRequest):
+            self.answers[int(message.arguments[0])] = Answer(decided=message.stamp, heard=self.clock.now())
+
+    def _note(self, name: str, values: dict[str, str]) -> None:
+        self.costs.setdefault(name, Cost()).note(self.clock.now(), values)
+
+    def _begin(self, graph: Graph, onlooker: Onlooker, launch: Launch) -> None:
+        """Waits until all connections stand, and tells the camera to begin."""
+        begin = _Topic(onlooker.ros, "/evaluation/begin", Begin)
+
+        def ended() -> bool:
+            launch.check()
+            return False
+
+        own = [*onlooker.connections(graph), begin.connection(graph)]
+        missing = await_graph(onlooker.ros, graph, own, timeout_s=GRAPH_TIMEOUT_S, ended=ended)
+        if missing:
+            raise NodeError(f"the graph does not stand after {GRAPH_TIMEOUT_S:.0f} s; missing {'; '.join(missing)}")
+        time.sleep(SETTLE_S)
+        _expect_nobody_else(onlooker.ros, graph)
+        self.begun = self.clock.now()
+        begin.publish(Begin(stamp=self.begun))
+
+    def _await_pictures(self, launch: Launch, file: Path) -> None:
+        deadline = time.monotonic() + self.frames / RATE_HZ + PATIENCE_S
+        while not file.exists():
+            launch.check()
+            if time.monotonic() > deadline:
+                raise NodeError("the camera does not come to an end", remedy="the machine is too busy to measure")
+            time.sleep(0.1)
+
+
+def _expect_nobody_else(ros: Any, graph: Graph) -> None:
+    known = {ros.get_name(), *(placement.name for placement in graph.placements)}
+    strangers = sorted(set(ros.get_node_names()) - known)
+    if strangers:
+        raise NodeError(f"other nodes are in this domain: {', '.join(strangers)}", remedy="choose another --domain")
+
+
+class _Topic:
+    """A topic that the evaluating process publishes itself."""
+
+    def __init__(self, ros: Any, name: str, kind: type[Message]) -> None:
+        self._name = name
+        self._types = RclpyTypes()
+        self._publisher = ros.create_publisher(message_class(ros_type(kind)), name, publisher_qos(Delivery.EVERY))
+
+    def connection(self, graph: Graph) -> Connection:
+        return publisher_connection(graph, self._name, self._publisher)
+
+    def publish(self, message: Message) -> None:
+        self._publisher.publish(encode(message, self._types))
+
+
+def measure(seconds: float, domain: int, *, quick: bool = False) -> Report:
+    """Runs both trials for ``seconds`` each."""
+    environment.prepare(domain=domain)
+    report = Report("transport", quick)
+    frames = round(seconds * RATE_HZ)
+    with tempfile.TemporaryDirectory(prefix="transport-") as folder:
+        fast = Trial(frames, busy_s=0.0).run(Path(folder, "fast"))
+        slow = Trial(frames, busy_s=SLOW_S).run(Path(folder, "slow"))
+    _add_fast(report, fast)
+    _add_slow(report, slow)
+    report.tables = {"nodes": fast.nodes(), "nodes_slow": slow.nodes()}
+    return report
+
+
+def _add_fast(report: Report, trial: Trial) -> None:
+    add, overhead, heard, arrival = report.add, trial.overhead_ms(), trial.heard_ms(), trial.arrival_ms()
+    add("latency_p50_ms", "frame stamp to action less detector's time, p50, ms", _ms(overhead, 0.5))
+    add("latency_p99_ms", "frame stamp to action less detector's time, p99, ms", _ms(overhead, 0.99), LATENCY_LIMIT_MS)
+    add("latency_max_ms", "the longest, ms", _ms(overhead, 1.0))
+    add("arrival_p50_ms", "of which from frame stamp to detector, p50, ms", _ms(arrival, 0.5))
+    add("arrival_p99_ms", "of which from frame stamp to detector, p99, ms", _ms(arrival, 0.99))
+    add("heard_p50_ms", "the same until another process has the action, p50, ms", _ms(heard, 0.5))
+    add("heard_p99_ms", "the same until another process has the action, p99, ms", _ms(heard, 0.99))
+    add("frames_sent", "frames sent at 30 Hz, 640x480, to a fast detector", len(trial.sent))
+    add("frames_lost", "of which lost between camera and detector", trial.skipped(), 0)
+    add("actions_missing", "frames seen by the detector without an action", len(trial.looks) - len(trial.answers), 0)
+
+
+def _add_slow(report: Report, trial: Trial) -> None:
+    add, own = report.add, trial.work_ms()
+    add("slow_detector_p50_ms", "slow detector: its own time for a frame, p50, ms", _ms(own, 0.5))
+    add("slow_detector_max_ms", "slow detector: its own time for a frame, longest, ms", _ms(own, 1.0))
+    add("stale_age_max_ms", "slow detector: age of a frame when done, longest, ms", _ms(trial.age_ms(), 1.0))
+    # When a frame is done its age less the detector's time for it is its age when it was begun.
+    text = "slow detector: age of a frame less the detector's time for it, longest, ms"
+    add("stale_excess_max_ms", text, _ms(trial.arrival_ms(), 1.0), round(PERIOD_MS, 2))
+    add("stale_excess_p99_ms", "the same, p99, ms", _ms(trial.arrival_ms(), 0.99))
+    add("stale_dropped", "slow detector: frames dropped", trial.skipped())
+    add("stale_processed", "slow detector: frames processed", len(trial.looks))
+
+
+def _ms(values: list[float], share: float) -> float | None:
+    found = percentile(values, share)
+    return None if found is None else round(found, 2)
+
+
+def main(json: JsonOption = None, quick: QuickOption = False, domain: DomainOption = DOMAIN) -> None:
+    """Measure the way from camera to action: latency, lost and stale frames, memory and processor time."""
+    measure(8.0 if quick else 30.0, domain, quick=quick).finish(json)
+
+
+if __name__ == "__main__":
+    run(main)
