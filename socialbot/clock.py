@@ -45,5 +45,7 @@ class ManualClock:
 
 
 def nanoseconds(seconds: float) -> int:
-    """Seconds as integer nanoseconds, rounded."""
+    """Seconds as integer nanoseconds, rounded. Raises TypeError for what is no number."""
+    if not isinstance(seconds, (int, float)):
+        raise TypeError(f"expected seconds as a number, got {seconds!r}")
     return round(seconds * SECOND)

@@ -145,7 +145,7 @@ class Parameter(Generic[V]):
             raise ParameterError(f"{value!r} is not of type {kind.__name__}", where=where, remedy=self.doc)
         low, high = self.minimum, self.maximum
         if isinstance(value, (int, float)) and (
-            (low is not None and value < low) or (high is not None and value > high)
+            (low is not None and not value >= low) or (high is not None and not value <= high)
         ):
             raise ParameterError(
                 f"{value!r} is out of range",
@@ -285,6 +285,21 @@ class Placement:
     type: type[Node]
     parameters: Mapping[str, object] = field(default_factory=dict)
     remap: Mapping[str, str] = field(default_factory=dict)
+    where: str = field(default="", compare=False)
+    """Where it is written (file and line), for errors."""
+
+    def place(self, graph: str) -> str:
+        """The node's name after file and line where they are known, else after that of the ``graph``."""
+        return f"{self.where or graph}: {self.name}"
+
+    def check(self, graph: str) -> None:
+        """Raises GraphError for an unknown port, ParameterError for a parameter that does not fit."""
+        place = self.place(graph)
+        ports = {*self.type.inputs(), *self.type.outputs()}
+        for port in self.remap:
+            if port not in ports:
+                raise GraphError(f"no input or output {port!r}", where=place, remedy=suggestion(port, ports))
+        check_parameters(self.type, self.parameters, where=place)
 
     def topic(self, port: Input[Any] | Output[Any]) -> str:
         """The topic that ``port`` is connected to."""
@@ -324,16 +339,12 @@ class Graph:
             if names.count(name) > 1:
                 raise GraphError(f"two nodes are called {name!r}", where=self.name, remedy="give each its own name")
         for placement in self.placements:
-            where = f"{self.name}: {placement.name}"
-            ports = {*placement.type.inputs(), *placement.type.outputs()}
-            for port in placement.remap:
-                if port not in ports:
-                    raise GraphError(f"no input or output {port!r}", where=where, remedy=suggestion(port, ports))
-            check_parameters(placement.type, placement.parameters, where=where)
+            placement.check(self.name)
         self._check_topics()
 
     def _check_topics(self) -> None:
         types: dict[str, tuple[type[Message], str]] = {}
+        published = {topic for placement in self.placements for topic, _ in placement.publications}
         for placement in self.placements:
             for topic, port in (*placement.publications, *placement.subscriptions):
                 message_type, first = types.setdefault(topic, (port.message_type, placement.name))
@@ -341,16 +352,14 @@ class Graph:
                     raise GraphError(
                         f"{topic} is {message_type.__name__} for {first} but {port.message_type.__name__} for "
                         f"{placement.name}",
-                        where=self.name,
+                        where=placement.place(self.name),
                         remedy="remap one of the two to another topic",
                     )
-        published = {topic for placement in self.placements for topic, _ in placement.publications}
-        for placement in self.placements:
             for topic, port in placement.subscriptions:
                 if topic not in published and topic not in self.inputs:
                     raise GraphError(
                         f"nobody publishes {topic}",
-                        where=f"{self.name}: {placement.name}.{port.name}",
+                        where=f"{placement.place(self.name)}.{port.name}",
                         remedy=f"name it under 'inputs' if it comes from outside, or {suggestion(topic, published)}",
                     )
         if self.paced_by and self.paced_by not in published:

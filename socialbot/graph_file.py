@@ -19,6 +19,7 @@ import importlib.resources
 import io
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -75,13 +76,12 @@ def parse_graph(text: str, *, where: str) -> Graph:
     root = _Section(page, where)
     root.only("name", "inputs", "paced_by", "nodes")
     nodes = root.section("nodes")
-    placements = tuple(_placement(str(node), nodes.section(node)) for node in nodes.page)
-    return Graph(
-        name=root.text("name"),
-        placements=placements,
-        inputs=frozenset(root.texts("inputs")),
-        paced_by=root.text("paced_by", ""),
-    )
+    placements = tuple(_placement(str(node), nodes.section(node), nodes.line(node)) for node in nodes.page)
+    graph = Graph(name=root.text("name"), placements=placements, inputs=frozenset(root.texts("inputs")))
+    try:
+        return replace(graph, paced_by=root.text("paced_by", ""))
+    except GraphError as error:
+        raise GraphError(error.what, where=root.line("paced_by"), remedy=error.remedy) from error
 
 
 def dump_graph(graph: Graph) -> str:
@@ -100,7 +100,7 @@ def dump_graph(graph: Graph) -> str:
         },
     }
     text = io.StringIO()
-    YAML(typ="safe", pure=True).dump(page, text)
+    YAML(typ="rt").dump(page, text)
     return text.getvalue()
 
 
@@ -123,15 +123,16 @@ def node_type(name: str, *, where: str = "") -> type[Node]:
     return found
 
 
-def _placement(name: str, section: _Section) -> Placement:
+def _placement(name: str, section: _Section, where: str) -> Placement:
     section.only("type", "parameters", "remap")
-    placed = Placement(
+    remap = section.section("remap", {})
+    return Placement(
         name=name,
-        type=node_type(section.text("type"), where=section.where),
+        type=node_type(section.text("type"), where=section.line("type")),
         parameters={str(key): _plain(value) for key, value in section.section("parameters", {}).page.items()},
-        remap={str(port): str(topic) for port, topic in section.section("remap", {}).page.items()},
+        remap={str(port): remap.text(port) for port in remap.page},
+        where=where,
     )
-    return placed
 
 
 def _plain(value: object) -> object:
@@ -155,26 +156,27 @@ class _Section:
     def only(self, *known: str) -> None:
         for key in self.page:
             if key not in known:
-                raise GraphError(f"unknown key {key!r}", where=self._line(key), remedy=suggestion(str(key), known))
+                raise GraphError(f"unknown key {key!r}", where=self.line(key), remedy=suggestion(str(key), known))
 
-    def text(self, key: str, default: str | None = None) -> str:
+    def text(self, key: Any, default: str | None = None) -> str:
         value = self.page.get(key, default)
         if not isinstance(value, str):
-            raise GraphError(f"{key!r} must be a text, got {value!r}", where=self._line(key))
+            raise GraphError(f"{key!r} must be a text, got {value!r}", where=self.line(key))
         return value
 
     def texts(self, key: str) -> list[str]:
         value = self.page.get(key, [])
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            raise GraphError(f"{key!r} must be a list of texts, got {value!r}", where=self._line(key))
+            raise GraphError(f"{key!r} must be a list of texts, got {value!r}", where=self.line(key))
         return value
 
     def section(self, key: Any, default: Mapping[str, object] | None = None) -> _Section:
         if key not in self.page and default is None:
             raise GraphError(f"{key!r} is missing", where=self.where)
-        return _Section(self.page.get(key, default), self._line(key))
+        return _Section(self.page.get(key, default), self.line(key))
 
-    def _line(self, key: Any) -> str:
+    def line(self, key: Any) -> str:
+        """File and line of ``key``."""
         if isinstance(self.page, CommentedMap) and key in self.page:
             return f"{self._file}:{self.page.lc.key(key)[0] + 1}"
         return self.where

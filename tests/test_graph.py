@@ -5,7 +5,7 @@ import logging
 import pytest
 
 from socialbot.clock import SECOND
-from socialbot.errors import GraphError, ParameterError
+from socialbot.errors import DeviceError, GraphError, ParameterError
 from socialbot.graph import Delivery, Graph, Input, Node, Output, Parameter, Placement, suggestion
 from socialbot.inline import InlineRunner
 from socialbot.messages import HeadCommand, SpeechStatus, Utterance
@@ -27,7 +27,7 @@ class Echo(Node):
     volume = Parameter(0.5, "loudness", minimum=0.0, maximum=1.0)
     times = Parameter(1, "how often", minimum=1)
     loud = Parameter(False, "whether it shouts")
-    voice = Parameter("en", "the language", choices=("en", "it"))
+    voice = Parameter("en", "the language", choices=("en", "it", "broken"))
     device = Parameter("default", "the sound device", fixed=True)
 
     changed: tuple[str, ...] = ()
@@ -38,6 +38,8 @@ class Echo(Node):
             self.say.publish(message)
 
     def on_parameter(self, name: str) -> None:
+        if getattr(self, name) == "broken":
+            raise DeviceError("there is no such device")
         self.changed = (*self.changed, name)
 
 
@@ -126,7 +128,7 @@ def test_parameters_have_their_defaults_or_what_is_given():
         ({"volume": -1}, ["-1.0 is out of range"]),
         ({"times": 0}, ["0 is out of range", "from 1 to inf"]),
         ({"volume": float("nan")}, ["nan is out of range"]),
-        ({"voice": "fr"}, ["unknown choice 'fr'", "one of en, it"]),
+        ({"voice": "fr"}, ["unknown choice 'fr'", "one of en, it, broken"]),
     ],
 )
 def test_a_value_that_does_not_fit_is_refused_with_its_place(given, words):
@@ -160,6 +162,13 @@ def test_a_change_that_is_refused_changes_nothing(name, value):
         node.set_parameter(name, value)
     assert caught.value.where in ("echo", f"echo.{name}")
     assert (node.volume, node.voice, node.device, node.changed) == (0.5, "en", "default", ())
+
+
+def test_a_change_that_the_node_objects_to_is_taken_back():
+    node = echo(voice="it")
+    with pytest.raises(DeviceError):
+        node.set_parameter("voice", "broken")
+    assert node.voice == "it"
 
 
 def test_two_nodes_of_a_type_have_parameters_of_their_own():

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+import sys
 
 import pytest
 from hypothesis import given, settings
@@ -41,6 +42,14 @@ def test_a_file_says_what_the_graph_is(tmp_path):
         paced_by="/echo",
     )
     assert load_graph(str(path)) == expected
+
+
+def test_a_node_of_ones_own_may_stand_beside_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "own_node_beside.py").write_text("from tests.test_graph import Source\nclass Own(Source): ...\n")
+    path = tmp_path / "g.yaml"
+    path.write_text("name: own\nnodes:\n  own: {type: own_node_beside:Own}\n")
+    assert load_graph(str(path)).placement("own").type.__name__ == "Own"
 
 
 @pytest.mark.parametrize("name", GRAPHS)

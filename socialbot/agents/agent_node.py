@@ -19,6 +19,7 @@ class AgentNode(Node):
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
+        self._due: int | None = None
         self._alarm: Timer | None = None
         self._shown: Mind | None = None
         self.engine = self.build()
@@ -38,11 +39,20 @@ class AgentNode(Node):
         """Lets the engine do what there is to do, and sees to it that it is called when there is more."""
         if self.engine.run_until_idle():
             self.wake()
+        self._set_alarm(self.engine.next_wakeup())
+        self._show_mind()
+
+    def _set_alarm(self, due: int | None) -> None:
+        if due == self._due:
+            return
         if self._alarm is not None:
             self._alarm.cancel()
-        due = self.engine.next_wakeup()
-        self._alarm = None if due is None else self.context.call_at(due, self.think)
-        self._show_mind()
+        self._due = due
+        self._alarm = None if due is None else self.context.call_at(due, self._ring)
+
+    def _ring(self) -> None:
+        self._due = self._alarm = None
+        self.think()
 
     def act(self, action: Action, *arguments: str | int | float | bool) -> None:
         """Asks the robot to do ``action``; for the actions of the agent to call."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.literals import Literal
@@ -27,11 +26,10 @@ class Action(Literal):
         raise RuleError(f"the action {self.functor} does nothing", remedy="override execute()")
 
     def run(self, engine: Engine, record_id: str) -> None:
-        """Executes a copy of this action, so that agents that share a rule share no state."""
-        action = copy.copy(self)
-        action.engine = engine
-        action.id = record_id
-        action.execute(*action.args)
+        """Executes this action, which `ground` has made for this one time: agents that share a rule share no state."""
+        self.engine = engine
+        self.id = record_id
+        self.execute(*self.args)
 
 
 class fail(Action):  # noqa: N801 - reads as a step of a plan

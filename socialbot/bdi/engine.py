@@ -72,7 +72,7 @@ class Engine:
         self.beliefs = BeliefBase()
         self._sink = sink
         self._posted = threading.Event()
-        self._wake = wake or self._posted.set
+        self._wake = wake or (lambda: None)
         self._stopping = False
         self._rules: dict[tuple[Change, str, int], list[Rule]] = {}
         self._inbox: deque[Callable[[], None]] = deque()
@@ -100,6 +100,9 @@ class Engine:
     def add_sensor(self, sensor: Sensor) -> None:
         """Adds a sensor; one with a period is asked from now on."""
         if sensor.period_s is not None:
+            if not sensor.period_s > 0:
+                where = type(sensor).__name__
+                raise RuleError(f"a period of {sensor.period_s} s", where=where, remedy="give more than 0 s, or None")
             self._poll(sensor, sensor.period_s)
 
     # What others may call, from any thread
@@ -119,11 +122,13 @@ class Engine:
 
     def achieve(self, goal: Goal, *, cause: str = "") -> None:
         """Adopts ``goal`` in an intention of its own."""
+        _check_ground(goal)
         self._post(functools.partial(self._adopt, goal, cause))
 
     def stop(self) -> None:
         """Ends `run`."""
         self._stopping = True
+        self._posted.set()
         self._wake()
 
     # What the host calls, from one thread
@@ -156,9 +161,9 @@ class Engine:
     def suspend(self, seconds: float) -> None:
         """Lets the intention that is executing rest for ``seconds``; for actions to call."""
         assert self._current is not None, "only an action can suspend its intention"
-        due = self.clock.now() + nanoseconds(seconds)
+        due = max(self.clock.now() + nanoseconds(seconds), self._suspended.get(self._current, 0))
         self._suspended[self._current] = due
-        self._at(due, functools.partial(self._resume, self._current))
+        self._at(due, functools.partial(self._resume, self._current, due))
 
     # The reasoning cycle
 
@@ -225,8 +230,9 @@ class Engine:
             elif isinstance(step, Goal):
                 self._pursue(intention, step.ground(frame.bindings), frame.record)
             elif step is not None:
-                self._change(Event(step.change, step.literal.ground(frame.bindings)), "self", frame.record)
+                self._change(Event(step.change, step.literal.bind(frame.bindings)), "self", frame.record)
         except Exception as error:  # noqa: BLE001 - actions are user code: they fail their goal, never the agent
+            self._suspended.pop(intention, None)
             self._unwind(intention, self._failure(str(step), frame.record, error))
         self._current = None
         self._close(intention)
@@ -272,9 +278,10 @@ class Engine:
         if intention.frames:
             self._intentions.append(intention)
 
-    def _resume(self, intention: Intention) -> None:
-        del self._suspended[intention]
-        self._close(intention)
+    def _resume(self, intention: Intention, due: int) -> None:
+        if self._suspended.get(intention) == due:
+            del self._suspended[intention]
+            self._close(intention)
 
     # Changes of mind
 
@@ -330,10 +337,11 @@ class Engine:
         seconds = rule.event.seconds
         try:
             duration = seconds() if callable(seconds) else seconds
+            due = held.since + nanoseconds(duration)
         except Exception as error:  # noqa: BLE001 - user code
             self._failure(str(rule), held.record, error)
             return
-        self._at(held.since + nanoseconds(duration), functools.partial(self._ripen, held, rule, duration))
+        self._at(due, functools.partial(self._ripen, held, rule, duration))
 
     def _ripen(self, held: Held, rule: Rule, duration: float) -> None:
         if self.beliefs.get(held.belief) is held:
@@ -348,6 +356,7 @@ class Engine:
 
     def _post(self, item: Callable[[], None]) -> None:
         self._inbox.append(item)
+        self._posted.set()
         self._wake()
 
     def _at(self, time: int, callback: Callable[[], None]) -> None:
@@ -365,6 +374,10 @@ class Engine:
         return record_id
 
 
-def _check_ground(belief: Belief) -> None:
-    if any(isinstance(arg, Term) for arg in belief.args):
-        raise RuleError(f"{belief} has a variable in it", remedy="believe in values only")
+def _check_ground(literal: Literal) -> None:
+    if any(isinstance(arg, Term) for arg in literal.args):
+        raise RuleError(f"{literal} has a variable in it", remedy="give values only")
+    try:
+        hash(literal.args)
+    except TypeError as error:
+        raise RuleError(f"{literal}: {error}", remedy="give values that cannot change") from error

@@ -17,11 +17,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.terms import Bindings, Comparison, evaluate, names_in, show
+from socialbot.bdi.terms import Bindings, Comparison, Variable, evaluate, names_in, show
 from socialbot.errors import RuleError
 
 if TYPE_CHECKING:
     from socialbot.bdi.rules import Head, Rule
+
+ANYTHING = Variable("_")
 
 Seconds = float | Callable[[], float]
 """A duration, or a function that tells it when the waiting begins."""
@@ -54,6 +56,10 @@ class Literal:
             raise RuleError(f"{', '.join(sorted(unbound))} has no value in {self}")
         return type(self)(*(evaluate(arg, bindings) for arg in self.args))
 
+    def bind(self, bindings: Bindings) -> Any:
+        """The same with ``_`` left as it is, for a pattern of what to forget."""
+        return self.ground({**bindings, "_": ANYTHING})
+
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and self.args == other.args  # type: ignore[attr-defined]
 
@@ -84,11 +90,23 @@ class Belief(Literal):
     def __invert__(self) -> Negation:
         return Negation(self)
 
+    def __rshift__(self, body: object) -> None:
+        no_rule(self)
+
     def __and__(self, other: object) -> Conjunction:
         return conjunction(self, other)
 
     def __rand__(self, other: object) -> Conjunction:
         return conjunction(other, self)
+
+
+def no_rule(condition: object) -> None:
+    """Raises RuleError for a condition that stands where an event belongs."""
+    raise RuleError(
+        f"{condition} alone is no event",
+        remedy=f"an event is written +{condition} or -{condition}; several conditions go in parentheses: "
+        "event / (a & b) >> [...]",
+    )
 
 
 class SingletonBelief(Belief):
@@ -175,6 +193,9 @@ class Negation:
     def __rand__(self, other: object) -> Conjunction:
         return conjunction(other, self)
 
+    def __rshift__(self, body: object) -> None:
+        no_rule(self)
+
     def __str__(self) -> str:
         return f"~{self.belief}"
 
@@ -194,7 +215,8 @@ class Guard:
         return bool(self.function(*(bindings[name] for name in self.parameters)))
 
     def __str__(self) -> str:
-        return f"{self.function.__name__}({', '.join(self.parameters)})"
+        name = getattr(self.function, "__name__", type(self.function).__name__)
+        return f"{name}({', '.join(self.parameters)})"
 
 
 @dataclass(frozen=True)

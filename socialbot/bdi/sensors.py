@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from socialbot.bdi.literals import Belief, Event
+from socialbot.bdi.literals import Belief, Change, Event
 from socialbot.errors import RuleError
 
 Sensed = Belief | Event | Iterable[Belief | Event] | None
@@ -32,6 +32,7 @@ def changes(sensed: Sensed) -> list[Event]:
         return []
     items = [sensed] if isinstance(sensed, (Belief, Event)) else list(sensed)
     for item in items:
-        if not isinstance(item, (Belief, Event)):
+        change = item.change if isinstance(item, Event) else Change.ADDED
+        if not isinstance(item, (Belief, Event)) or change not in (Change.ADDED, Change.REMOVED):
             raise RuleError(f"a sensor returned {item!r}", remedy="return beliefs, +belief, -belief or None")
     return [+item if isinstance(item, Belief) else item for item in items]

@@ -26,7 +26,7 @@ class Term:
     """What stands for a value that is known only when a rule runs."""
 
     def names(self) -> set[str]:
-        """The variables it needs."""
+        """The variables it needs a value of; ``_`` never has one."""
         raise NotImplementedError
 
     def value(self, bindings: Bindings) -> Any:
@@ -44,6 +44,18 @@ class Term:
 
     def __truediv__(self, other: object) -> Expression:
         return Expression("/", self, other)
+
+    def __radd__(self, other: object) -> Expression:
+        return Expression("+", other, self)
+
+    def __rsub__(self, other: object) -> Expression:
+        return Expression("-", other, self)
+
+    def __rmul__(self, other: object) -> Expression:
+        return Expression("*", other, self)
+
+    def __rtruediv__(self, other: object) -> Expression:
+        return Expression("/", other, self)
 
     def __gt__(self, other: object) -> Comparison:
         return Comparison(">", self, other)
@@ -75,7 +87,7 @@ class Variable(Term):
         self.name = name
 
     def names(self) -> set[str]:
-        return set() if self.name == "_" else {self.name}
+        return {self.name}
 
     def value(self, bindings: Bindings) -> Any:
         return bindings[self.name]
@@ -101,7 +113,7 @@ class Expression(Term):
         return SYMBOLS[self.symbol](evaluate(self.left, bindings), evaluate(self.right, bindings))
 
     def __str__(self) -> str:
-        return f"{show(self.left)} {self.symbol} {show(self.right)}"
+        return f"{_part(self.left)} {self.symbol} {_part(self.right)}"
 
     __repr__ = __str__
 
@@ -120,6 +132,9 @@ class Comparison:
     def holds(self, bindings: Bindings) -> bool:
         """Whether it is true under ``bindings``."""
         return bool(SYMBOLS[self.symbol](evaluate(self.left, bindings), evaluate(self.right, bindings)))
+
+    def __rshift__(self, body: object) -> None:
+        raise RuleError(f"{self} alone is no rule", remedy="put conditions in parentheses: event / (a & b) >> [...]")
 
     def __bool__(self) -> bool:
         raise RuleError(
@@ -162,10 +177,14 @@ def unify(patterns: tuple[object, ...], values: tuple[object, ...], bindings: Bi
                 return None
         elif pattern.name != "_":
             known = added.get(pattern.name, bindings.get(pattern.name, value))
-            if known != value:
+            if known is not value and known != value:
                 return None
             added[pattern.name] = value
     return {**bindings, **added} if added else bindings
+
+
+def _part(term: object) -> str:
+    return f"({term})" if isinstance(term, Expression) else show(term)
 
 
 def show(term: object) -> str:

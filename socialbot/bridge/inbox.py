@@ -8,6 +8,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from statistics import median
 from typing import Any
 
 from socialbot.clock import SECOND
@@ -28,7 +29,7 @@ class Line:
     port: Input[Any]
     waiting: deque[Message] = field(default_factory=deque)
     cost_s: float = 0.0
-    spacing_s: float = 0.0
+    spacings_s: deque[float] = field(default_factory=lambda: deque(maxlen=CALLS_AVERAGED))
     received: int = 0
     skipped: int = 0
     handled: int = 0
@@ -37,8 +38,7 @@ class Line:
     def put(self, message: Message) -> None:
         """Adds a message at the end."""
         if self.received:
-            spacing_s = (message.stamp - self.latest) / SECOND
-            self.spacing_s += (spacing_s - self.spacing_s) / min(self.received, CALLS_AVERAGED)
+            self.spacings_s.append((message.stamp - self.latest) / SECOND)
         self.received += 1
         self.latest = message.stamp
         self.waiting.append(message)
@@ -71,6 +71,11 @@ class Line:
         """Learns what handling a message costs: the average of the last calls."""
         self.handled += 1
         self.cost_s += (seconds - self.cost_s) / min(self.handled, CALLS_AVERAGED)
+
+    @property
+    def spacing_s(self) -> float:
+        """The usual time between two messages: a median, which a pause or a jump of the stamps leaves alone."""
+        return median(self.spacings_s) if self.spacings_s else 0.0
 
     @property
     def _slow(self) -> bool:

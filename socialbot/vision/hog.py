@@ -46,7 +46,7 @@ class HogDetector:
 
     def __init__(
         self,
-        threshold: float = 0.3,
+        threshold: float = 0.5,
         *,
         scale: float = 1.08,
         overlap: float = 0.3,

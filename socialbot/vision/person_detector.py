@@ -36,7 +36,7 @@ class PersonDetector(Node):
 
     detector = Parameter("hog", "how people are found", choices=tuple(DETECTORS), fixed=True)
     threshold = Parameter(
-        0.3, "least score of a detection, in the detector's scale: hog 0 to about 3", minimum=-1.0, maximum=10.0
+        0.5, "least score of a detection, in the detector's scale: hog 0 to about 3", minimum=-1.0, maximum=10.0
     )
     threads = Parameter(1, "processor threads for OpenCV and the detector", minimum=1, maximum=64, fixed=True)
     mount_height_m = Parameter(1.62, "height of the camera above the floor, m", minimum=0.05, maximum=10.0)

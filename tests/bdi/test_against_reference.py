@@ -42,7 +42,7 @@ class Both:
         return True
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=200)
 @given(PROGRAMS, STIMULI)
 def test_the_engine_does_what_the_reference_does(program, stimuli):
     both = Both(program)

@@ -62,6 +62,29 @@ def test_stop_ends_an_engine_that_sleeps_and_one_that_is_busy():
         time.sleep(0.02)
 
 
+def test_what_comes_just_before_falling_asleep_is_not_slept_over():
+    class Tired(Engine):
+        """Gets a last post when it has just found nothing to do."""
+
+        def run_until_idle(self, budget: int = 10_000) -> bool:
+            left = super().run_until_idle(budget)
+            if not list(self.beliefs):
+                self.believe(p(1))
+            return left
+
+    lab = Lab()
+    engine = Tired("tired", WallClock(), robot=lab)
+    engine.add_rules(+p(X) >> [do(X)])
+    thread = threading.Thread(target=engine.run, daemon=True)
+    thread.start()
+    deadline = time.monotonic() + 5
+    while not lab.done and time.monotonic() < deadline:
+        time.sleep(0.005)
+    engine.stop()
+    thread.join(5)
+    assert lab.done == [1]
+
+
 def test_stop_before_run_ends_it_at_once():
     live = Live()
     live.engine.stop()

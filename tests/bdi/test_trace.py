@@ -28,7 +28,7 @@ def traced(program, stimuli) -> Lab:
     return lab
 
 
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=100)
 @given(PROGRAMS, STIMULI)
 def test_everything_on_the_trace_has_its_cause_before_it(program, stimuli):
     lab = traced(program, stimuli)
@@ -112,6 +112,17 @@ def test_each_change_of_mind_is_on_the_trace():
     assert {record.time for record in lab.trace} == {5 * SECOND}
     sources = [record.detail.get("source") for record in lab.trace if record.kind == "belief"]
     assert sources == ["outside", "self"]
+
+
+def test_the_end_of_a_belief_has_the_cause_of_its_end():
+    lab = Lab()
+    lab.engine.believe(mood("sad"), cause="frame-1")
+    lab.engine.believe(mood("glad"), cause="frame-2")
+    lab.engine.forget(mood("glad"), cause="frame-3")
+    lab.engine.run_until_idle()
+    assert [(record.what, record.cause) for record in lab.trace if record.kind == "unbelief"] == [
+        ('mood("sad")', "frame-2"), ('mood("glad")', "frame-3"),
+    ]  # fmt: skip
 
 
 def test_the_ids_carry_the_name_of_the_agent():

@@ -110,7 +110,7 @@ def test_a_node_that_is_too_slow_is_so_after_a_jump_of_the_stamps_as_well(first)
 
 
 def test_one_call_that_was_held_up_makes_no_node_slow():
-    node = Node()
+    node, line = Node(), Line(STREAM)
     for number in range(10):
         node.put(STREAM, number)
         line, _ = node.take_line()

@@ -48,7 +48,7 @@ class Manners:
 
     range_m: float = 6.0
     appear_s: float = 0.5
-    vanish_s: float = 1.5
+    vanish_s: float = 2.5
     help_after_s: float = 8.0
     regreet_after_s: float = 5.0
 
@@ -88,10 +88,12 @@ class PersonSensor(Sensor):
         recent = self._last(self._manners.appear_s)
         if not self._present and any(recent) and 2 * seen(recent) >= len(recent):
             self._present = True
+            self._forget(0.0)
             return [people(median_low(filter(None, recent))), personDetected("Yes")]
         recent = self._last(self._manners.vanish_s)
         if self._present is not False and recent and 4 * seen(recent) < len(recent):
             self._present = False
+            self._forget(0.0)
             return personDetected("No")
         return None
 

@@ -1,0 +1,286 @@
+"""Walking and standing: plans footsteps along a track, then poses the skeleton so that planted feet stay planted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from story import GRID, Role, Track
+
+SIDES = {"L": 1.0, "R": -1.0}
+SWING = 0.76
+HEEL_STRIKE, HEEL_RISE = np.radians(-17), np.radians(42)
+STRIKE_TIME, RISE_TIME = 0.11, 0.27
+LEG_SLACK = 0.997
+
+
+def turn(axis: str, angle: float) -> np.ndarray:
+    """Rotation matrix about a coordinate axis."""
+    i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    matrix = np.eye(3)
+    matrix[[i, j], [i, j]] = np.cos(angle)
+    matrix[i, j], matrix[j, i] = -np.sin(angle), np.sin(angle)
+    return matrix
+
+
+def frame(along: np.ndarray, hint: np.ndarray) -> np.ndarray:
+    """Orthonormal columns: the direction, the hint made square to it, and their cross product."""
+    first = along / np.linalg.norm(along)
+    second = hint - first * (hint @ first)
+    second /= np.linalg.norm(second)
+    return np.stack([first, second, np.cross(first, second)], 1)
+
+
+def ease(value: float) -> float:
+    """Smooth step from 0 to 1."""
+    value = min(max(value, 0.0), 1.0)
+    return value * value * (3 - 2 * value)
+
+
+def smooth(values: np.ndarray, seconds: float) -> np.ndarray:
+    """Gaussian filter over the time grid."""
+    reach = np.arange(-int(4 * seconds * GRID), int(4 * seconds * GRID) + 1) / GRID
+    kernel = np.exp(-0.5 * (reach / seconds) ** 2)
+    wide = np.pad(values, len(reach) // 2, mode="edge")
+    return np.convolve(wide, kernel / kernel.sum(), mode="valid")
+
+
+def wander(time: np.ndarray, period: float, seed: int) -> np.ndarray:
+    """Slow aimless motion of about unit size."""
+    rng = np.random.default_rng(seed)
+    return sum(np.sin(2 * np.pi * time / (period * k) + rng.uniform(0, 6.3)) for k in (1, 1.7, 0.61)) / 1.8
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A foot on the floor from land to lift, at x, y (m) with a heading (rad)."""
+
+    land: float
+    lift: float
+    place: np.ndarray
+
+
+class Skeleton:
+    """Rest joints and the tree of bones."""
+
+    def __init__(self, labels: list[str], parents: np.ndarray, heads: np.ndarray) -> None:
+        """Parents come before their children; the root's parent is -1."""
+        self.labels, self.parents, self.heads = labels, parents, heads
+        self.index = {label: i for i, label in enumerate(labels)}
+
+    def head(self, label: str) -> np.ndarray:
+        """A joint at rest."""
+        return self.heads[self.index[label]]
+
+    def transforms(self, root: np.ndarray, turns: dict[str, np.ndarray]) -> np.ndarray:
+        """(bones, 3, 4): world rotation and shift of every bone; bones without a turn follow their parent."""
+        out = np.zeros((len(self.labels), 3, 4))
+        spot = np.zeros_like(self.heads)
+        for i, (label, parent) in enumerate(zip(self.labels, self.parents, strict=True)):
+            rotation = out[parent, :, :3] if parent >= 0 else np.eye(3)
+            spot[i] = root if parent < 0 else spot[parent] + rotation @ (self.heads[i] - self.heads[parent])
+            rotation = turns.get(label, rotation)
+            if "finger" in label:
+                rotation = rotation @ curl(label)
+            out[i, :, :3] = rotation
+            out[i, :, 3] = spot[i] - rotation @ self.heads[i]
+        return out
+
+
+def curl(label: str) -> np.ndarray:
+    """Fingers bend a little at every joint; the thumb hardly."""
+    side = SIDES[label[-1]]
+    return turn("y", side * np.radians(4 if label.startswith("finger1") else 15))
+
+
+class Walker:
+    """One person's pose at any time."""
+
+    def __init__(self, skeleton: Skeleton, role: Role, seed: int) -> None:
+        """Plans all footsteps and the motion of the trunk; the seed shapes the idle motion."""
+        self.skeleton, self.role = skeleton, role
+        self.track = Track(role)
+        self.grid = self.track.grid
+        self.sole = {s: skeleton.head(f"foot.{s}") for s in SIDES}
+        self.ball = {s: skeleton.head(f"toe2-1.{s}") * [1, 1, 0] for s in SIDES}
+        self.heel = {s: self.sole[s] * [1, 1, 0] + [0, 0.045, 0] for s in SIDES}
+        self.plants = {s: self.plan(s) for s in SIDES}
+        self.tracks = self.body_tracks(seed)
+
+    def plan(self, side: str) -> list[Plant]:
+        """Footholds along the track; feet come side by side where stepping ends."""
+        times = [-np.inf]
+        for start, end in self.role.stepping:
+            count = max(2, round((end - start) / self.role.step))
+            beats = np.linspace(start, end, count + 1)[1:]
+            times += list(beats[0 if side == "L" else 1 :: 2])
+            if (count % 2 == 0) == (side == "L"):
+                times.append(end + self.role.step * 0.9)
+        plants = []
+        for land, following in zip(times, [*times[1:], np.inf], strict=True):
+            lift = following - self.role.step * SWING
+            plants.append(Plant(land, lift, self.foothold(side, land, lift)))
+        return plants
+
+    def foothold(self, side: str, land: float, lift: float) -> np.ndarray:
+        """Under the hip at mid stance, the toes turned out a little."""
+        edges = np.clip([land, lift], self.grid[0], self.grid[-1])
+        long = edges[1] - edges[0] > 2 * self.role.step
+        middle = edges @ [0.57, 0.43] if not long else (edges[1] if np.isinf(land) else edges[0] + 0.5)
+        x, y, heading = self.track(middle)
+        out = SIDES[side] * (0.085 if not long else 0.105)
+        return np.array([x + out * np.cos(heading), y + out * np.sin(heading), heading + SIDES[side] * 0.12])
+
+    def on_floor(self, side: str, plant: Plant, time: float) -> tuple[np.ndarray, float]:
+        """Ankle and pitch of a planted foot: it rolls over the heel, lies flat, then over the ball."""
+        brisk = self.briskness(time)
+        pitch = HEEL_STRIKE * brisk * (1 - ease((time - plant.land) / STRIKE_TIME))
+        pitch += HEEL_RISE * max(brisk, 0.35) * ease((time - plant.lift + RISE_TIME) / RISE_TIME) ** 1.5
+        pivot = self.ball[side] if pitch > 0 else self.heel[side]
+        spin = turn("z", plant.place[2])
+        base = np.array([*plant.place[:2], 0]) - spin @ (self.sole[side] * [1, 1, 0])
+        return base + spin @ (pivot + turn("x", pitch) @ (self.sole[side] - pivot)), pitch
+
+    def foot(self, side: str, time: float) -> tuple[np.ndarray, float, float, bool]:
+        """Ankle, pitch, heading, and whether the foot stands."""
+        for plant, after in zip(self.plants[side], [*self.plants[side][1:], None], strict=True):
+            if time <= plant.lift or after is None:
+                return *self.on_floor(side, plant, time), plant.place[2], True
+            if time < after.land:
+                share = (time - plant.lift) / (after.land - plant.lift)
+                start, pitch = self.on_floor(side, plant, plant.lift)
+                end, strike = self.on_floor(side, after, after.land)
+                ankle = start + (end - start) * ease(share) + [0, 0, 0.035 * np.sin(np.pi * share)]
+                heading = plant.place[2] + (after.place[2] - plant.place[2]) * ease(share)
+                return ankle, pitch + (strike - pitch) * ease(share * 1.1), heading, False
+        raise AssertionError("the last plant never ends")
+
+    def briskness(self, time: float) -> float:
+        """0 standing, 1 walking fast."""
+        a, b = self.track(time - 0.2)[:2], self.track(time + 0.2)[:2]
+        return float(min(np.linalg.norm(b - a) / 0.4 / 1.3, 1.2))
+
+    def body_tracks(self, seed: int) -> dict[str, np.ndarray]:
+        """Everything above the feet that needs filtering over time."""
+        grid, base = self.grid, self.track(self.grid)
+        brisk = smooth(np.array([self.briskness(t) for t in grid]), 0.15)
+        left = np.stack([np.cos(base[:, 2]), np.sin(base[:, 2])], 1)
+        ahead = np.stack([left[:, 1], -left[:, 0]], 1)
+        feet = {s: [self.foot(s, t) for t in grid] for s in SIDES}
+        reach = {s: np.array([f[0][:2] for f in feet[s]]) - base[:, :2] for s in SIDES}
+        stride = {s: smooth((reach[s] * ahead).sum(1), 0.06) for s in SIDES}
+        load = {s: smooth(np.array([float(f[3]) for f in feet[s]]), 0.09) for s in SIDES}
+        idle = 1 - np.clip(brisk * 2.5, 0, 1)
+        sway = 0.028 * (load["L"] - load["R"]) + idle * 0.028 * wander(grid, 5.3, seed)
+        xy = base[:, :2] + left * sway[:, None]
+        swing = stride["L"] - stride["R"]
+        tilt = 0.07 * (load["L"] - load["R"]) + idle * 0.03 * wander(grid, 5.3, seed)
+        yaw = base[:, 2] + 0.10 * swing + idle * 0.04 * wander(grid, 7.1, seed + 1)
+        return {
+            "x": xy[:, 0], "y": xy[:, 1], "z": self.pelvis_height(xy, yaw, feet), "yaw": yaw, "roll": tilt,
+            "brisk": brisk, "idle": idle,
+            "armL": smooth(-0.765 * stride["L"], 0.05), "armR": smooth(-0.765 * stride["R"], 0.05),
+            "chest": base[:, 2] - 0.13 * swing + idle * 0.05 * wander(grid, 8.3, seed + 2),
+            "look": idle * 0.16 * wander(grid, 4.7, seed + 3), "nod": 0.05 * wander(grid, 3.9, seed + 4),
+            "breath": np.sin(2 * np.pi * grid / 3.7), "fidget": wander(grid, 2.9, seed + 5),
+        }  # fmt: skip
+
+    def pelvis_height(self, xy: np.ndarray, yaw: np.ndarray, feet: dict[str, list]) -> np.ndarray:
+        """As high as the standing legs reach, filtered."""
+        limits = []
+        for i, (x, y) in enumerate(xy):
+            heights = [self.root()[2]]
+            for side in SIDES:
+                ankle, pitch, _, stands = feet[side][i]
+                if not stands or pitch > 0.25:
+                    continue
+                hip = turn("z", yaw[i]) @ (self.hip(side) - self.root())
+                flat = np.linalg.norm(ankle[:2] - np.array([x, y]) - hip[:2])
+                heights.append(ankle[2] - hip[2] + np.sqrt(max((self.leg(side) * LEG_SLACK) ** 2 - flat**2, 0.2)))
+            limits.append(min(heights))
+        limits = np.array(limits) - 0.004
+        return np.minimum(smooth(limits, 0.07), limits + 0.01)
+
+    def root(self) -> np.ndarray:
+        """The pelvis at rest."""
+        return self.skeleton.head("root")
+
+    def hip(self, side: str) -> np.ndarray:
+        """A hip joint at rest."""
+        return self.skeleton.head(f"upperleg01.{side}")
+
+    def leg(self, side: str) -> float:
+        """Length of the stretched leg."""
+        knee = self.skeleton.head(f"lowerleg01.{side}")
+        return float(np.linalg.norm(knee - self.hip(side)) + np.linalg.norm(self.sole[side] - knee))
+
+    def pose(self, time: float) -> np.ndarray:
+        """World transforms (bones, 3, 4) of all bones."""
+        now = {name: float(np.interp(time, self.grid, row)) for name, row in self.tracks.items()}
+        pelvis = turn("z", now["yaw"]) @ turn("y", -now["roll"])
+        root = np.array([now["x"], now["y"], now["z"]])
+        turns = {"root": pelvis}
+        for side in SIDES:
+            turns |= self.leg_turns(side, time, root, pelvis)
+        lean = turn("x", 0.02 + 0.05 * now["brisk"] + 0.008 * now["breath"])
+        middle = (now["yaw"] + now["chest"]) / 2
+        turns["spine05"] = turn("z", middle) @ turn("y", -now["roll"] * 0.3) @ lean
+        turns["spine03"] = chest = turn("z", now["chest"]) @ turn("y", now["roll"] * 0.15) @ lean
+        turns["neck01"] = turn("z", now["chest"] + 0.5 * now["look"]) @ turn("x", 0.03)
+        turns["head"] = turn("z", now["chest"] + now["look"]) @ turn("x", 0.02 + now["nod"])
+        for side in SIDES:
+            turns |= self.arm_turns(side, time, chest, now)
+        return self.skeleton.transforms(root, turns)
+
+    def leg_turns(self, side: str, time: float, root: np.ndarray, pelvis: np.ndarray) -> dict[str, np.ndarray]:
+        """Two-bone reach from hip to ankle, the knee over the toes."""
+        ankle, pitch, heading, _ = self.foot(side, time)
+        hip, knee = self.hip(side), self.skeleton.head(f"lowerleg01.{side}")
+        start = root + pelvis @ (hip - self.root())
+        upper, lower = np.linalg.norm(knee - hip), np.linalg.norm(self.sole[side] - knee)
+        span = ankle - start
+        distance = min(np.linalg.norm(span), (upper + lower) * 0.9995)
+        bend = np.arccos(np.clip((upper**2 + distance**2 - lower**2) / (2 * upper * distance), -1, 1))
+        toes = turn("z", heading + SIDES[side] * 0.06) @ np.array([0, -1.0, 0])
+        axes = frame(span, toes + pelvis @ np.array([0, -1.0, 0]))
+        thigh = axes @ np.array([np.cos(bend), np.sin(bend), 0])
+        shin = start + axes[:, 0] * distance - (start + thigh * upper)
+        forward = np.array([0, -1.0, 0])
+        flat = turn("z", heading)
+        return {
+            f"upperleg01.{side}": frame(thigh, axes[:, 1]) @ frame(knee - hip, forward).T,
+            f"lowerleg01.{side}": frame(shin, axes[:, 1]) @ frame(self.sole[side] - knee, forward).T,
+            f"foot.{side}": flat @ turn("x", pitch),
+            **{f"toe{k}-1.{side}": flat @ turn("x", min(pitch, 0.12 * pitch)) for k in range(1, 6)},
+        }
+
+    def arm_turns(self, side: str, time: float, chest: np.ndarray, now: dict[str, float]) -> dict[str, np.ndarray]:
+        """Arms hang, swing against the legs, and one of them makes the gesture."""
+        sign = SIDES[side]
+        shoulder, elbow = self.skeleton.head(f"upperarm01.{side}"), self.skeleton.head(f"lowerarm01.{side}")
+        wrist = self.skeleton.head(f"wrist.{side}")
+        swing = now[f"arm{side}"] + now["idle"] * 0.05 * now["fidget"]
+        bend = 0.22 + 0.35 * now["brisk"] * max(swing + 0.25, 0) + 0.04 * now["fidget"] * sign
+        lift = self.gesture(time) if side == "R" else 0.0
+        out = 0.10 + 0.03 * now["idle"] + 0.05 * lift
+        hang = np.array([sign * np.sin(out), -np.sin(swing + 0.35 * lift), -np.cos(swing + 0.35 * lift)])
+        inward = np.array([-sign * (0.25 + 0.9 * lift), -1.0, 0.0])
+        upper = frame(hang, inward)
+        bend += 1.75 * lift
+        fore = upper @ np.array([np.cos(bend), np.sin(bend), 0])
+        rest = frame(elbow - shoulder, np.array([0, -1.0, 0]))
+        low = frame(wrist - elbow, np.array([0, -1.0, 0]))
+        shrug = turn("y", sign * (0.05 + 0.01 * now["breath"]))
+        forearm = chest @ frame(fore, upper[:, 1] + 1e-3 * fore) @ low.T
+        return {
+            f"clavicle.{side}": chest @ shrug,
+            f"upperarm01.{side}": chest @ upper @ rest.T,
+            f"lowerarm01.{side}": forearm,
+        }
+
+    def gesture(self, time: float) -> float:
+        """0 at rest, 1 with the hand up."""
+        if self.role.gesture is None:
+            return 0.0
+        start, end = self.role.gesture
+        return ease((time - start) / 0.9) * ease((end - time) / 0.9)
