@@ -34,7 +34,7 @@ test-all: setup
 check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pyright
+	$(BIN)/pyright --pythonpath $(BIN)/python
 
 # Newest versions within the bounds of pyproject.toml, for all Pythons at once; needs uv.
 lock:
