@@ -75,7 +75,7 @@ def _rows(image: Image) -> Pixels:
     flat = np.asarray(image.data).reshape(-1)
     if flat.dtype != np.uint8 or flat.size < needed:
         raise ImageError(
-            f"{flat.size} x {flat.dtype} where {needed} bytes are needed",
+            f"{flat.size} values of type {flat.dtype} where {needed} bytes are needed",
             where=where,
             remedy="check the driver's encoding, width, height and step",
         )
