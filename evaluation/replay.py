@@ -35,6 +35,7 @@ from socialbot.replay import Replay, Runner, replay
 from socialbot.run_record import RunRecord
 from socialbot.vision.encodings import bgr_from_compressed, bgr_from_image
 from socialbot.vision.hog import HogDetector
+from socialbot.vision.person_detector import PersonDetector
 
 DOMAIN = 78
 BAG = Path("data/synthetic/corridor")
@@ -43,7 +44,6 @@ QUICK_S = 4.0
 """How much of the bag a quick run takes."""
 
 OUTSIDE_LIMIT = 0.10
-THRESHOLD = 0.3
 
 
 @dataclass
@@ -95,7 +95,7 @@ def bare_pass(bag: Bag) -> Pass:
     topic = bag.choose_image_topic().name
     cv2.setNumThreads(1)
     with metered_detector() as detector, Meter() as whole:
-        hog = HogDetector(THRESHOLD)
+        hog = HogDetector(PersonDetector.threshold.default)
         for _, message in bag.messages({topic: topic}):
             assert isinstance(message, (Image, CompressedImage))
             hog.detect(bgr_from_image(message) if isinstance(message, Image) else bgr_from_compressed(message))
@@ -125,9 +125,8 @@ def command_cpu_s(bag: Path, folder: Path) -> float:
 
 
 def _replay(bag: Bag, runner: Runner, folder: Path) -> RunRecord:
-    graph = load_graph("waldo").with_parameters({"person_detector": {"threshold": THRESHOLD}})
     with RunRecord(folder) as record:
-        replay(Replay(bag=bag, graph=graph, runner=runner), record, lambda *_: None)
+        replay(Replay(bag=bag, graph=load_graph("waldo"), runner=runner), record, lambda *_: None)
     return record
 
 
