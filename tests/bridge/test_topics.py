@@ -46,7 +46,7 @@ picture = Image(width=640, height=480, encoding="bgr8", data=array.array("B", by
 with Ending().on_signals() as ending, spinning_node("talker") as node:
     node.create_publisher(String, "/speech/say", latched).publish(String(data=json.dumps({SAID!r})))
     node.create_publisher(String, "/silent", 10)
-    node.create_subscription(String, "/wanted", print, 10)
+    node.create_subscription(String, "/wanted", lambda message: None, 10)
     images = node.create_publisher(Image, "/camera/image_raw", qos_profile_sensor_data)
     while not ending.asked:
         images.publish(picture)
