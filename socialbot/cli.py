@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from socialbot import __version__
@@ -92,7 +93,7 @@ def replay(
     if outcome.scores is not None:
         console.print(scores_table(outcome.scores))
     report_faults(console, outcome.results)
-    console.print(f"The record of this run: {folder}", soft_wrap=True)
+    console.print(f"The record of this run: {folder}", soft_wrap=True, markup=False)
     outcome.check()
 
 
@@ -114,7 +115,7 @@ def up(
     whole = with_changes(load_graph(graph), source + (changes or []))
     folder = out or new_run_folder()
     console = Console(highlight=False)
-    console.print(f"{whole.name}: Ctrl-C ends it; its record: {folder}", soft_wrap=True)
+    console.print(f"{whole.name}: Ctrl-C ends it; its record: {folder}", soft_wrap=True, markup=False)
     with RunRecord(folder) as record:
         run_live(whole, record, composed=composed, display=lambda start: Display(console, start=start, until=start))
 
@@ -163,7 +164,7 @@ def main() -> None:
     try:
         app()
     except SocialbotError as error:
-        Console(stderr=True, highlight=False).print(f"[bold red]error:[/] {_escape(str(error))}", soft_wrap=True)
+        Console(stderr=True, highlight=False).print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True)
         sys.exit(error.exit_code)
 
 
@@ -235,12 +236,10 @@ def scores_table(scores: Any) -> Table:
 def report_faults(console: Console, results: dict[str, Any]) -> None:
     """Says what was skipped and what failed."""
     for topic, skipped in results["bag"]["skipped"].items():
-        console.print(f"[yellow]warning[/] {topic}: {skipped['count']} damaged messages skipped: {skipped['first']}")
+        console.print(
+            f"[yellow]warning[/] {topic}: {skipped['count']} damaged messages skipped: {escape(skipped['first'])}"
+        )
     for name, fate in results["nodes"].items():
         if fate["failures"]:
             text = f"{name}: failed {fate['failures']} of {fate['calls']} times; first: {fate['first_failure']}"
-            console.print(f"[yellow]warning[/] {_escape(text)}", soft_wrap=True)
-
-
-def _escape(text: str) -> str:
-    return text.replace("[", r"\[")
+            console.print(f"[yellow]warning[/] {escape(text)}", soft_wrap=True)

@@ -22,6 +22,7 @@ from __future__ import annotations
 import difflib
 import enum
 import logging
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Generic, Protocol, TypeVar, overload
@@ -33,6 +34,9 @@ from socialbot.messages import Message
 M = TypeVar("M", bound=Message)
 V = TypeVar("V", bool, int, float, str)
 H = TypeVar("H", bound=Callable[..., None])
+
+NODE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+TOPIC_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 
 class Delivery(enum.Enum):
@@ -295,6 +299,11 @@ class Placement:
     def check(self, graph: str) -> None:
         """Raises GraphError for an unknown port, ParameterError for a parameter that does not fit."""
         place = self.place(graph)
+        if not NODE_NAME.fullmatch(self.name):
+            raise GraphError("no valid name for a node", where=place, remedy="use letters, digits and _")
+        for topic in self.remap.values():
+            if not TOPIC_NAME.fullmatch(topic):
+                raise GraphError(f"no valid topic: {topic!r}", where=place, remedy="use names of letters, digits and _")
         ports = {*self.type.inputs(), *self.type.outputs()}
         for port in self.remap:
             if port not in ports:

@@ -116,8 +116,9 @@ def node_type(name: str, *, where: str = "") -> type[Node]:
         )
     try:
         found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise GraphError(f"cannot load node type {name!r}: {error}", where=where) from error
+    except Exception as error:
+        what = f"cannot load node type {name!r}: {type(error).__name__}: {error}"
+        raise GraphError(what, where=where, remedy="mend the module; it may stand beside the graph file") from error
     if not (isinstance(found, type) and issubclass(found, Node)):
         raise GraphError(f"{name!r} is no node", where=where, remedy="give a subclass of socialbot.graph.Node")
     return found

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialbot.clock import ManualClock, nanoseconds
+from socialbot.errors import NodeError, SocialbotError
 from socialbot.graph import Graph, Input, Node, Output
 from socialbot.messages import Message
 
@@ -98,15 +99,24 @@ class InlineRunner:
                 self._listeners.setdefault(topic, []).append((context, node, port))
 
     def start(self) -> None:
-        """Starts the nodes, and lets what they send at once arrive. Errors of a start are not held back."""
+        """Starts the nodes, and lets what they send at once arrive. Raises NodeError, or the node's own error."""
         for node in self.nodes.values():
-            node.start()
+            try:
+                node.start()
+            except SocialbotError:
+                raise
+            except Exception as error:
+                raise NodeError(f"cannot start: {type(error).__name__}: {error}", where=node.name) from error
         self._drain()
 
     def close(self) -> None:
         """Stops the nodes."""
-        for node in self.nodes.values():
-            node.stop()
+        for name, node in self.nodes.items():
+            try:
+                node.stop()
+            except Exception as error:  # noqa: BLE001 - one that cannot stop keeps no other from stopping
+                self.faults[name].count(error)
+                log.warning("%s: cannot stop: %s: %s", name, type(error).__name__, error)
 
     def tap(self, topic: str, callback: Tap) -> None:
         """Shows every message on ``topic`` to ``callback`` before the nodes get it."""

@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 from socialbot.bridge.launch import Launch
 from socialbot.bridge.observing import Fates, observing
-from socialbot.bridge.process import Ending
 from socialbot.bridge.readiness import expect_free_names
 from socialbot.clock import WallClock
 from socialbot.display import Display
+from socialbot.ending import Ending
 from socialbot.graph import Graph
 from socialbot.messages import Message
 from socialbot.replay import keep_speech, recorded_topics
@@ -26,7 +26,7 @@ def run_live(graph: Graph, record: RunRecord, *, composed: bool, display: Callab
             record.observe(topic, message)
             shown.show(topic, message)
 
-        with observing(recorded_topics(graph), observe, Fates().note) as onlooker:
+        with observing(recorded_topics(graph), observe, Fates(graph).note) as onlooker:
             expect_free_names(onlooker.ros, graph)
             with Launch(graph, record.folder / "log", composed=composed) as launch:
                 while not ending.asked:

@@ -19,11 +19,12 @@ from socialbot.bridge.bags import Bag
 from socialbot.bridge.feeding import feeding
 from socialbot.bridge.launch import Launch
 from socialbot.bridge.observing import Fates, Onlooker, observing
-from socialbot.bridge.process import Ending
+from socialbot.bridge.player import Played
 from socialbot.bridge.readiness import await_graph, expect_free_names
 from socialbot.clock import SECOND
-from socialbot.errors import NodeError
-from socialbot.graph import Graph
+from socialbot.ending import Ending
+from socialbot.errors import BagError, NodeError, SocialbotError
+from socialbot.graph import Graph, check_parameters
 from socialbot.inline import InlineRunner
 from socialbot.messages import Message
 from socialbot.run_record import RECORDED, RunRecord
@@ -101,16 +102,26 @@ def replay(plan: Replay, record: RunRecord, show: Observer) -> Outcome:
         show(topic, message)
 
     run = _run_inline if plan.runner == "inline" else _run_ros
-    fates = run(plan, graph, feeds, record.folder, observe)
+    fates: dict[str, Fate] = {}
+    failure: SocialbotError | None = None
+    try:
+        fates = run(plan, graph, feeds, record.folder, observe)
+    except SocialbotError as error:
+        failure = error
+    # What was recorded up to a failure is worth as much as the rest.
     scores = score(truth, record.detections) if truth is not None else None
-    results = _results(plan, graph, feeds, record, fates, scores, time.monotonic() - begun)
+    ended = "well" if failure is None else str(failure)
+    results = _results(plan, graph, feeds, record, fates, scores, time.monotonic() - begun, ended)
     record.write_results(results)
+    if failure is not None:
+        raise failure
     return Outcome(results, scores, fates)
 
 
 def find_truth(plan: Replay) -> Truth | None:
     """The ground truth given, or the one that lies beside the bag. Raises TruthError when it does not fit."""
-    path = plan.truth or plan.bag.path.with_name(f"{plan.bag.path.stem}.truth.json")
+    bag = plan.bag.path.resolve()
+    path = plan.truth or bag.with_name(f"{bag.stem}.truth.json")
     return load_truth(path) if plan.truth is not None or path.exists() else None
 
 
@@ -130,7 +141,9 @@ def _run_inline(
     plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path, observe: Observer
 ) -> dict[str, Fate]:
     messages = plan.bag.messages(feeds)
-    first = next(messages)
+    first = next(messages, None)
+    if first is None:
+        raise _nothing_whole(plan.bag)
     runner = InlineRunner(graph, start=first[1].stamp)
     for topic in recorded_topics(graph):
         runner.tap(topic, observe)
@@ -147,25 +160,38 @@ def _until(ending: Ending, messages: Iterator[tuple[str, Message]]) -> Iterator[
     return itertools.takewhile(lambda _: not ending.asked, messages)
 
 
+def _nothing_whole(bag: Bag) -> BagError:
+    reasons = "; ".join(f"{topic}: {skipped.count} damaged: {skipped.first}" for topic, skipped in bag.skipped.items())
+    return BagError(f"no message can be read ({reasons})", where=str(bag.path), remedy="record it again")
+
+
 def _run_ros(plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path, observe: Observer) -> dict[str, Fate]:
 
-    fates = Fates()
+    fates = Fates(graph)
     logs = folder / "log"
     with Ending().on_signals() as ending, observing(recorded_topics(graph), observe, fates.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
+        report = logs / "played.json"
         with Launch(graph, logs, sim_time=True, composed=plan.composed) as launch:
             _await_graph(onlooker, graph, launch, ending)
-            player = launch.start("bag_player", _player_arguments(plan, logs / "graph.yaml"))
-            while player.poll() is None and not ending.asked:
+            if not ending.asked:
+                arguments = _player_arguments(plan, logs / "graph.yaml", report)
+                player = launch.start("bag_player", arguments)
+                while player.poll() is None and not ending.asked:
+                    launch.check()
+                    time.sleep(0.1)
                 launch.check()
-                time.sleep(0.1)
-            launch.check()
-            time.sleep(DRAIN_S)
+                time.sleep(DRAIN_S)
     failed = {name: code for name, code in launch.exit_codes.items() if code}
-    if failed:
+    if failed and not ending.asked:
         raise NodeError(
             f"did not end well: {', '.join(f'{name} ({code})' for name, code in failed.items())}", where=str(logs)
         )
+    if report.exists():
+        played = msgspec.json.decode(report.read_bytes(), type=Played)
+        plan.bag.skipped.update(played.skipped)
+        if not played.images:
+            raise _nothing_whole(plan.bag)
     return {
         name: Fate(
             calls=int(values["calls"]),
@@ -192,8 +218,9 @@ def _await_graph(onlooker: Onlooker, graph: Graph, launch: Launch, ending: Endin
         )
 
 
-def _player_arguments(plan: Replay, graph_file: Path) -> list[str]:
+def _player_arguments(plan: Replay, graph_file: Path, report: Path) -> list[str]:
     arguments = ["bag", "play", str(plan.bag.path), "--graph", str(graph_file), "--rate", str(plan.rate)]
+    arguments += ["--report", str(report)]
     if plan.image_topic is not None:
         arguments += ["--image-topic", plan.image_topic]
     return arguments if plan.paced else [*arguments, "--no-pace"]
@@ -207,6 +234,7 @@ def _results(
     fates: Mapping[str, Fate],
     scores: Scores | None,
     wall_s: float,
+    ended: str,
 ) -> dict[str, Any]:
     seconds = functools.partial(_seconds_after, plan.bag.start)
     return {
@@ -223,7 +251,11 @@ def _results(
         "runner": plan.runner,
         "composed": plan.composed,
         "graph": graph.name,
-        "parameters": {placement.name: dict(placement.parameters) for placement in graph.placements},
+        "parameters": {
+            placement.name: check_parameters(placement.type, placement.parameters, where=placement.name)
+            for placement in graph.placements
+        },
+        "ended": ended,
         "frames": len(record.detections),
         "actions": [
             {"t_s": seconds(action.stamp), "id": action.id, "name": action.name, "arguments": action.arguments}

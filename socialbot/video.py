@@ -33,6 +33,7 @@ def write_video(bag: Bag, image_topic: str, record: RunRecord, truth: Truth | No
     people = {frame.stamp: frame.persons for frame in truth.frames} if truth else {}
     captions = _Captions(record, bag.start)
     writer: cv2.VideoWriter | None = None
+    size = (0, 0)
     for _, message in bag.messages({image_topic: image_topic}):
         assert isinstance(message, (Image, CompressedImage))
         try:
@@ -41,8 +42,9 @@ def write_video(bag: Bag, image_topic: str, record: RunRecord, truth: Truth | No
             continue
         stamp = message.stamp
         frame = draw(pixels, detections.get(stamp), people.get(stamp, ()), captions.at(stamp))
-        writer = writer or _open_writer(path, frame, _rate_hz(bag, image_topic))
-        writer.write(frame)
+        if writer is None:
+            writer, size = _open_writer(path, frame, _rate_hz(bag, image_topic)), frame.shape[1::-1]
+        writer.write(frame if frame.shape[1::-1] == size else cv2.resize(frame, size))
     if writer is None:
         raise BagError("no picture to make a video of", where=str(bag.path))
     writer.release()

@@ -183,7 +183,7 @@ PARAMETERS = st.fixed_dictionaries(
 @settings(deadline=None, max_examples=30)
 @given(
     TEXTS | TRICKY,
-    st.lists(TEXTS | TRICKY, max_size=3, unique=True),
+    st.lists(st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True), max_size=3, unique=True),
     PARAMETERS,
     TOPICS,
     st.booleans(),

@@ -91,7 +91,7 @@ class Stage:
 
 def chain(*names: str) -> list[Placement]:
     """Relays in a row from /in to /out."""
-    topics = ["/in", *(f"/{number}" for number in range(1, len(names))), "/out"]
+    topics = ["/in", *(f"/t{number}" for number in range(1, len(names))), "/out"]
     return [
         Placement(name, Relay, {}, {"heard": topics[number], "said": topics[number + 1]})
         for number, name in enumerate(names)

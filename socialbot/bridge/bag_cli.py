@@ -13,8 +13,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from socialbot.bridge import codec
-from socialbot.bridge.process import Ending
 from socialbot.clock import SECOND
+from socialbot.ending import Ending
 from socialbot.errors import BagError
 from socialbot.messages import CompressedImage, Image
 

@@ -27,14 +27,16 @@ from socialbot.bridge import codec
 from socialbot.bridge.bag_types import RosbagsTypes, deserialize, is_known, to_cdr
 from socialbot.bridge.bag_writer import BagWriter
 from socialbot.bridge.mcap_salvage import salvage
-from socialbot.clock import SECOND
+from socialbot.clock import SECOND, nanoseconds
 from socialbot.errors import BagError
 from socialbot.graph import suggestion
 from socialbot.messages import CameraInfo, CompressedImage, Image, Message
 
-__all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "Topic", "open_bag"]
+__all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "Stamps", "Topic", "open_bag"]
 
 log = logging.getLogger("socialbot.bags")
+
+CLOCKS_APART_S = 1.0
 
 T = TypeVar("T")
 Reader = Ros1Reader | Ros2Reader
@@ -170,9 +172,9 @@ class Bag:
     def messages(self, topics: Mapping[str, str]) -> Iterator[tuple[str, Message]]:
         """The messages of ``topics`` (bag topic to graph topic), as graph topic and message, in the order of the bag.
 
-        The stamp is the header's. Where that is zero, or lies before the topic's previous stamp, the
-        message gets the previous stamp plus the time between the two receptions; a first stamp of
-        zero becomes the time of reception.
+        The stamp is the header's, for pictures on the clock of the reception. Where that is zero, or lies before the
+        topic's previous stamp, the message gets the previous stamp plus the time between the two
+        receptions; a first stamp of zero becomes the time of reception.
 
         Raises BagError for topics that the bag lacks or whose type socialbot does not know, and
         where the file breaks off.
@@ -203,7 +205,7 @@ class Bag:
         return self.skipped
 
     def _decoded(self, topics: Mapping[str, str]) -> Iterator[tuple[str, Message]]:
-        stamps = {name: _Stamps(name) for name in topics}
+        stamps = {name: Stamps(name, set_right=self.topic(name).type in IMAGE_TYPES) for name in topics}
         for connection, time, data in self._read(topics):
 
             def decode(connection: Connection = connection, time: int = time, data: bytes = data) -> Message:
@@ -261,17 +263,29 @@ class Bag:
         return tuple(topics[name] for name in sorted(topics))
 
 
-class _Stamps:
-    """The stamps of one topic: those of the headers as long as they are good."""
+class Stamps:
+    """The stamps of one topic: those of the headers as long as they are good, on the clock of the reception.
 
-    def __init__(self, topic: str) -> None:
+    With ``set_right``, a sender whose clock is off by more than ``CLOCKS_APART_S`` at its first message is set
+    right by that much. That is for pictures: latched messages are older when they are received.
+    """
+
+    def __init__(self, topic: str, *, set_right: bool) -> None:
         self._topic = topic
+        self._set_right = set_right
         self._stamp: int | None = None
+        self._offset = 0
         self._time = 0
         self._warned = False
 
     def next(self, header: int, time: int) -> int:
+        """The stamp (ns) of a message with this ``header`` stamp, received at ``time``."""
         last = self._stamp
+        if self._set_right and last is None and header > 0 and abs(time - header) > nanoseconds(CLOCKS_APART_S):
+            self._offset = time - header
+            log.warning("%s: the sender's clock is %.1f s off; set right", self._topic, -self._offset / SECOND)
+        if header > 0:
+            header += self._offset
         good = header > 0 and (last is None or header >= last)
         if not good and not self._warned:
             self._warned = True

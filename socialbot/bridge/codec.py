@@ -10,6 +10,7 @@ gives, which is the time of arrival.
 from __future__ import annotations
 
 import functools
+import struct
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, Protocol, TypeVar, Union, cast
@@ -54,6 +55,9 @@ MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
 )
 """What to `decode` a ROS type to; `Structured` stands for whichever schema the JSON names."""
 
+CDR_BEGIN = 4
+"""Bytes before the first field of a serialised message."""
+
 _LINE_LIST = 2
 _LINE_WIDTH_PX = 2.0
 _CORNERS = (0, 1, 1, 2, 2, 3, 3, 0)
@@ -80,6 +84,18 @@ def header_stamp(ros_message: Any) -> int | None:
     """The stamp (ns) in the header of ``ros_message``; None when its type has no header."""
     header = getattr(ros_message, "header", None)
     return None if header is None else header.stamp.sec * SECOND + header.stamp.nanosec
+
+
+def raw_stamp(cdr: bytes) -> int:
+    """The stamp (ns) of a serialised message that begins with a header."""
+    seconds, rest = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, CDR_BEGIN)
+    return seconds * SECOND + rest
+
+
+def with_stamp(cdr: bytes, stamp: int) -> bytes:
+    """A serialised message that begins with a header, with another ``stamp`` (ns)."""
+    packed = struct.pack("<iI" if cdr[1] & 1 else ">iI", *divmod(stamp, SECOND))
+    return cdr[:CDR_BEGIN] + packed + cdr[CDR_BEGIN + len(packed) :]
 
 
 def decode(message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M:

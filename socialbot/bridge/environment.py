@@ -8,11 +8,12 @@ import tempfile
 from collections.abc import MutableMapping
 from pathlib import Path
 
-from socialbot.errors import InstallationError
+from socialbot.errors import GraphError, InstallationError
 
 PROFILE = Path(__file__).with_name("dds_profile.xml")
 """The Fast DDS profile with a shared-memory segment that holds pictures."""
 
+HIGHEST_DOMAIN = 232
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
@@ -30,8 +31,18 @@ def prepare(
         environment["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-ros-log")
 
 
+def check_domain(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Raises GraphError when ROS_DOMAIN_ID is no number that ROS can use."""
+    domain = environment.get("ROS_DOMAIN_ID") or "0"
+    if not (domain.isdigit() and int(domain) <= HIGHEST_DOMAIN):
+        raise GraphError(
+            f"no ROS domain: {domain!r}", where="ROS_DOMAIN_ID", remedy=f"set it to a number from 0 to {HIGHEST_DOMAIN}"
+        )
+
+
 def require_ros() -> None:
-    """Raises InstallationError when there is no ROS 2 for Python here."""
+    """Raises InstallationError when there is no ROS 2 for Python here, GraphError when its domain is none."""
+    check_domain()
     if importlib.util.find_spec("rclpy") is None:
         raise InstallationError(
             "ROS 2 is not installed for this Python",

@@ -26,7 +26,7 @@ from socialbot.bridge.qos import publisher_qos, subscription_qos
 from socialbot.bridge.readiness import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.ros_types import RclpyTypes, message_class
 from socialbot.bridge.statistics import Reporter, Statistics
-from socialbot.errors import MessageError, SocialbotError
+from socialbot.errors import MessageError, NodeError, SocialbotError
 from socialbot.graph import Graph, Input, Node, Output, Placement
 from socialbot.messages import Message
 
@@ -138,6 +138,10 @@ class NodeHost:
             self.node.start()
         except SocialbotError as error:
             self.failure = error
+            return
+        except Exception as error:  # noqa: BLE001 - whatever a node raises at its start is told in one message
+            self._report("cannot start", error, 1)
+            self.failure = NodeError(f"cannot start: {type(error).__name__}: {error}", where=self.name)
             return
         while (item := self._inbox.take()) is not None:
             self._do(item)

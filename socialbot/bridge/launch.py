@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 from socialbot.bridge import environment
+from socialbot.ending import ENDING_SIGNALS
 from socialbot.errors import NodeError, SocialbotError
 from socialbot.graph import Graph
 from socialbot.graph_file import dump_graph
@@ -18,6 +19,8 @@ GRACE_S = 8.0
 """How long processes may take to end after SIGINT before they are killed."""
 
 LOG_TAIL_LINES = 8
+DOCUMENTED = frozenset({3, 4, 5, 7})
+"""Exit codes by which a process says why it failed; any other failure of a node is 6."""
 
 
 class Launch:
@@ -59,10 +62,15 @@ class Launch:
         environment.prepare(variables, log_folder=self._folder / "ros")
         variables["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
         command = [sys.executable, "-m", "socialbot", *arguments, "--parent", str(os.getpid())]
-        with self._log(name).open("ab") as log:
-            process = subprocess.Popen(
-                command, env=variables, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
-            )
+        # The child inherits the mask and lets signals through once it can end well.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
+        try:
+            with self._log(name).open("ab") as log:
+                process = subprocess.Popen(
+                    command, env=variables, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+                )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         self._processes[name] = process
         return process
 
@@ -100,6 +108,6 @@ def _failed(name: str, code: int, log: Path) -> SocialbotError:
     lines = log.read_text("utf-8", errors="replace").splitlines()[-LOG_TAIL_LINES:]
     how = f"was ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
     error = NodeError("\n    ".join([f"the process {how}", *lines]), where=name, remedy=f"the whole log: {log}")
-    if code > 1:
+    if code in DOCUMENTED:
         error.exit_code = code
     return error

@@ -20,14 +20,16 @@ log = logging.getLogger("socialbot.observer")
 
 
 class Fates:
-    """The latest statistics of each node, as /diagnostics tells them."""
+    """The latest statistics of each node of ``graph``, as /diagnostics tells them; others may speak there, too."""
 
-    def __init__(self) -> None:
+    def __init__(self, graph: Graph) -> None:
+        self._names = {placement.name for placement in graph.placements}
         self.latest: dict[str, dict[str, str]] = {}
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Takes the statistics of one node."""
-        self.latest[name] = values
+        if name in self._names:
+            self.latest[name] = values
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import functools
+import threading
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -10,6 +10,9 @@ from rclpy.node import Node as RosNode
 
 from socialbot.errors import ParameterError
 from socialbot.graph import Node, Parameter, Placement, check_parameters
+
+PATIENCE_S = 2.0
+"""How long a node may take to say whether it takes a new value."""
 
 UNBOUNDED = 1e308
 UNBOUNDED_INTEGER = 2**62
@@ -40,11 +43,29 @@ def watch_parameters(ros: RosNode, node: Node) -> None:
             check_parameters(type(node), ours, where=node.name)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        for name, value in ours.items():
-            node.context.call_soon(functools.partial(node.set_parameter, name, value))
-        return SetParametersResult(successful=True)
+        objection = _apply(node, ours)
+        return SetParametersResult(successful=not objection, reason=objection)
 
     ros.add_on_set_parameters_callback(changed)
+
+
+def _apply(node: Node, values: dict[str, object]) -> str:
+    """Sets ``values`` in the node's own thread; returns what the node objects, if anything."""
+    done = threading.Event()
+    objections: list[str] = []
+
+    def apply() -> None:
+        try:
+            for name, value in values.items():
+                node.set_parameter(name, value)
+        except Exception as error:  # noqa: BLE001 - any objection refuses the change
+            objections.append(str(error))
+        done.set()
+
+    node.context.call_soon(apply)
+    if not done.wait(PATIENCE_S):
+        return f"{node.name} has been too busy for {PATIENCE_S} s to take it"
+    return "; ".join(objections)
 
 
 def _descriptor(parameter: Parameter[Any]) -> ParameterDescriptor:

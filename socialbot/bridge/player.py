@@ -7,7 +7,6 @@ machine makes the replay slower but not different.
 from __future__ import annotations
 
 import logging
-import struct
 import threading
 import time
 from collections.abc import Mapping
@@ -17,11 +16,11 @@ from typing import Any
 import msgspec
 
 from socialbot.bridge import environment
-from socialbot.bridge.bags import IMAGE_TYPES, Bag
-from socialbot.bridge.codec import ROS_TYPES
-from socialbot.bridge.process import Ending
+from socialbot.bridge.bags import IMAGE_TYPES, Bag, Skipped, Stamps
+from socialbot.bridge.codec import ROS_TYPES, raw_stamp, with_stamp
 from socialbot.bridge.readiness import Connection, await_graph, publisher_connection, subscription_connection
 from socialbot.clock import SECOND, nanoseconds
+from socialbot.ending import Ending
 from socialbot.errors import NodeError
 from socialbot.graph import Delivery, Graph
 from socialbot.messages import CameraInfo
@@ -51,12 +50,12 @@ class Playing:
     paced_by: str = ""
 
 
-@dataclass
-class Played:
-    """How it went: pictures sent, and those that the graph did not answer in time."""
+class Played(msgspec.Struct):
+    """How it went: pictures sent, those not answered in time, and the damaged messages of each topic."""
 
     images: int = 0
     unanswered: int = 0
+    skipped: dict[str, Skipped] = {}
 
 
 class _Stamp(msgspec.Struct):
@@ -104,6 +103,7 @@ class Player:
         self._playing = playing
         self._ending = ending
         self._answers = _Answers()
+        self._stamps: dict[str, Stamps] = {}
         self._clock_type = Clock
         self._clock = ros.create_publisher(Clock, "/clock", 10)
         self._publishers: dict[str, Any] = {}
@@ -127,19 +127,26 @@ class Player:
 
     def play(self) -> Played:
         """Plays from the first message to the end of the tail, or until asked to end."""
-        played = Played()
+        played = Played(skipped=self._bag.skipped)
         self._begun = time.monotonic()
         for topic, at, ros_type, cdr in self._bag.raw_messages(self._topics):
             self._pass_time(at)
             if self._ending.asked:
                 return played
+            if ros_type in IMAGE_TYPES and self._playing.await_graph is not None:
+                cdr = self._set_right(topic, cdr, at)
             self._publishers[topic].publish(cdr)
             if ros_type in IMAGE_TYPES:
                 played.images += 1
-                if self._playing.paced_by and not self._answers.wait(_header_stamp(cdr) or at):
+                if self._playing.paced_by and not self._answers.wait(raw_stamp(cdr) or at):
                     played.unanswered += 1
         self._pass_time(self._now + nanoseconds(self._playing.tail_s))
         return played
+
+    def _set_right(self, topic: str, cdr: bytes, at: int) -> bytes:
+        """The message with the stamp that `Bag.messages` would give it, so that both runners see the same."""
+        stamp = self._stamps.setdefault(topic, Stamps(topic, set_right=True)).next(raw_stamp(cdr), at)
+        return cdr if stamp == raw_stamp(cdr) else with_stamp(cdr, stamp)
 
     def _pass_time(self, until: int) -> None:
         """Lets simulated time pass, in step with real time or, where that has run ahead, with some haste."""
@@ -172,9 +179,3 @@ def play_bag(bag: Bag, topics: Mapping[str, str], playing: Playing, *, parent: i
                     remedy="look into the nodes' logs; `socialbot doctor` checks the installation",
                 )
         return player.play()
-
-
-def _header_stamp(cdr: bytes) -> int:
-    """The stamp (ns) at the begin of a message with a header."""
-    seconds, rest = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, 4)
-    return seconds * SECOND + rest

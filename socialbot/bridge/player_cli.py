@@ -14,9 +14,12 @@ def play(
     image_topic: Annotated[str | None, typer.Option(help="The pictures to feed the graph with.")] = None,
     rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="1 is as recorded.")] = 1.0,
     pace: Annotated[bool, typer.Option(help="Wait for the graph's answer to each picture.")] = True,
+    report: Annotated[Path | None, typer.Option(hidden=True, help="Write here, as JSON, how it went.")] = None,
     parent: Annotated[int | None, typer.Option(hidden=True)] = None,
 ) -> None:
     """Play a bag into ROS, with /clock. Without --graph: every topic, under its own name."""
+    import msgspec
+
     from socialbot.bridge.bags import open_bag
     from socialbot.bridge.feeding import feeding
     from socialbot.bridge.player import Playing, play_bag
@@ -27,9 +30,10 @@ def play(
             topics = {topic.name: topic.name for topic in opened.topics if topic.count}
             playing = Playing(rate=rate, tail_s=0.0)
         else:
-            loaded = load_graph(graph)
-            loaded = loaded if loaded.inputs else loaded.without_sources()
+            loaded = load_graph(graph).without_sources()
             topics = feeding(opened, loaded, image_topic)
             playing = Playing(rate=rate, await_graph=loaded, paced_by=loaded.paced_by if pace else "")
         played = play_bag(opened, topics, playing, parent=parent)
+    if report is not None:
+        report.write_bytes(msgspec.json.encode(played))
     typer.echo(f"played {played.images} pictures, {played.unanswered} of them not answered in time")

@@ -3,46 +3,17 @@
 from __future__ import annotations
 
 import logging
-import os
-import signal
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from types import FrameType
 from typing import Any
 
 from socialbot.bridge import environment
+from socialbot.ending import Ending
 from socialbot.errors import SocialbotError
 from socialbot.graph import Graph
 
 LOOK_ROUND_S = 0.2
 """How often the process looks whether it should end."""
-
-
-class Ending:
-    """Notes that SIGINT or SIGTERM came, or that the parent process is gone."""
-
-    def __init__(self, parent: int | None = None) -> None:
-        self._asked = False
-        self._parent = parent
-
-    @property
-    def asked(self) -> bool:
-        """Whether it is time to end."""
-        return self._asked or (self._parent is not None and os.getppid() != self._parent)
-
-    def ask(self, signum: int = 0, frame: FrameType | None = None) -> None:
-        """Asks for the end; serves as a signal handler."""
-        self._asked = True
-
-    @contextmanager
-    def on_signals(self) -> Iterator[Ending]:
-        """Ends on SIGINT and SIGTERM within this context."""
-        before = {number: signal.signal(number, self.ask) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield self
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
 
 
 def run_nodes(
@@ -92,8 +63,17 @@ class _RosLog(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         logger = self._loggers.get(record.name.rpartition(".")[2]) or next(iter(self._loggers.values()))
-        level = {logging.DEBUG: "debug", logging.INFO: "info", logging.WARNING: "warning"}.get(record.levelno, "error")
-        getattr(logger, level)(self.format(record))
+        text = self.format(record)
+        try:
+            # A call for each level: rclpy refuses another level from a place in the code that has logged before.
+            if record.levelno >= logging.ERROR:
+                logger.error(text)
+            elif record.levelno >= logging.WARNING:
+                logger.warning(text)
+            else:
+                logger.info(text)
+        except Exception:  # noqa: BLE001 - a log that fails must not end the node that logs
+            self.handleError(record)
 
 
 @contextmanager

@@ -10,8 +10,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from socialbot.bridge.process import Ending
 from socialbot.bridge.topics import Arrivals, Rate
+from socialbot.ending import Ending
 
 topic = typer.Typer(help="Looks into the topics of a running graph.", no_args_is_help=True)
 

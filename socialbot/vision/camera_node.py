@@ -90,21 +90,24 @@ class Camera(Node):
         if pixels is not None or not self.loop or is_device(self.source):
             return pixels
         self._close()
-        self._frames = self._open()
+        try:
+            self._frames = self._open()
+        except DeviceError:
+            return None
         return self._frames.read()
 
     def _on_end(self) -> None:
         if self._timer:
             self._timer.cancel()
         self._close()
-        if not is_device(self.source):
+        if not (self.loop or is_device(self.source)):
             self.log.info("%s has ended", self.source)
             return
         self._timer = self.call_after(_RETRY_S, self._reopen)
         raise DeviceError(
             "the camera sends no more pictures",
             where=self.source,
-            remedy=f"check its cable; it is tried again every {_RETRY_S:g} s",
+            remedy=f"check that it is there; it is tried again every {_RETRY_S:g} s",
         )
 
     def _reopen(self) -> None:

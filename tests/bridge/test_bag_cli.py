@@ -123,8 +123,9 @@ def publisher(node: Any, topic: str, message: Any, *, best_effort: bool = False,
     return node.create_publisher(type(message), topic, qos)
 
 
-IMAGE = Image.from_bgr(np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3), stamp=START + 5, frame_id="c")
-INFO = CameraInfo(stamp=START + 6, frame_id="c", width=8, height=6, k=(1.0,) * 9)
+NOW = time.time_ns()
+IMAGE = Image.from_bgr(np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3), stamp=NOW, frame_id="c")
+INFO = CameraInfo(stamp=NOW, frame_id="c", width=8, height=6, k=(1.0,) * 9)
 SAY = Utterance(stamp=START + 7, id="u", text="hello")
 
 

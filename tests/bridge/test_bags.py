@@ -220,6 +220,7 @@ def test_types_without_definition_in_the_bag(tmp_path: Path) -> None:
 
 
 def stamps_of(path: Path, stamps: list[int]) -> list[int]:
+    """What becomes of ``stamps``, as they are in the headers."""
     bag = make_with_rosbags(
         path, [(RAW, time, picture(stamp)) for time, stamp in zip(times(len(stamps)), stamps, strict=True)]
     )
@@ -233,14 +234,29 @@ def test_zero_stamps_become_the_time_of_reception(tmp_path: Path, caplog: pytest
 
 
 def test_stamps_that_go_back_go_on_with_the_time_of_reception(tmp_path: Path) -> None:
-    tenth = SECOND // 10
-    assert stamps_of(tmp_path / "bag", [50, 51, 7, 8, 0]) == [50, 51, 51 + tenth, 51 + 2 * tenth, 51 + 3 * tenth]
+    tenth, begin = SECOND // 10, times(1)[0]
+    found = stamps_of(tmp_path / "bag", [begin + 50, begin + 51, begin + 7, begin + 8, 0])
+    assert [stamp - begin for stamp in found] == [50, 51, 51 + tenth, 51 + 2 * tenth, 51 + 3 * tenth]
+
+
+@pytest.mark.parametrize("apart", [-3600 * SECOND, 3600 * SECOND, 2 * SECOND])
+def test_a_sender_with_another_clock_is_set_right(tmp_path: Path, apart: int, caplog: pytest.LogCaptureFixture) -> None:
+    received = times(3)
+    with caplog.at_level(logging.WARNING):
+        assert stamps_of(tmp_path / "bag", [stamp + apart for stamp in received]) == received
+    assert len([record for record in caplog.records if "clock" in record.message]) == 1
+
+
+def test_a_delay_of_the_transport_is_no_other_clock(tmp_path: Path) -> None:
+    stamps = [stamp - SECOND // 2 for stamp in times(3)]
+    assert stamps_of(tmp_path / "bag", stamps) == stamps
 
 
 def test_a_single_stamp_that_goes_back_does_not_spoil_the_others(tmp_path: Path) -> None:
-    tenth = SECOND // 10
-    stamps = [1 * tenth, 2 * tenth, 2 * tenth - 1, 4 * tenth, 4 * tenth]
-    assert stamps_of(tmp_path / "bag", stamps) == [1 * tenth, 2 * tenth, 3 * tenth, 4 * tenth, 4 * tenth]
+    tenth, begin = SECOND // 10, times(1)[0]
+    stamps = [begin + stamp for stamp in (1 * tenth, 2 * tenth, 2 * tenth - 1, 4 * tenth, 4 * tenth)]
+    found = [stamp - begin for stamp in stamps_of(tmp_path / "bag", stamps)]
+    assert found == [1 * tenth, 2 * tenth, 3 * tenth, 4 * tenth, 4 * tenth]
 
 
 # Topics

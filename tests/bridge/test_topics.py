@@ -38,7 +38,7 @@ import array, json, time
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
-from socialbot.bridge.process import Ending
+from socialbot.ending import Ending
 from socialbot.bridge.session import spinning_node
 
 latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -42,3 +42,16 @@ class DyingDetector(Node):
         self.detections.publish(
             PersonDetections(stamp=image.stamp, frame_id="", width=image.width, height=image.height, persons=())
         )
+
+
+class StillbornDetector(Node):
+    """Raises before it has begun."""
+
+    image = Input(Image, "/camera/image_color", Delivery.NEWEST)
+    detections = Output(PersonDetections, "/humans/bodies/detections")
+
+    def start(self) -> None:
+        raise RuntimeError("not today")
+
+    @image
+    def on_image(self, image: Image) -> None: ...

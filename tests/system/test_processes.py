@@ -5,12 +5,14 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from socialbot.bridge.bags import BagWriter
 from tests.system.running import eventually, results, running, socialbot
 
 pytestmark = pytest.mark.ros
@@ -70,6 +72,50 @@ def test_a_node_leaves_and_joins_again(pictures: Path, tmp_path: Path, onlooker:
     assert eventually(lambda: heads() == 0)
     with running("node", "head"):
         assert eventually(lambda: heads() == 1)
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("after_s", [0.35, 1.0, 2.0])
+def test_signals_during_the_start_end_a_replay_with_code_0(
+    short_bag: Path, tmp_path: Path, how: signal.Signals, after_s: float
+) -> None:
+    with running("replay", short_bag, "--out", tmp_path / "run", "--no-video") as process:
+        sleep(after_s)
+        process.send_signal(how)
+        assert process.wait(15) == 0, process.stdout and process.stdout.read()
+
+
+def test_a_node_refuses_what_only_it_can_judge_and_goes_on(onlooker: Any) -> None:
+    from rclpy.parameter import Parameter
+    from rclpy.parameter_client import AsyncParameterClient
+
+    with running("node", "speech") as speech:
+        client = AsyncParameterClient(onlooker, "speech")
+        assert eventually(client.services_are_ready)
+        future = client.set_parameters([Parameter("voice", value="no such voice")])
+        assert eventually(future.done)
+        answer = future.result()
+        assert answer is not None
+        assert not answer.results[0].successful
+        assert "voice" in answer.results[0].reason
+        assert speech.poll() is None
+
+
+def test_a_node_that_raises_at_its_start_ends_the_replay(short_bag: Path, tmp_path: Path) -> None:
+    graph = graph_with("StillbornDetector", tmp_path)
+    done = socialbot("replay", short_bag, "--graph", graph, "--out", tmp_path / "run", "--no-video")
+    assert done.returncode == 6
+    assert "cannot start: RuntimeError: not today" in done.stderr
+
+
+def test_damaged_messages_are_counted_through_ros_as_well(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        for number in range(5):
+            bag.write_raw("/camera/image_raw", "sensor_msgs/msg/Image", b"", 10**18 + number)
+    done = socialbot("replay", tmp_path / "bag", "--out", tmp_path / "run", "--no-video")
+    assert done.returncode == 3
+    assert "5 damaged" in done.stderr
+    assert results(tmp_path / "run")["bag"]["skipped"]["/camera/image_raw"]["count"] == 5
 
 
 def test_two_graphs_in_one_domain_are_refused(short_bag: Path, tmp_path: Path, onlooker: Any) -> None:
@@ -133,8 +179,10 @@ def test_a_detector_that_raises_is_counted_and_the_stream_goes_on(short_bag: Pat
 def test_a_process_that_dies_is_named_and_nothing_recorded_is_lost(short_bag: Path, tmp_path: Path) -> None:
     graph, out = graph_with("DyingDetector", tmp_path), tmp_path / "run"
     done = socialbot("replay", short_bag, "--graph", graph, "--out", out, "--no-video")
-    assert done.returncode == 9
+    assert done.returncode == 6
     assert "detector" in done.stderr
     assert "remedy" in done.stderr
     assert "Traceback" not in done.stderr
     assert len((out / "trace.jsonl").read_text().splitlines()) == 2
+    assert results(out)["frames"] == 2
+    assert "detector" in results(out)["ended"]

@@ -83,6 +83,8 @@ class PersonSensor(Sensor):
 
     def sense(self, percept: PersonDetections) -> Sensed:
         near = [p for p in percept.persons if p.distance_m is None or p.distance_m <= self._manners.range_m]
+        if self._frames and percept.stamp < self._frames[-1][0]:
+            self._frames.clear()  # Time has begun anew: another recording, or a clock that was set.
         self._frames.append((percept.stamp, len(near)))
         self._forget(max(self._manners.vanish_s, self._manners.appear_s))
         recent = self._last(self._manners.appear_s)

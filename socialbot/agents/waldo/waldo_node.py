@@ -5,8 +5,12 @@ from __future__ import annotations
 from socialbot.agents.agent_node import AgentNode
 from socialbot.agents.waldo.waldo import Manners, PersonSensor, waldo
 from socialbot.bdi import Engine
+from socialbot.clock import nanoseconds
 from socialbot.graph import Delivery, Input, Output, Parameter
 from socialbot.messages import ActionRequest, Mind, PersonDetections, TraceRecord
+
+LATE_S = 10.0
+"""Detections that are older say nothing of when something began."""
 
 
 class WaldoNode(AgentNode):
@@ -50,7 +54,10 @@ class WaldoNode(AgentNode):
     @detections
     def on_detections(self, message: PersonDetections) -> None:
         """Shows the detections to Waldo's sensor."""
-        self.engine.perceive(self._sensor, message, cause=message.id, since=message.stamp)
+        now = self.clock.now()
+        # A camera with a clock of its own must not make beliefs of the future or of long ago.
+        since = message.stamp if 0 <= now - message.stamp <= nanoseconds(LATE_S) else now
+        self.engine.perceive(self._sensor, message, cause=message.id, since=since)
 
     def on_parameter(self, name: str) -> None:
         if hasattr(self._manners, name):
