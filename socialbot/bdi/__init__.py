@@ -16,16 +16,45 @@ I go inside.
 False
 """
 
-from socialbot.bdi.actions import Action, PlanFailed, fail, wait
+from socialbot.bdi.actions import Action, PlanFailed, action, fail, wait
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Mind
-from socialbot.bdi.literals import Belief, Goal, Reactor, SingletonBelief
-from socialbot.bdi.rules import Rule
-from socialbot.bdi.sensors import Sensed, Sensor
-from socialbot.bdi.terms import Variable, variables
-from socialbot.bdi.trace import Record
+from socialbot.bdi.library import Library
+from socialbot.bdi.literals import (
+    ANYTHING,
+    Belief,
+    Computed,
+    Goal,
+    Literal,
+    Reactor,
+    SingletonBelief,
+    error,
+    error_msg,
+    source,
+)  # fmt: skip
+from socialbot.bdi.plans import Inference, Plan, atomic, labelled, priority, stage
+from socialbot.bdi.running import LongAction, ThreadAction
+from socialbot.bdi.sensors import Sensed, Sensor, ThreadSensor
+from socialbot.bdi.speech_acts import message, send
+from socialbot.bdi.steps import (
+    apart,
+    as_long_as,
+    ask,
+    enter,
+    first_of,
+    for_each,
+    test,
+    together,
+    wait_for,
+    when,
+)  # fmt: skip
+from socialbot.bdi.terms import Atom, Variable, variables
+from socialbot.bdi.trace import JsonLines, Record, Trace, tee
 
 __all__ = [
-    "Action", "Belief", "Engine", "Goal", "Mind", "PlanFailed", "Reactor", "Record", "Rule", "Sensed", "Sensor",
-    "SingletonBelief", "Variable", "fail", "variables", "wait",
+    "ANYTHING", "Action", "Atom", "Belief", "Computed", "Engine", "Goal", "Inference", "JsonLines", "Library",
+    "Literal", "LongAction", "Mind", "Plan", "PlanFailed", "Reactor", "Record", "Sensed", "Sensor", "SingletonBelief",
+    "ThreadAction", "ThreadSensor", "Trace", "Variable", "action", "apart", "as_long_as", "ask", "atomic", "enter",
+    "error", "error_msg", "fail", "first_of", "for_each", "labelled", "message", "priority", "send", "source", "stage",
+    "tee", "test", "together", "variables", "wait", "wait_for", "when",
 ]  # fmt: skip

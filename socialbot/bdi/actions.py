@@ -1,10 +1,18 @@
-"""Actions: what an agent can do. Subclass `Action` and override `Action.execute`."""
+"""Actions: what an agent can do. Subclass `Action` and override `Action.execute`, or decorate a function.
+
+>>> @action
+... def greet(engine, name): print("Hello", name)
+>>> greet("Ada")
+greet("Ada")
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import copy
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from socialbot.bdi.literals import Literal
+from socialbot.bdi.literals import Literal, T
 from socialbot.errors import RuleError
 
 if TYPE_CHECKING:
@@ -12,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Action(Literal):
-    """One thing the agent can do, as a step of a rule's body.
+    """One thing the agent can do, as a step of a plan's body.
 
     While it executes, ``engine`` is the engine it runs in and ``id`` its record in the trace. An
     exception fails the goal that the action serves; it never stops the agent.
@@ -20,16 +28,28 @@ class Action(Literal):
 
     engine: Engine
     id: str
+    limit_s: object = None
+    function: ClassVar[Callable[..., Any] | None] = None
+    threaded: ClassVar[bool] = False
 
-    def execute(self, *args: Any, **kwargs: Any) -> None:
-        """Does it; ``args`` are the values of the arguments."""
+    def execute(self, *args: Any, **kwargs: Any) -> Any:
+        """Does it; ``args`` are the values of the arguments. False means that it failed."""
         raise RuleError(f"the action {self.functor} does nothing", remedy="override execute()")
 
-    def run(self, engine: Engine, record_id: str) -> None:
-        """Executes this action, which `ground` has made for this one time: agents that share a rule share no state."""
-        self.engine = engine
-        self.id = record_id
-        self.execute(*self.args)
+    def within(self: T, seconds: object) -> T:
+        """The same action, which fails (``timeout``) when it has not ended in ``seconds``."""
+        twin: Any = copy.copy(self)
+        twin.limit_s = seconds
+        return twin
+
+
+def action(function: Callable[..., Any]) -> type[Action]:
+    """Makes an action of a function, whose first parameter is the engine."""
+    return type(
+        function.__name__,
+        (Action,),
+        {"__doc__": function.__doc__, "__module__": function.__module__, "function": staticmethod(function)},
+    )
 
 
 class fail(Action):  # noqa: N801 - reads as a step of a plan
@@ -44,7 +64,7 @@ class PlanFailed(Exception):  # noqa: N818 - what it says
 
 
 class wait(Action):  # noqa: N801 - reads as a step of a plan
-    """Suspends the intention for some seconds; the agent goes on with its other intentions."""
+    """Rests the intention for some seconds; the agent goes on with its other intentions."""
 
-    def execute(self, seconds: float) -> None:
-        self.engine.suspend(seconds)
+    def execute(self, seconds: float) -> Any:
+        return self.engine.sleep(seconds)

@@ -1,46 +1,268 @@
-"""Intentions: stacks of plans on the heap, each plan knowing its next step."""
+"""Intentions: stacks of plans on the heap, and pauses: the reasons why one rests."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.beliefs import Held
-from socialbot.bdi.literals import Goal
-from socialbot.bdi.rules import Rule, Step
-from socialbot.bdi.terms import Bindings
+from socialbot.bdi.beliefs import Held, literal_of
+from socialbot.bdi.failures import Failed, Failure
+from socialbot.bdi.literals import Goal, Literal
+from socialbot.bdi.terms import Variable
+from socialbot.bdi.unification import Trail, Var, annotations_match, resolve, undo, unify
 
+if TYPE_CHECKING:
+    from socialbot.bdi.inspection import Level
+    from socialbot.bdi.library import Ready, Trigger
+    from socialbot.bdi.pursuit import Pursuit
 
-@dataclass(slots=True, eq=False)
-class Frame:
-    """A plan being carried out: the rule, its variables, its record in the trace, the goal it serves."""
+Request = tuple[int, "Trigger", tuple[Any, ...], tuple[Any, ...], Any]
+"""What a body asks for: the kind, the trigger, arguments and annotations of the goal, and its record."""
 
-    rule: Rule
-    bindings: Bindings
-    record: str
-    goal: Goal | None
-    position: int = 0
+Body = Any
+"""The steps of a plan that are left to do: a generator."""
 
-    @property
-    def finished(self) -> bool:
-        """Whether all steps have been made."""
-        return self.position >= len(self.rule.body)
-
-    def advance(self) -> Step | None:
-        """The next step, which counts as made; None when there is none."""
-        if self.finished:
-            return None
-        self.position += 1
-        return self.rule.body[self.position - 1]
+Frame = tuple["Body | None", "Request | None", "Ready | None"]
+"""A plan being carried out: its steps, the goal that it serves, the plan. Without steps it only keeps a goal, whose
+plan ended with another goal, for the plans that handle its failure."""
 
 
-@dataclass(slots=True, eq=False)
 class Intention:
     """What the agent is doing about one event or goal: the plan at the top serves the one below."""
 
-    frames: list[Frame]
+    __slots__ = ("atomic", "ended", "event", "frames", "number", "pause", "suspended")
+
+    def __init__(self, number: int, event: Request | None = None) -> None:
+        self.number = number
+        self.event = event
+        self.frames: list[Frame] = []
+        self.pause: Pause | None = None
+        self.suspended = False
+        self.atomic = False
+        self.ended: Callable[[Failure | None], None] | None = None
+
+    def goals(self) -> Iterator[Request]:
+        """The goals it pursues, the outermost first."""
+        for _, goal, _ in self.frames:
+            if goal is not None:
+                yield goal
+
+    @property
+    def state(self) -> str:
+        """``running``, ``waiting`` or ``suspended``."""
+        return "suspended" if self.suspended else "waiting" if self.pause is not None else "running"
+
+    @property
+    def because(self) -> str:
+        """Why it waits, or nothing."""
+        return "" if self.pause is None else str(self.pause)
+
+    def stack(self, kinds: Mapping[str, type[Goal]] | None = None) -> tuple[Level, ...]:
+        """Its plans, the outermost first, with the step that each is at; ``kinds`` as for `goal_of`."""
+        from socialbot.bdi.inspection import stack_of
+
+        return stack_of(self, kinds or {})
 
     def __str__(self) -> str:
-        return " < ".join(str(frame.rule.event) for frame in reversed(self.frames))
+        stack = [str(ready.plan.event) for _, _, ready in reversed(self.frames) if ready and hasattr(ready, "plan")]
+        return " < ".join(stack) + (f" ({self.pause})" if self.pause else "")
+
+
+class Pause:
+    """Why an intention rests. ``begin`` is called when it begins to, ``cancel`` when it shall rest no longer."""
+
+    intention: Intention | None = None
+    reasoner: Pursuit
+
+    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
+        """Makes sure that the intention goes on one day."""
+        self.reasoner = reasoner
+        self.intention = intention
+
+    def cancel(self, then: Callable[[], None]) -> None:
+        """Ends the reason, and calls ``then`` as soon as it has ended."""
+        self.intention = None
+        then()
+
+    def end(self, problem: Exception | None = None) -> None:
+        """Lets the intention go on, or fail."""
+        intention, self.intention = self.intention, None
+        if intention is not None:
+            self.reasoner.resume(intention, problem)
+
+    def limit(self, seconds: float, problem: Exception) -> None:
+        """Makes it fail when it has not ended in time."""
+        self.reasoner.at_in(seconds, Alarm(self, lambda: self.expire(problem)))
+
+    def expire(self, problem: Exception) -> None:
+        """Gives up because it takes too long."""
+        intention = self.intention
+        self.cancel(lambda: intention and self.reasoner.resume(intention, problem))
+
+
+class Alarm:
+    """What a timer calls, as long as a pause goes on."""
+
+    __slots__ = ("action", "pause")
+
+    def __init__(self, pause: Pause, action: Callable[[], object]) -> None:
+        self.pause = pause
+        self.action = action
+
+    def __call__(self) -> None:
+        if self.pause.intention is not None:
+            self.action()
+
+    def over(self) -> bool:
+        """Whether nobody waits for it any more."""
+        return self.pause.intention is None
+
+
+class Sleep(Pause):
+    """It waits for a moment."""
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds
+
+    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
+        super().begin(reasoner, intention)
+        reasoner.at_in(self.seconds, Alarm(self, self.end))
+
+    def __str__(self) -> str:
+        return f"waits {self.seconds} s"
+
+
+class EventPause(Pause):
+    """It waits for an event."""
+
+    def __init__(self, key: str, args: tuple[Any, ...], notes: tuple[Any, ...], limit_s: float | None) -> None:
+        self.key = key
+        self.args = args
+        self.notes = notes
+        self.limit_s = limit_s
+
+    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
+        super().begin(reasoner, intention)
+        reasoner.waiting.setdefault(self.key, []).append(self)
+        reasoner.listen(self.key)
+        if self.limit_s is not None:
+            self.limit(self.limit_s, Failed("wait_timeout", f"{self.key} did not come in {self.limit_s} s"))
+
+    def hear(self, args: tuple[Any, ...], notes: tuple[Any, ...]) -> bool:
+        """Whether an event is the one that is waited for; binds its variables."""
+        trail: Trail = []
+        if unify(self.args, args, trail) and annotations_match(self.notes, notes, trail):
+            return True
+        undo(trail, 0)
+        return False
+
+    def cancel(self, then: Callable[[], None]) -> None:
+        self.reasoner.unlisten(self)
+        super().cancel(then)
+
+    def __str__(self) -> str:
+        return f"waits for {self.key}"
+
+
+class ConditionPause(Pause):
+    """It waits until a condition holds."""
+
+    def __init__(self, solve: Callable[[], Any], found: list[Any], limit_s: float | None) -> None:
+        self.solve = solve
+        self.found = found
+        self.limit_s = limit_s
+
+    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
+        super().begin(reasoner, intention)
+        reasoner.conditions.append(self)
+        if self.limit_s is not None:
+            self.limit(self.limit_s, Failed("wait_timeout", f"the condition did not hold in {self.limit_s} s"))
+
+    def check(self) -> bool:
+        """Whether the condition holds."""
+        solution = self.solve()
+        if solution is not None:
+            self.found.append(solution)
+        return solution is not None
+
+    def cancel(self, then: Callable[[], None]) -> None:
+        if self in self.reasoner.conditions:
+            self.reasoner.conditions.remove(self)
+        super().cancel(then)
+
+    def __str__(self) -> str:
+        return "waits for a condition"
+
+
+class ForkPause(Pause):
+    """It waits for the branches that it was split into."""
+
+    def __init__(self, bodies: tuple[Body, ...], cause: Any, *, every: bool) -> None:
+        self.bodies = bodies
+        self.cause = cause
+        self.every = every
+        self.branches: list[Intention] = []
+        self._then: Callable[[], None] | None = None
+
+    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
+        super().begin(reasoner, intention)
+        for body in self.bodies:
+            self.branches.append(reasoner.branch(body, intention, self._ended))
+
+    def _ended(self, branch: Intention, failure: Failure | None) -> None:
+        self.branches.remove(branch)
+        if self.intention is None:
+            return
+        if failure is None and (not self.every or not self.branches):
+            self._drop(self.end)
+        elif failure is not None and (self.every or not self.branches):
+            problem = Failed(failure.reason, failure.message, failure.more)
+            self._drop(lambda: self.end(problem))
+
+    def cancel(self, then: Callable[[], None]) -> None:
+        self.intention = None
+        self._drop(then)
+
+    def _drop(self, then: Callable[[], None]) -> None:
+        """Drops the branches that are left, and calls ``then`` when the last one is gone."""
+        dropping, self._then = self._then is not None, then
+        if dropping:
+            return  # who asks last speaks for more than those before
+        left = list(self.branches)
+        self.branches.clear()
+        missing = len(left)
+
+        def gone() -> None:
+            nonlocal missing
+            missing -= 1
+            if missing <= 0:
+                self._gone()
+
+        for branch in left:
+            branch.ended = None
+            self.reasoner.drop(branch, gone)
+        if not left:
+            self._gone()
+
+    def _gone(self) -> None:
+        then, self._then = self._then, None
+        assert then is not None
+        then()
+
+    def __str__(self) -> str:
+        return f"waits for {'all' if self.every else 'one'} of {len(self.branches)} branches"
+
+
+@dataclass(frozen=True, slots=True)
+class Desire:
+    """A goal that is being pursued."""
+
+    goal: Literal
+    cause: str
+
+    def __str__(self) -> str:
+        return str(self.goal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,5 +270,18 @@ class Mind:
     """What an agent believes, desires and intends at one moment."""
 
     beliefs: tuple[Held, ...]
-    desires: tuple[Goal, ...]
+    desires: tuple[Literal, ...]
     intentions: tuple[Intention, ...]
+
+
+def goal_of(request: Request, kinds: Mapping[str, type[Goal]]) -> Literal:
+    """The goal that a request asks for; ``kinds`` are the classes of goals by name."""
+    _, trigger, args, _, _ = request
+    args = tuple(map(_shown, resolve(args)))
+    key = trigger.key.lstrip("+-!?")
+    kind = kinds.get(key.rpartition("/")[0])
+    return kind(*args) if kind is not None else literal_of(key, args)
+
+
+def _shown(term: Any) -> Any:
+    return Variable(term.name if term.name.isidentifier() else "_") if term.__class__ is Var else term

@@ -1,112 +1,181 @@
-"""Beliefs, goals and the events about them, with the operators that rules are written in.
+"""Literals: names with arguments, and perhaps annotations. Beliefs and goals are literals.
 
-Subclass `Belief`, `SingletonBelief`, `Reactor` or `Goal` to make a name of your own::
+Subclass `Belief`, `SingletonBelief`, `Reactor`, `Computed` or `Goal` to make a name of your own::
 
     class personDetected(SingletonBelief): ...
     class GreetPeople(Goal): ...
 
 ``+b`` and ``-b`` are events (or, in a body, changes), ``~b`` is negation, ``b & c`` a conjunction,
-``b.held_for(5)`` the event that ``b`` has been held for five seconds.
+``b.held_for(5)`` the event that ``b`` has been held for five seconds, ``b[source(S)]`` a belief with
+an annotation. In AgentSpeak the same literals are written without classes.
 """
 
 from __future__ import annotations
 
-import enum
-import inspect
+import copy
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-from socialbot.bdi.terms import Bindings, Comparison, Variable, evaluate, names_in, show
+from socialbot.bdi.conditions import Condition
+from socialbot.bdi.terms import Atom, Pattern, Variable, names_in, show
 from socialbot.errors import RuleError
 
 if TYPE_CHECKING:
-    from socialbot.bdi.rules import Head, Rule
+    from socialbot.bdi.events import Event, Head, Held
+    from socialbot.bdi.plans import Inference, Plan
 
 ANYTHING = Variable("_")
+
+T = TypeVar("T", bound="Literal")
 
 Seconds = float | Callable[[], float]
 """A duration, or a function that tells it when the waiting begins."""
 
 
-class Literal:
-    """A name with arguments; the base of beliefs and goals."""
+_PLAIN = frozenset({str, int, float, bool, Atom, type(None)})
+
+
+class _Key:
+    """Computes the key of a literal when it is first asked for, and leaves it there."""
+
+    def __get__(self, item: Literal | None, owner: type[Literal]) -> str:
+        if item is None:
+            return owner.__name__
+        key = f"{'~' if item.negated else ''}{item.functor}/{len(item.args)}"
+        item.__dict__["key"] = key
+        return key
+
+
+class Literal(Pattern):
+    """A name (functor) with arguments and annotations; ``negated`` is the strong negation of AgentSpeak."""
+
+    functor: str = "literal"
+    annotations: tuple[object, ...] = ()
+    negated = False
+
+    def __init_subclass__(cls, **kwargs: object) -> None:
+        super().__init_subclass__(**kwargs)
+        cls.functor = cls.__name__
 
     def __init__(self, *args: object) -> None:
         self.args = args
 
-    @property
-    def functor(self) -> str:
-        """The name: that of the class."""
-        return type(self).__name__
+    key = _Key()
+    """Name and number of arguments, as in ``at/2``; literals with the same key can match."""
 
-    @property
-    def key(self) -> tuple[str, int]:
-        """Name and number of arguments; literals with the same key can match."""
-        return self.functor, len(self.args)
+    posted: Any = None
+    """What an engine has made of it, to be quicker when it comes again."""
+
+    def check(self) -> None:
+        """Raises RuleError if it has variables in it, or values that can change."""
+        if not self.annotations and all(arg.__class__ in _PLAIN for arg in self.args):
+            return
+        if not ground(self.args) or not ground(self.annotations):
+            raise RuleError(f"{self} has a variable in it", remedy="give values only")
+        try:
+            hash(self.args)
+        except TypeError as problem:
+            raise RuleError(f"{self}: {problem}", remedy="give values that cannot change") from problem
 
     def names(self) -> set[str]:
-        """The variables among the arguments."""
-        return names_in(self.args)
+        """The variables among the arguments and annotations."""
+        return names_in(self.args) | names_in(self.annotations) if self.annotations else names_in(self.args)
 
-    def ground(self, bindings: Bindings) -> Any:
-        """The same literal with the values of its arguments. Raises RuleError for an unbound variable."""
-        unbound = self.names() - bindings.keys()
-        if unbound:
-            raise RuleError(f"{', '.join(sorted(unbound))} has no value in {self}")
-        return type(self)(*(evaluate(arg, bindings) for arg in self.args))
+    def with_(self: T, *, args: tuple[object, ...] | None = None, annotations: tuple[object, ...] | None = None) -> T:
+        """A copy with other arguments or annotations."""
+        twin = copy.copy(self)
+        twin.posted = None
+        if args is not None:
+            twin.args = args
+            twin.__dict__.pop("key", None)
+        if annotations is not None:
+            twin.annotations = annotations
+        return twin
 
-    def bind(self, bindings: Bindings) -> Any:
-        """The same with ``_`` left as it is, for a pattern of what to forget."""
-        return self.ground({**bindings, "_": ANYTHING})
+    def __getitem__(self: T, annotations: object) -> T:
+        added = annotations if isinstance(annotations, tuple) else (annotations,)
+        return self.with_(annotations=(*self.annotations, *added))
+
+    __iter__ = None  # or else __getitem__ would make an endless sequence of it
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and self.args == other.args  # type: ignore[attr-defined]
+        return (
+            isinstance(other, Literal)
+            and self.functor == other.functor
+            and self.args == other.args
+            and self.negated == other.negated
+            and self.annotations == other.annotations
+        )
 
     def __hash__(self) -> int:
-        return hash((type(self), self.args))
+        return hash((self.functor, self.args))
 
     def __str__(self) -> str:
-        return f"{self.functor}({', '.join(map(show, self.args))})"
+        name = f"{'~' if self.negated else ''}{self.functor}"
+        notes = f"[{', '.join(map(show, self.annotations))}]" if self.annotations else ""
+        return f"{name}({', '.join(map(show, self.args))}){notes}"
 
     __repr__ = __str__
 
 
-class Belief(Literal):
+def literal(
+    functor: str, args: tuple[object, ...] = (), annotations: tuple[object, ...] = (), *, negated: bool = False
+) -> Structure:
+    """A literal that belongs to no class, as AgentSpeak has them."""
+    made = Structure(*args)
+    made.functor = functor
+    if annotations:
+        made.annotations = annotations
+    if negated:
+        made.negated = True
+    return made
+
+
+class Belief(Literal, Condition):
     """Something the agent holds true. Any number of beliefs of one name can be held."""
 
-    singleton = False
+    singleton: ClassVar[bool] = False
 
     def held_for(self, seconds: Seconds) -> Held:
         """The event that this has been believed, without a break, for ``seconds``."""
+        from socialbot.bdi.events import Held
+
         return Held(self, seconds)
 
+    def changed(self, *before: object) -> Event:
+        """The event that this took the place of another belief of the name, which had the arguments ``before``."""
+        from socialbot.bdi.events import Change, Event
+
+        if len(before) != len(self.args) or not before:
+            raise RuleError(f"{self} changes from {len(self.args)} arguments", remedy="give as many to changed()")
+        return Event(Change.CHANGED, self.with_(args=(*self.args, *before)))
+
     def __pos__(self) -> Event:
+        from socialbot.bdi.events import Change, Event
+
         return Event(Change.ADDED, self)
 
     def __neg__(self) -> Event:
+        from socialbot.bdi.events import Change, Event
+
         return Event(Change.REMOVED, self)
 
-    def __invert__(self) -> Negation:
-        return Negation(self)
+    def __lshift__(self, condition: object) -> Inference:
+        """``near(X) << (at(X, D) & (D < 2))``: it is believed whenever the condition holds."""
+        from socialbot.bdi.conditions import conjunction
+        from socialbot.bdi.plans import Inference
 
-    def __rshift__(self, body: object) -> None:
-        no_rule(self)
-
-    def __and__(self, other: object) -> Conjunction:
-        return conjunction(self, other)
-
-    def __rand__(self, other: object) -> Conjunction:
-        return conjunction(other, self)
+        return Inference(self, conjunction(condition))
 
 
-def no_rule(condition: object) -> None:
-    """Raises RuleError for a condition that stands where an event belongs."""
-    raise RuleError(
-        f"{condition} alone is no event",
-        remedy=f"an event is written +{condition} or -{condition}; several conditions go in parentheses: "
-        "event / (a & b) >> [...]",
-    )
+class Structure(Belief):
+    """A literal without a class of its own: from AgentSpeak, a message or a saved mind."""
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        return text if self.args else text.replace("()", "", 1)
+
+    __repr__ = __str__
 
 
 class SingletonBelief(Belief):
@@ -119,135 +188,70 @@ class Reactor(Belief):
     """An event only: plans react to ``+r``, but it is never held."""
 
 
+class Computed(Belief):
+    """A belief that is computed when it is asked for, never held: override `solutions`."""
+
+    def solutions(self, *args: Any, **kwargs: Any) -> bool | Iterable[tuple[object, ...]]:
+        """Whether it holds for ``args``, or all tuples of arguments for which it does.
+
+        ``ANYTHING`` stands for an argument that is asked for.
+        """
+        raise RuleError(f"{self.functor} is never computed", remedy="override solutions()")
+
+
 class Goal(Literal):
     """Something the agent wants to achieve. As the head of a rule: how; in a body: do it now."""
 
+    limit_s: object = None
+
+    def within(self: T, seconds: object) -> T:
+        """The same goal, which fails (``timeout``) when it is not achieved in ``seconds``."""
+        twin: Any = copy.copy(self)
+        twin.limit_s = seconds
+        return twin
+
     def __neg__(self) -> Event:
+        """The event that the goal has failed."""
+        from socialbot.bdi.events import Change, Event
+
         return Event(Change.FAILED, self)
 
     def __truediv__(self, condition: object) -> Head:
+        from socialbot.bdi.events import Change, Event
+
         return Event(Change.WANTED, self) / condition
 
-    def __rshift__(self, body: Iterable[object]) -> Rule:
+    def __rshift__(self, body: Iterable[object]) -> Plan:
+        from socialbot.bdi.events import Change, Event
+
         return Event(Change.WANTED, self) >> body
 
 
-class Change(enum.Enum):
-    """What can happen to a belief or goal."""
-
-    ADDED = "+"
-    REMOVED = "-"
-    HELD = "held "
-    WANTED = ""
-    FAILED = "failed "
+class Annotation(Literal):
+    """A remark on a belief, goal or event, such as ``source(S)``; it goes in brackets."""
 
 
-@dataclass(frozen=True)
-class Event:
-    """A change of a belief or goal: the head of a rule, or a step of its body."""
-
-    change: Change
-    literal: Literal
-    seconds: Seconds = 0.0
-
-    @property
-    def key(self) -> tuple[Change, str, int]:
-        """By this the engine finds the rules that may react."""
-        return (self.change, *self.literal.key)
-
-    def __truediv__(self, condition: object) -> Head:
-        from socialbot.bdi.rules import Head
-
-        return Head(self, conjunction(condition))
-
-    def __rshift__(self, body: Iterable[object]) -> Rule:
-        return self / Conjunction(()) >> body
-
-    def __str__(self) -> str:
-        if self.change is Change.HELD:
-            seconds = self.seconds if isinstance(self.seconds, (int, float)) else "..."
-            return f"+{self.literal}.held_for({seconds})"
-        return f"{'-' if self.change is Change.FAILED else self.change.value}{self.literal}"
+class source(Annotation):  # noqa: N801 - written as AgentSpeak writes it
+    """Who says so: ``self``, ``percept`` or the name of an agent."""
 
 
-@dataclass(frozen=True)
-class Held:
-    """A belief and how long it has to be held; ``+`` makes the event of it."""
-
-    belief: Belief
-    seconds: Seconds
-
-    def __pos__(self) -> Event:
-        return Event(Change.HELD, self.belief, self.seconds)
+class error(Annotation):  # noqa: N801
+    """Why a goal failed, as an `Atom` (see `socialbot.bdi.failures`)."""
 
 
-@dataclass(frozen=True)
-class Negation:
-    """The condition that nothing matching is believed."""
-
-    belief: Belief
-
-    def __and__(self, other: object) -> Conjunction:
-        return conjunction(self, other)
-
-    def __rand__(self, other: object) -> Conjunction:
-        return conjunction(other, self)
-
-    def __rshift__(self, body: object) -> None:
-        no_rule(self)
-
-    def __str__(self) -> str:
-        return f"~{self.belief}"
+class error_msg(Annotation):  # noqa: N801
+    """Why a goal failed, in words."""
 
 
-class Guard:
-    """A Python function as a condition; its parameters are named like the variables it looks at."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.function = function
-        self.parameters = tuple(inspect.signature(function).parameters)
-
-    def names(self) -> set[str]:
-        return set(self.parameters)
-
-    def holds(self, bindings: Bindings) -> bool:
-        """Whether the function says so."""
-        return bool(self.function(*(bindings[name] for name in self.parameters)))
-
-    def __str__(self) -> str:
-        name = getattr(self.function, "__name__", type(self.function).__name__)
-        return f"{name}({', '.join(self.parameters)})"
+SELF = (source(Atom("self")),)
+PERCEPT = (source(Atom("percept")),)
+"""The annotations of what the agent concluded itself, and of what its sensors told it."""
 
 
-@dataclass(frozen=True)
-class Conjunction:
-    """Conditions that must hold together, tried from left to right."""
-
-    terms: tuple[Belief | Negation | Comparison | Guard, ...]
-
-    def __and__(self, other: object) -> Conjunction:
-        return conjunction(self, other)
-
-    def __rand__(self, other: object) -> Conjunction:
-        return conjunction(other, self)
-
-    def __str__(self) -> str:
-        return " & ".join(f"({term})" if isinstance(term, Comparison) else str(term) for term in self.terms)
-
-
-def conjunction(*parts: object) -> Conjunction:
-    """Joins conditions. Raises RuleError for something that cannot be one."""
-    terms: list[Belief | Negation | Comparison | Guard] = []
-    for part in parts:
-        if isinstance(part, Conjunction):
-            terms.extend(part.terms)
-        elif isinstance(part, (Belief, Negation, Comparison, Guard)):
-            terms.append(part)
-        elif callable(part) and not isinstance(part, type):
-            terms.append(Guard(part))
-        else:
-            raise RuleError(
-                f"{part!r} cannot be a condition",
-                remedy="use beliefs, ~beliefs, comparisons of variables or functions, joined with &",
-            )
-    return Conjunction(tuple(terms))
+def ground(term: object) -> bool:
+    """Whether a term has no variables in it."""
+    if isinstance(term, tuple):
+        return all(map(ground, term))
+    if isinstance(term, Literal):
+        return ground(term.args) and (not term.annotations or ground(term.annotations))
+    return not isinstance(term, Pattern)

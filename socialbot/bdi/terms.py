@@ -1,4 +1,7 @@
-"""Terms: constants, variables, and what can be computed or compared with them.
+"""Terms: the values that beliefs, goals and actions speak of, and what stands for a value until a plan runs.
+
+A value is a number, a string, an `Atom`, a tuple (a list, in AgentSpeak), a `Literal` without variables or
+any other hashable Python object. In a plan, variables and what is computed from them may take its place.
 
 >>> X, Y = variables("X Y")
 >>> str(X + 1 > Y)
@@ -7,31 +10,79 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from socialbot.errors import RuleError
 
-Bindings = Mapping[str, Any]
-"""What the variables stand for, by name."""
+if TYPE_CHECKING:
+    from socialbot.bdi.conditions import Conjunction, Disjunction, Negation
 
-SYMBOLS: dict[str, Callable[[Any, Any], Any]] = {
-    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
-    ">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le, "==": operator.eq, "!=": operator.ne,
-}  # fmt: skip
+COMPARISONS = frozenset({">", ">=", "<", "<=", "==", "!=", "=", "=.."})
+"""``==`` and ``!=`` compare values, ``=`` unifies, ``=..`` takes a literal apart."""
+
+OPERATORS = frozenset({"+", "-", "*", "/", "//", "%", "**", "div", "mod"})
+"""``//`` and ``%`` round down, as in Python; ``div`` and ``mod`` towards zero, as in AgentSpeak."""
 
 
-class Term:
-    """What stands for a value that is known only when a rule runs."""
+class Atom:
+    """A symbol, such as ``yes`` in AgentSpeak; it is not equal to the string of the same letters."""
+
+    __slots__ = ("name",)
+    name: str
+    _known: ClassVar[dict[str, Atom]] = {}
+
+    def __new__(cls, name: str) -> Atom:
+        atom = cls._known.get(name)
+        if atom is None:
+            atom = object.__new__(cls)
+            object.__setattr__(atom, "name", name)
+            atom = cls._known.setdefault(name, atom)
+        return atom
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError("an atom never changes")
+
+    def __reduce__(self) -> tuple[type[Atom], tuple[str]]:
+        return Atom, (self.name,)
+
+    def __copy__(self) -> Atom:
+        return self
+
+    def __deepcopy__(self, memo: object) -> Atom:
+        return self
+
+    def __lt__(self, other: object) -> bool:
+        return self is not other and order(self) < order(other)
+
+    def __gt__(self, other: object) -> bool:
+        return self is not other and order(self) > order(other)
+
+    def __le__(self, other: object) -> bool:
+        return not self > other
+
+    def __ge__(self, other: object) -> bool:
+        return not self < other
+
+    def __str__(self) -> str:
+        return self.name
+
+    def __repr__(self) -> str:
+        return f"Atom({self.name!r})"
+
+
+class Pattern:
+    """Anything that may have variables in it."""
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def names(self) -> set[str]:
-        """The variables it needs a value of; ``_`` never has one."""
+        """The variables in it."""
         raise NotImplementedError
 
-    def value(self, bindings: Bindings) -> Any:
-        """Its value under ``bindings``, which hold all its variables."""
-        raise NotImplementedError
+
+class Term(Pattern):
+    """What stands for a value that is known only when a plan runs."""
 
     def __add__(self, other: object) -> Expression:
         return Expression("+", self, other)
@@ -45,6 +96,15 @@ class Term:
     def __truediv__(self, other: object) -> Expression:
         return Expression("/", self, other)
 
+    def __floordiv__(self, other: object) -> Expression:
+        return Expression("//", self, other)
+
+    def __mod__(self, other: object) -> Expression:
+        return Expression("%", self, other)
+
+    def __pow__(self, other: object) -> Expression:
+        return Expression("**", self, other)
+
     def __radd__(self, other: object) -> Expression:
         return Expression("+", other, self)
 
@@ -56,6 +116,18 @@ class Term:
 
     def __rtruediv__(self, other: object) -> Expression:
         return Expression("/", other, self)
+
+    def __rfloordiv__(self, other: object) -> Expression:
+        return Expression("//", other, self)
+
+    def __rmod__(self, other: object) -> Expression:
+        return Expression("%", other, self)
+
+    def __rpow__(self, other: object) -> Expression:
+        return Expression("**", other, self)
+
+    def __neg__(self) -> Expression:
+        return Expression("-", 0, self)
 
     def __gt__(self, other: object) -> Comparison:
         return Comparison(">", self, other)
@@ -89,9 +161,6 @@ class Variable(Term):
     def names(self) -> set[str]:
         return {self.name}
 
-    def value(self, bindings: Bindings) -> Any:
-        return bindings[self.name]
-
     def __str__(self) -> str:
         return self.name
 
@@ -99,18 +168,16 @@ class Variable(Term):
 
 
 class Expression(Term):
-    """Arithmetic on two terms."""
+    """Arithmetic on two terms; ``symbol`` is one of `OPERATORS`."""
 
     def __init__(self, symbol: str, left: object, right: object) -> None:
+        assert symbol in OPERATORS, symbol
         self.symbol = symbol
         self.left = left
         self.right = right
 
     def names(self) -> set[str]:
         return names_in((self.left, self.right))
-
-    def value(self, bindings: Bindings) -> Any:
-        return SYMBOLS[self.symbol](evaluate(self.left, bindings), evaluate(self.right, bindings))
 
     def __str__(self) -> str:
         return f"{_part(self.left)} {self.symbol} {_part(self.right)}"
@@ -118,20 +185,85 @@ class Expression(Term):
     __repr__ = __str__
 
 
-class Comparison:
-    """Two terms compared; it belongs in the condition of a rule."""
+class Call(Term):
+    """A function of AgentSpeak in arithmetic, such as ``math.max(X, 3)`` or ``.length(L)``."""
+
+    def __init__(self, function: str, *args: object) -> None:
+        self.function = function
+        self.args = args
+
+    def names(self) -> set[str]:
+        return names_in(self.args)
+
+    def __str__(self) -> str:
+        return f"{self.function}({', '.join(map(show, self.args))})"
+
+    __repr__ = __str__
+
+
+class Cons(Term):
+    """A list of which the first ``items`` and the ``tail`` are told apart: ``[H1, H2 | T]``."""
+
+    def __init__(self, items: tuple[object, ...], tail: object) -> None:
+        self.items = items
+        self.tail = tail
+
+    def names(self) -> set[str]:
+        return names_in((*self.items, self.tail))
+
+    def __str__(self) -> str:
+        return f"[{', '.join(map(show, self.items))} | {show(self.tail)}]"
+
+    __repr__ = __str__
+
+
+class Condition(Pattern):
+    """The base of conditions, among them beliefs: something matching is believed."""
+
+    def __and__(self, other: object) -> Conjunction:
+        from socialbot.bdi.conditions import conjunction
+
+        return conjunction(self, other)
+
+    def __rand__(self, other: object) -> Conjunction:
+        from socialbot.bdi.conditions import conjunction
+
+        return conjunction(other, self)
+
+    def __or__(self, other: object) -> Disjunction:
+        from socialbot.bdi.conditions import Disjunction, conjunction
+
+        return Disjunction((conjunction(self), conjunction(other)))
+
+    def __ror__(self, other: object) -> Disjunction:
+        from socialbot.bdi.conditions import Disjunction, conjunction
+
+        return Disjunction((conjunction(other), conjunction(self)))
+
+    def __invert__(self) -> Negation:
+        from socialbot.bdi.conditions import Negation
+
+        return Negation(self)
+
+    def __rshift__(self, body: object) -> Any:
+        raise RuleError(
+            f"{self} alone is no event",
+            remedy=f"an event is written +{self} or -{self}; several conditions go in parentheses: "
+            "event / (a & b) >> [...]",
+        )
+
+
+class Comparison(Condition):
+    """Two terms compared, a condition; ``symbol`` is one of `COMPARISONS`."""
 
     def __init__(self, symbol: str, left: object, right: object) -> None:
+        assert symbol in COMPARISONS, symbol
         self.symbol = symbol
         self.left = left
         self.right = right
 
     def names(self) -> set[str]:
         return names_in((self.left, self.right))
-
-    def holds(self, bindings: Bindings) -> bool:
-        """Whether it is true under ``bindings``."""
-        return bool(SYMBOLS[self.symbol](evaluate(self.left, bindings), evaluate(self.right, bindings)))
 
     def __rshift__(self, body: object) -> None:
         raise RuleError(f"{self} alone is no rule", remedy="put conditions in parentheses: event / (a & b) >> [...]")
@@ -152,43 +284,40 @@ def variables(names: str) -> tuple[Variable, ...]:
     return tuple(Variable(name) for name in names.split())
 
 
-def names_in(terms: tuple[object, ...]) -> set[str]:
-    """The variables in some terms."""
-    found: set[str] = set()
-    for term in terms:
-        if isinstance(term, Term):
-            found |= term.names()
-    return found
+def names_in(term: object) -> set[str]:
+    """The variables in a term or in a tuple of terms."""
+    if isinstance(term, tuple):
+        found: set[str] = set()
+        for item in term:
+            found |= names_in(item)
+        return found
+    return term.names() if isinstance(term, Pattern) else set()
 
 
-def evaluate(term: object, bindings: Bindings) -> Any:
-    """The value of a term; a constant is its own value."""
-    return term.value(bindings) if isinstance(term, Term) else term
+def order(term: object) -> tuple[object, ...]:
+    """A key to sort any terms by: numbers, strings, lists, atoms and literals, the shorter ones first, and the rest."""
+    if isinstance(term, (int, float)):
+        return (0, term)
+    if isinstance(term, str):
+        return (1, term)
+    if isinstance(term, tuple):
+        return (2, *map(order, term))
+    if isinstance(term, Atom):
+        return (3, 0, term.name)
+    args = getattr(term, "args", None)
+    if isinstance(args, tuple):
+        return (3, len(args), str(getattr(term, "functor", "")), *map(order, args))
+    return (4, str(term))
 
 
-def unify(patterns: tuple[object, ...], values: tuple[object, ...], bindings: Bindings) -> Bindings | None:
-    """The bindings under which ``patterns`` equal ``values``, or None when there are none."""
-    if len(patterns) != len(values):
-        return None
-    added: dict[str, Any] = {}
-    for pattern, value in zip(patterns, values, strict=True):
-        if not isinstance(pattern, Variable):
-            if evaluate(pattern, {**bindings, **added}) != value:
-                return None
-        elif pattern.name != "_":
-            known = added.get(pattern.name, bindings.get(pattern.name, value))
-            if known is not value and known != value:
-                return None
-            added[pattern.name] = value
-    return {**bindings, **added} if added else bindings
+def show(term: object) -> str:
+    """A term as a person would write it: strings in double quotes, lists in brackets."""
+    if isinstance(term, str):
+        return '"' + term.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n") + '"'
+    if isinstance(term, tuple):
+        return f"[{', '.join(map(show, term))}]"
+    return str(term)
 
 
 def _part(term: object) -> str:
     return f"({term})" if isinstance(term, Expression) else show(term)
-
-
-def show(term: object) -> str:
-    """A term as a person would write it: strings in double quotes."""
-    if isinstance(term, str):
-        return '"' + term.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    return str(term)

@@ -1,0 +1,356 @@
+"""Conditions in generated code: nested loops and ifs, in which whatever follows is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from socialbot.bdi.compiler.source import CELL, VALUE, Function, tuple_of
+from socialbot.bdi.compiler.terms import build, has_cell, has_value, match, value, values
+from socialbot.bdi.conditions import Condition, Conjunction, Disjunction, Guard, Negation, Truth
+from socialbot.bdi.internals import Internal, find
+from socialbot.bdi.literals import Literal, literal
+from socialbot.bdi.terms import Atom, Comparison, Variable, names_in
+from socialbot.errors import RuleError
+
+MOST_LOOPS = 10
+MOST_BLOCKS = 50
+"""Python nests no more than 20 loops and 100 blocks; what goes deeper goes into a function of its own."""
+
+COLLECTORS = {".findall", ".setof", ".count"}
+"""The internal actions that take a condition."""
+
+Rest = Callable[[], None]
+
+
+def write(f: Function, condition: Condition, fail: str, rest: Rest) -> None:
+    """Writes code that runs ``rest`` for each solution, and the statement ``fail`` to go on to the next one."""
+    if isinstance(condition, Conjunction):
+        conjunction(f, condition.terms, fail, rest)
+    elif isinstance(condition, Truth):
+        f.depth += 0 if condition.value else 1
+        if not condition.value:
+            f.lines.append((f.depth - 1, "if False:", None))
+        rest()
+        f.depth -= 0 if condition.value else 1
+    elif isinstance(condition, Guard):
+        arguments = ", ".join(value(f, Variable(name)) for name in condition.parameters)
+        with f.block(f"if {f.unit.constant(condition.function)}({arguments})"):
+            rest()
+    elif isinstance(condition, Negation):
+        negation(f, condition.condition, rest)
+    elif isinstance(condition, Disjunction):
+        aside(f, condition, rest)
+    elif isinstance(condition, Comparison):
+        comparison(f, condition, fail, rest)
+    else:
+        assert isinstance(condition, Literal), condition
+        if "." in condition.functor:
+            internal(f, condition, fail, rest)
+        else:
+            belief(f, condition, rest)
+
+
+def conjunction(f: Function, terms: tuple[Condition, ...], fail: str, rest: Rest) -> None:
+    """Writes conditions within each other."""
+    if len(terms) == 0:
+        rest()
+    elif (f.loops >= MOST_LOOPS or f.depth >= MOST_BLOCKS) and len(terms) > 1:
+        aside(f, Conjunction(terms), rest)
+    else:
+        loops = f.loops
+
+        def others() -> None:
+            conjunction(f, terms[1:], "continue" if f.loops > loops else fail, rest)
+
+        write(f, terms[0], fail, others)
+        f.loops = loops
+
+
+def belief(f: Function, pattern: Literal, rest: Rest) -> None:
+    """Writes the loop over the beliefs that match."""
+    if _annotated(pattern) or f.unit.library.derives(pattern.key) or has_cell(f, pattern):
+        solve(f, pattern, rest)
+        return
+    known = [i for i, arg in enumerate(pattern.args) if "_" not in names_in(arg) and has_value(f, arg)]
+    relation = f"ag.relations[{pattern.key!r}]"
+    if len(known) == len(pattern.args):
+        with f.block(f"if {values(f, pattern.args)} in {relation}.facts"):
+            rest()
+        return
+    with loop(f, f"reversed({_bucket(f, pattern, known, relation)})", binds=False) as found:
+        for i, arg in enumerate(pattern.args):
+            if i not in known:
+                match(f, arg, f"{found}[{i}]", "continue")
+        rest()
+
+
+def _bucket(f: Function, pattern: Literal, known: list[int], relation: str) -> str:
+    if not known:
+        return f"{relation}.facts"
+    keys = [value(f, pattern.args[i]) for i in known]
+    key = keys[0] if len(keys) == 1 else tuple_of(keys)
+    return f"{relation}.index({f.unit.constant(tuple(known))}).get({key}, ())"
+
+
+def _annotated(pattern: Literal) -> bool:
+    """Whether annotations are to be looked at: too rare to be fast."""
+    return bool(pattern.annotations) or any(isinstance(arg, Literal) and arg.annotations for arg in pattern.args)
+
+
+class loop:  # noqa: N801 - a statement
+    """Writes ``for x in items:`` around what follows.
+
+    What a turn bound is taken back in the next one; generators that bind by themselves do so before they go on.
+    """
+
+    def __init__(self, f: Function, items: str, *, binds: bool = True) -> None:
+        self.f = f
+        self.items = items
+        self.binds = binds
+
+    def __enter__(self) -> str:
+        f = self.f
+        self.found = f.unit.name("f")
+        self.mark = f.unit.name("m") if not self.binds and CELL in f.scope.values() else None
+        if self.mark:
+            f.line(f"{self.mark} = len(trail)")
+        f.line(f"for {self.found} in {self.items}:")
+        f.depth += 1
+        f.loops += 1
+        if self.mark:
+            f.line(f"undo(trail, {self.mark})")
+        self.before = len(f.lines)
+        return self.found
+
+    def __exit__(self, *problem: object) -> None:
+        if len(self.f.lines) == self.before:
+            self.f.line("pass")
+        self.f.depth -= 1
+
+
+def solve(f: Function, pattern: Literal, rest: Rest) -> None:
+    """Writes the loop over the solutions of what has annotations, is derived, or speaks of variables without values."""
+    fresh = names_in(pattern) - f.scope.keys() - {"_"}
+    args = tuple_of([build(f, arg) for arg in pattern.args])
+    notes = tuple_of([build(f, note) for note in pattern.annotations])
+    # Each solution is read from the variables made here, not from what the one before left in the locals.
+    cells = {name: f.unit.name("x") for name in sorted(fresh)}
+    for name, cell in cells.items():
+        f.line(f"{cell} = {f.local(name)}")
+    with loop(f, f"ag.solve({pattern.key!r}, {args}, {notes}, trail)"):
+        for name, cell in cells.items():
+            f.line(f"{f.local(name)} = resolve({cell})")
+            f.scope[name] = VALUE
+        rest()
+
+
+def negation(f: Function, inner: Condition, rest: Rest) -> None:
+    """Writes the test that something has no solution."""
+    if isinstance(inner, Literal) and "." not in inner.functor and not inner.annotations and _plain(f, inner):
+        known = [i for i, arg in enumerate(inner.args) if "_" not in names_in(arg) and has_value(f, arg)]
+        relation = f"ag.relations[{inner.key!r}]"
+        if len(known) == len(inner.args):
+            test = f"{values(f, inner.args)} not in {relation}.facts"
+        else:
+            test = f"not {_bucket(f, inner, known, relation)}"
+    else:
+        name, arguments, _ = query(f, inner)
+        test = f"not holds({name}({arguments}), trail)"
+    with f.block(f"if {test}"):
+        rest()
+
+
+def _plain(f: Function, pattern: Literal) -> bool:
+    """Whether beliefs are held or not, and the arguments without values are variables, all different."""
+    if f.unit.library.derives(pattern.key) or has_cell(f, pattern):
+        return False
+    free = [arg for arg in pattern.args if "_" in names_in(arg) or not has_value(f, arg)]
+    names = [arg.name for arg in free if isinstance(arg, Variable) and arg.name != "_"]
+    return all(isinstance(arg, Variable) for arg in free) and len(names) == len(set(names))
+
+
+def aside(f: Function, condition: Condition, rest: Rest) -> None:
+    """Writes the condition as a function of its own, and the loop over its solutions."""
+    name, arguments, fresh = query(f, condition)
+    with loop(f, f"{name}({arguments})") as found:
+        unpack(f, fresh, found)
+        rest()
+
+
+def unpack(f: Function, fresh: dict[str, str], found: str) -> None:
+    """Writes that variables get what a solution has for them."""
+    if fresh:
+        f.line(f"{tuple_of(f.local(name) for name in fresh)} = {found}")
+        f.scope.update(fresh)
+
+
+def query(
+    f: Function, condition: Condition, template: object = None, also: Iterable[str] = ()
+) -> tuple[str, str, dict[str, str]]:
+    """Writes a function that yields, for each solution, a tuple of the variables that get values by it.
+
+    With a ``template`` it yields that instead. ``also`` are variables that may have no value yet, and get one by it.
+    Returns its name, its arguments, and those variables with their states.
+    """
+    used = sorted(((names_in(condition) | names_in(template)) & f.scope.keys()) - {"_"})
+    inner = f.unit.function("q", ["ag", "trail", *(f.local(name) for name in used)], {n: f.scope[n] for n in used})
+    inner.line("mark = len(trail)")
+    branches = condition.terms if isinstance(condition, Disjunction) else (condition,)
+    scopes = [_branch(inner, branch, dry=True) for branch in branches]
+    fresh = {name: _state(name, scopes) for scope in scopes for name in scope if name not in used}
+    fresh |= {name: CELL for name in also if name in used}
+    fresh = dict(sorted(fresh.items()))
+    if not f.unit.dry:
+        for branch in branches:
+            _branch(inner, branch, fresh=fresh, template=template)
+    inner.line("undo(trail, mark)")
+    return inner.name, ", ".join(["ag", "trail", *(f.local(name) for name in used)]), fresh
+
+
+def _state(name: str, scopes: list[dict[str, str]]) -> str:
+    return VALUE if all(scope.get(name) == VALUE for scope in scopes) else CELL
+
+
+def _branch(
+    f: Function,
+    condition: Condition,
+    *,
+    fresh: dict[str, str] | None = None,
+    template: object = None,
+    dry: bool = False,
+) -> dict[str, str]:
+    """Writes one branch; returns the states of the variables inside it. A dry run leaves nothing behind."""
+    scope, lines, functions = dict(f.scope), len(f.lines), len(f.unit.functions)
+    f.unit.dry += dry
+    found: dict[str, str] = {}
+
+    def give() -> None:
+        found.update(f.scope)
+        if dry:
+            return
+        if template is not None:
+            f.line(f"yield {build(f, template)}" if has_value(f, template) else f"yield resolve({build(f, template)})")
+        else:
+            for name in fresh or {}:
+                if name not in f.scope:
+                    f.line(f"{f.local(name)} = Var({name!r})")
+            f.line(f"yield {tuple_of(_given(f, name) for name in fresh or {})}")
+
+    f.line("undo(trail, mark)")
+    with f.block("for _ in ONCE"):
+        f.loops = 1
+        write(f, condition, "continue", give)
+    f.scope.clear()
+    f.scope.update(scope)
+    f.unit.dry -= dry
+    if dry:
+        del f.lines[lines:]
+        del f.unit.functions[functions:]
+    return found
+
+
+def _given(f: Function, name: str) -> str:
+    """What a solution has for a variable: a value, or what one that had none before was bound to."""
+    return f"resolve({f.local(name)})" if f.scope.get(name) == CELL else f.local(name)
+
+
+def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> None:
+    """Writes a comparison; ``=`` gives values to variables."""
+    left, right = condition.left, condition.right
+    if condition.symbol == "=":
+        unification(f, left, right, fail)
+        rest()
+        return
+    if condition.symbol == "=..":
+        test = f"univ({build(f, left)}, {build(f, right)}, trail)"
+    else:
+        test = f"{value(f, left)} {condition.symbol} {value(f, right)}"
+    with f.block(f"if {test}"):
+        rest()
+
+
+def unification(f: Function, left: object, right: object, fail: str) -> None:
+    """Writes ``left = right``."""
+    if not _settled(f, right) and _settled(f, left):
+        left, right = right, left
+    if _settled(f, right):
+        match(f, left, value(f, right), fail)
+    else:
+        f.line(f"if not unify({build(f, left)}, {build(f, right)}, trail): {fail}")
+
+
+def _settled(f: Function, term: object) -> bool:
+    return has_value(f, term) and "_" not in names_in(term)
+
+
+def internal(f: Function, condition: Literal, fail: str, rest: Rest) -> None:
+    """Writes an internal action as a condition."""
+    if condition.functor in COLLECTORS:
+        collect(f, condition, fail)
+        rest()
+        return
+    entry = find(condition.functor)
+    if entry is None:
+        raise RuleError(
+            f"there is no internal action {condition.functor}", where=f.unit.title, remedy="see docs/semantics.md"
+        )
+    if entry.pauses:
+        raise RuleError(
+            f"{condition.functor} cannot be a condition", where=f.unit.title, remedy="make it a step of the body"
+        )
+    fresh = names_in(condition) - f.scope.keys() - {"_"}
+    args = arguments_of(f, entry, condition)
+    test = f"{f.unit.constant(entry.function)}(ag, {args}, trail)"
+    cells = {name: f.unit.name("x") for name in sorted(fresh)}
+    for name, cell in cells.items():
+        f.line(f"{cell} = {f.local(name)}")
+
+    def inside() -> None:
+        for name, cell in cells.items():
+            f.line(f"{f.local(name)} = resolve({cell})")
+            f.scope[name] = VALUE if entry.binds else CELL
+        rest()
+
+    if entry.many:
+        with loop(f, test):
+            inside()
+    else:
+        with f.block(f"if {test} is not False"):
+            inside()
+
+
+def arguments_of(f: Function, entry: Internal, action: Literal) -> str:
+    """The expression of the arguments of an internal action."""
+    least, most = entry.arity
+    if not least <= len(action.args) <= most:
+        raise RuleError(
+            f"{action.functor} takes {least if least == most else f'{least} to {most}'} arguments",
+            where=f.unit.title,
+            remedy="see docs/semantics.md",
+        )
+    return tuple_of([build(f, arg) for arg in action.args])
+
+
+def collect(f: Function, condition: Literal, fail: str) -> None:
+    """Writes ``.findall(T, condition, L)``, ``.setof`` and ``.count(condition, N)``."""
+    wanted = 2 if condition.functor == ".count" else 3
+    goal: object = condition.args[-2] if len(condition.args) == wanted else None
+    if isinstance(goal, Atom):
+        goal = literal(goal.name)
+    if not isinstance(goal, Condition):
+        raise RuleError(f"{condition} is put together wrongly", where=f.unit.title, remedy="see docs/semantics.md")
+    template = condition.args[0] if wanted == 3 else None
+    match(f, condition.args[-1], collected(f, condition.functor, goal, template), fail)
+
+
+def collected(f: Function, functor: str, goal: Condition, template: object) -> str:
+    """The expression of all solutions, or of their number."""
+    name, arguments, _ = query(f, goal, template)
+    found = f.unit.name("l")
+    if functor == ".count":
+        f.line(f"{found} = sum(1 for _ in {name}({arguments}))")
+    elif functor == ".setof":
+        f.line(f"{found} = tuple(sorted(set({name}({arguments})), key=order))")
+    else:
+        f.line(f"{found} = tuple({name}({arguments}))")
+    return found

@@ -1,0 +1,162 @@
+"""Plans and rules in generated code.
+
+A plan becomes a function of the engine, the arguments and annotations of the event and the id of its record. It
+returns None when it does not apply, DONE when its body is done, a request when the last step is a goal, or the
+body as a generator. A body yields requests and pauses, and None when a step is made and others may have their turn.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from socialbot.bdi.compiler.conditions import loop, query, write
+from socialbot.bdi.compiler.source import CELL, Function, Unit, tuple_of
+from socialbot.bdi.compiler.steps import Body, straight
+from socialbot.bdi.compiler.terms import build, match
+from socialbot.bdi.conditions import Conjunction
+from socialbot.bdi.events import Change
+from socialbot.bdi.literals import ANYTHING
+from socialbot.bdi.plans import Plan
+from socialbot.bdi.steps import Do
+from socialbot.bdi.terms import Variable, names_in
+
+if TYPE_CHECKING:
+    from socialbot.bdi.library import Library, Ready, ReadyInference
+
+GOALS = {Change.WANTED, Change.FAILED, Change.ASKED, Change.UNANSWERED}
+
+OTHERS = "ag.ready or ag.events"
+"""Whether somebody else waits for a turn."""
+
+
+def compile_plan(ready: Ready, *, opened: bool) -> Any:
+    """The function of a plan; an ``opened`` one takes arguments that are variables."""
+    plan = ready.plan
+    unit = Unit(str(plan.origin or plan), ready.library)
+    unit.constants["PLAN"] = ready
+    f = unit.function("plan", ["ag", "args", "notes", "cause"], {})
+    fail = "return undo(trail, 0)" if opened else "return None"
+    if plan.stage is not None:
+        f.line(f"if ag.stage != {plan.stage!r}: return None")
+    head(f, plan, fail, opened=opened)
+    write(f, plan.condition, fail, lambda: chosen(f, plan))
+    f.line(fail)
+    _trails(unit)
+    run, lines = unit.build()
+    ready.lines.update(lines)
+    return run
+
+
+def head(f: Function, plan: Plan, fail: str, *, opened: bool) -> None:
+    """Writes the matching of the event."""
+    for i, arg in enumerate(plan.event.literal.args):
+        subject = f"args[{i}]"
+        if not opened:
+            match(f, arg, subject, fail)
+        elif isinstance(arg, Variable) and arg.name not in f.scope:
+            if arg.name != ANYTHING.name:
+                f.line(f"{f.local(arg.name)} = {subject}")
+                f.scope[arg.name] = CELL
+        else:
+            f.line(f"if not unify({build(f, arg)}, {subject}, trail): {fail}")
+    annotations = plan.event.literal.annotations
+    if annotations:
+        # The annotations of a plan's event have to be among those of the event.
+        fresh = names_in(annotations) - f.scope.keys() - {"_"}
+        pattern = tuple_of([build(f, note) for note in annotations])
+        f.line(f"if not annotations_match({pattern}, notes, trail): {fail}")
+        for name in sorted(fresh):
+            f.line(f"{f.local(name)} = resolve({f.local(name)})")
+            f.scope[name] = "value"
+
+
+def chosen(f: Function, plan: Plan) -> None:
+    """Writes what is done when the condition holds."""
+    f.line("c = cause if ag.sink is None else ag.chose(PLAN, args, notes, cause)")
+    if not plan.body:
+        f.line("return DONE")
+        return
+    names = sorted(f.scope)
+    body = Body(f.unit, plan, {name: f.scope[name] for name in names})
+    if straight(plan.body) and not plan.atomic:
+        inline(f, plan, body)
+    else:
+        generator = body.generator()
+        f.line(f"return {generator}({', '.join(['ag', 'c', *(f.local(name) for name in names)])})")
+
+
+def inline(f: Function, plan: Plan, body: Body) -> None:
+    """Writes a body without branches in place. As soon as others wait for a turn, the rest becomes a generator."""
+    scope, depth = dict(f.scope), f.depth
+    resume = body.resumable()
+
+    def rest(start: int, pause: str = "None") -> str:
+        state = ", ".join(f"{f.local(name)}={f.local(name)}" for name in sorted(f.scope))
+        return f"{resume}(ag, c, {start}, {pause}{', ' if state else ''}{state})"
+
+    # A goal's plan begins with the next turn; that of an event may begin in this one unless another intention waits.
+    begin = "ag.ready or ag.others" if plan.event.change not in GOALS else f"{OTHERS} or ag.inbox"
+    f.line(f"if {begin}: return {rest(0)}")
+    with f.block("try"):
+        for i, step in enumerate(plan.body):
+            if i:
+                # Only actions can wake another intention.
+                others = OTHERS if isinstance(plan.body[i - 1], Do) else "ag.events"
+                f.line(f"if {others}: return ag.hand_over({rest(i)})")
+            body.write_inline(
+                f, step, last=i == len(plan.body) - 1, rest=lambda pause, i=i: f"return {rest(i + 1, pause)}"
+            )
+    with f.block("except Exception as problem"):
+        f.line("return ag.broken(PLAN, problem, c)")
+    f.line("return DONE")
+    f.scope, f.depth = scope, depth
+
+
+def compile_inference(ready: ReadyInference) -> Any:
+    """The generator of a rule: engine, arguments (perhaps variables) and trail in, a step for each solution."""
+    inference = ready.inference
+    unit = Unit(str(inference.origin or inference), ready.library)
+    f = unit.function("rule", ["ag", "args", "trail"], {})
+    f.line("mark = len(trail)")
+    with f.block("for _ in ONCE"):
+        f.loops = 1
+        head_args = inference.head.args
+        for i, arg in enumerate(head_args):
+            if isinstance(arg, Variable) and arg.name not in f.scope and arg.name != ANYTHING.name:
+                f.line(f"{f.local(arg.name)} = args[{i}]")
+                f.scope[arg.name] = CELL
+            else:
+                f.line(f"if not unify({build(f, arg)}, args[{i}], trail): continue")
+        write(f, inference.condition, "continue", lambda: f.line("yield"))
+    f.line("undo(trail, mark)")
+    _trails(unit)
+    return unit.build()[0]
+
+
+def compile_query(condition: Conjunction, library: Library) -> tuple[list[str], Any]:
+    """The variables that a condition gives values to, and the generator of its solutions: tuples of these values."""
+    unit = Unit(str(condition), library)
+    f = unit.function("ask", ["ag", "trail"], {})
+    name, arguments, fresh = query(f, condition)
+    with loop(f, f"{name}({arguments})") as found:
+        f.line(f"yield resolve({found})")
+    return list(fresh), unit.build()[0]
+
+
+def _trails(unit: Unit) -> None:
+    """Gives a trail to the functions that write to one and are not handed one."""
+    for function in unit.functions:
+        if "trail" not in function.parameters and any("trail" in text for _, text, _ in function.lines):
+            function.lines.insert(0, (0, "trail = []", None))
+
+
+def compile_probe(ready: Ready, count: int) -> Any:
+    """A function like that of the plan, which only tells whether the event and the first ``count`` conditions fit."""
+    plan = ready.plan
+    unit = Unit(str(plan.origin or plan), ready.library)
+    f = unit.function("probe", ["ag", "args", "notes"], {})
+    head(f, plan, "return False", opened=False)
+    write(f, Conjunction(plan.condition.terms[:count]), "return False", lambda: f.line("return True"))
+    f.line("return False")
+    _trails(unit)
+    return unit.build()[0]

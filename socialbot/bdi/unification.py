@@ -1,0 +1,156 @@
+"""Unification at run time, for what the compiler cannot settle: variables that have no value yet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from operator import is_
+from typing import Any
+
+from socialbot.bdi.literals import Literal
+from socialbot.bdi.terms import Cons
+
+Trail = list["Var"]
+"""The variables bound since a choice, so that it can be taken back."""
+
+
+class Var:
+    """A variable at run time; unbound as long as ``value`` is the variable itself."""
+
+    __slots__ = ("name", "value")
+
+    def __init__(self, name: str = "_") -> None:
+        self.name = name
+        self.value: Any = self
+
+    def __str__(self) -> str:
+        return self.name if self.value is self else str(self.value)
+
+    __repr__ = __str__
+
+
+def resolve(term: Any) -> Any:
+    """The term with the values of its variables in their places."""
+    kind = term.__class__
+    if kind is Var:
+        return term if term.value is term else resolve(term.value)
+    if kind is tuple:
+        for item in term:
+            if item.__class__ in _COMPOUND or isinstance(item, Literal):
+                found = tuple(map(resolve, term))
+                return term if all(map(is_, found, term)) else found
+        return term
+    if kind is Cons:
+        return cons(tuple(map(resolve, term.items)), resolve(term.tail))
+    if isinstance(term, Literal):
+        args, annotations = resolve(term.args), resolve(term.annotations)
+        if args is not term.args or annotations is not term.annotations:
+            return term.with_(args=args, annotations=annotations)
+    return term
+
+
+def closed(term: Any) -> bool:
+    """Whether the term has no variable in it."""
+    kind = term.__class__
+    if kind is Var:
+        return term.value is not term and closed(term.value)
+    if kind is tuple:
+        return all(map(closed, term))
+    if kind is Cons:
+        return False
+    if isinstance(term, Literal):
+        return closed(term.args) and closed(term.annotations)
+    return True
+
+
+def cons(items: tuple[Any, ...], tail: Any) -> Any:
+    """The list of ``items`` before ``tail``: a tuple if that is known. Raises TypeError for a tail that is no list."""
+    if tail.__class__ is tuple:
+        return items + tail
+    if tail.__class__ is Cons:
+        return Cons(items + tail.items, tail.tail)
+    if tail.__class__ is not Var:
+        raise TypeError(f"{tail} is no list")
+    return Cons(items, tail)
+
+
+def unify(left: Any, right: Any, trail: Trail) -> bool:
+    """Makes two terms equal by binding variables, noted in ``trail``; what was bound stays so when it returns False."""
+    while left.__class__ is Var and left.value is not left:
+        left = left.value
+    while right.__class__ is Var and right.value is not right:
+        right = right.value
+    if left is right:
+        return True
+    if left.__class__ is Var:
+        left.value = right
+        trail.append(left)
+        return True
+    if right.__class__ is Var:
+        right.value = left
+        trail.append(right)
+        return True
+    if left.__class__ is tuple and right.__class__ is tuple:
+        return len(left) == len(right) and all(unify(a, b, trail) for a, b in zip(left, right))  # noqa: B905
+    if left.__class__ is Cons or right.__class__ is Cons:
+        return _unify_lists(left, right, trail)
+    if isinstance(left, Literal) and isinstance(right, Literal):
+        return (
+            left.functor == right.functor
+            and left.negated == right.negated
+            and unify(left.args, right.args, trail)
+            and annotations_match(left.annotations, right.annotations, trail)
+        )
+    return bool(left == right)
+
+
+def _unify_lists(left: Any, right: Any, trail: Trail) -> bool:
+    if left.__class__ is not Cons:
+        left, right = right, left
+    items = right.items if right.__class__ is Cons else right
+    if items.__class__ is not tuple or (items is right and len(items) < len(left.items)):
+        return False
+    common = min(len(left.items), len(items))
+    if not all(unify(a, b, trail) for a, b in zip(left.items, items)):  # noqa: B905
+        return False
+    rest_left = cons(left.items[common:], left.tail) if common < len(left.items) else resolve(left.tail)
+    if right.__class__ is Cons:
+        rest_right = cons(items[common:], right.tail) if common < len(items) else resolve(right.tail)
+    else:
+        rest_right = items[common:]
+    return unify(rest_left, rest_right, trail)
+
+
+def annotations_match(pattern: Iterable[Any], held: tuple[Any, ...], trail: Trail) -> bool:
+    """Whether each annotation of the pattern is among those held; the first way to bind their variables is taken."""
+    for note in pattern:
+        for candidate in held:
+            mark = len(trail)
+            if unify(note, candidate, trail):
+                break
+            undo(trail, mark)
+        else:
+            return False
+    return True
+
+
+def undo(trail: Trail, mark: int) -> None:
+    """Takes back the bindings noted since ``mark``."""
+    while len(trail) > mark:
+        var = trail.pop()
+        var.value = var
+
+
+def free(term: Any) -> None:
+    """Takes back whatever was bound in a term none of whose variables had a value."""
+    if term.__class__ is Var:
+        term.value = term
+    elif term.__class__ is tuple:
+        for item in term:
+            free(item)
+    elif term.__class__ is Cons:
+        free((*term.items, term.tail))
+    elif isinstance(term, Literal):
+        free((term.args, term.annotations))
+
+
+_COMPOUND = frozenset({Var, tuple, Cons})
