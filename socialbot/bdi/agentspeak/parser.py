@@ -1,0 +1,284 @@
+"""Reads AgentSpeak, in the syntax of Jason, into the same plans that the operators of Python make.
+
+>>> program = parse("b(1). !go. +!go : b(X) <- .print(X).")
+>>> print(*program.beliefs, *program.goals, *program.plans)
+b(1) go +!go : b(X) <- .print(X)
+
+What of Jason's language is not supported is an error; it never means something else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from socialbot.bdi.agentspeak.bodies import BodyReader
+from socialbot.bdi.agentspeak.grammar import SUM, TRIGGERS
+from socialbot.bdi.agentspeak.lexer import END, AgentSpeakError, Source
+from socialbot.bdi.conditions import NOTHING, Conjunction, conjunction
+from socialbot.bdi.events import Change, Event
+from socialbot.bdi.literals import Literal
+from socialbot.bdi.plans import Inference, Origin, Plan
+from socialbot.bdi.steps import Step
+from socialbot.bdi.terms import Atom
+
+T = TypeVar("T")
+DIRECTIVES = frozenset({"include", "begin", "end", "namespace", "register_function"})
+
+
+@dataclass(frozen=True)
+class Program:
+    """What an AgentSpeak text holds, each kind in the order in which it was written."""
+
+    beliefs: tuple[Literal, ...]
+    inferences: tuple[Inference, ...]
+    goals: tuple[Literal, ...]
+    plans: tuple[Plan, ...]
+
+
+def parse(text: str, file: str = "<text>") -> Program:
+    """Reads a whole text. Raises AgentSpeakError."""
+    return _whole(text, file, Parser.program)
+
+
+def parse_plan(text: str, file: str = "<text>") -> Plan:
+    """Reads one plan; the dot after it may be missing. Raises AgentSpeakError."""
+    return _whole(text, file, Parser.one_plan)
+
+
+def parse_literal(text: str, file: str = "<text>") -> Literal:
+    """Reads one literal, as ``at(home)[source(bob)]``. Raises AgentSpeakError."""
+    return _whole(text, file, Parser.literal)
+
+
+def parse_term(text: str, file: str = "<text>") -> object:
+    """Reads one term. Raises AgentSpeakError."""
+    return _whole(text, file, lambda parser: parser.expression(SUM))
+
+
+def parse_condition(text: str, file: str = "<text>") -> Conjunction:
+    """Reads a condition, as in the context of a plan. Raises AgentSpeakError."""
+    return _whole(text, file, lambda parser: conjunction(parser.condition()))
+
+
+def parse_event(text: str, file: str = "<text>") -> Event:
+    """Reads a trigger, as ``+b(X)``. Raises AgentSpeakError."""
+    return _whole(text, file, Parser.event)
+
+
+def _whole(text: str, file: str, read: Callable[[Parser], T]) -> T:
+    parser = Parser(Source(text, file))
+    try:
+        found = read(parser)
+    except RecursionError:
+        raise parser.source.error(parser.at, "this is nested too deeply") from None
+    if parser.words[parser.at] == ".":
+        parser.at += 1
+    if parser.words[parser.at] != END:
+        parser.fail("the end of the text")
+    return found
+
+
+@dataclass
+class _Label:
+    """What stands before the trigger of a plan."""
+
+    name: str | None = None
+    atomic: bool = False
+    priority: int = 0
+    stage: str | None = None
+    annotations: tuple[object, ...] = ()
+
+
+_NO_LABEL = _Label()
+
+
+class Parser(BodyReader):
+    """Reads programs, plans and their bodies."""
+
+    def program(self) -> Program:
+        beliefs: list[Literal] = []
+        inferences: list[Inference] = []
+        goals: list[Literal] = []
+        plans: list[Plan] = []
+        labels: dict[str, int] = {}
+        words = self.words
+        while (word := words[self.at]) != END:
+            if word in ("+", "-", "@"):
+                start = self.at
+                plan = self.plan((".",))
+                self.at += 1
+                self.unlike(labels, plan, start)
+                plans.append(plan)
+            elif word == "!":
+                goals.append(self.goal())
+            elif word == "{":
+                raise self.in_braces(bool(plans) and words[self.at - 1] == ".")
+            else:
+                self.fact(beliefs, inferences)
+        return Program(tuple(beliefs), tuple(inferences), tuple(goals), tuple(plans))
+
+    def unlike(self, labels: dict[str, int], plan: Plan, start: int) -> None:
+        """Sees to it that no label comes twice."""
+        if plan.label is None:
+            return
+        if plan.label in labels:
+            raise self.source.error(
+                start,
+                f"the label '{plan.label}' is taken by the plan in line {labels[plan.label]}",
+                "give every plan a label of its own",
+            )
+        assert plan.origin is not None
+        labels[plan.label] = plan.origin.line
+
+    def in_braces(self, after_plan: bool) -> AgentSpeakError:
+        """The error for braces between plans."""
+        name = self.words[self.at + 1]
+        if after_plan and name not in DIRECTIVES:
+            return self.unsupported("a plan within a plan", self.at, "write the inner plan after the outer one")
+        remedy = "load both files" if name == "include" else None
+        return self.unsupported(f"the directive '{name}'" if name != END else "a directive", self.at, remedy)
+
+    def goal(self) -> Literal:
+        self.at += 1
+        start = self.at
+        goal = self.literal("a goal after '!'")
+        if goal.annotations and self.limited(goal, start)[1] is not None:
+            raise self.source.error(start, "an initial goal has no limit", "set it where the goal is a step")
+        self.skip(".", "'.' after a goal")
+        return goal
+
+    def fact(self, beliefs: list[Literal], inferences: list[Inference]) -> None:
+        """A belief, or a rule that says when it is believed."""
+        start = self.at
+        head = self.literal("a belief, a goal or a plan")
+        word = self.words[self.at]
+        if word == ":-":
+            self.at += 1
+            condition = conjunction(self.condition())
+            if self.words[self.at] != ".":
+                self.fail("'.', '&' or '|' after a condition")
+            inferences.append(Inference(head, condition, self.origin(start), self.text(start)))
+        elif word != ".":
+            self.fail("'.' or ':-' after a belief")
+        elif unknown := head.names():
+            names = ", ".join(sorted(unknown))
+            raise self.source.error(
+                start, f"{names} has no value in this belief", f"give it one, or write a rule: {head} :- ..."
+            )
+        else:
+            beliefs.append(head)
+        self.at += 1
+
+    def origin(self, start: int) -> Origin:
+        source = self.source
+        return Origin(source.file, source.line(source.start(start)))
+
+    def text(self, start: int) -> str:
+        """The text from a word to the one at hand, exclusive."""
+        source = self.source
+        return source.text[source.start(start) : source.start(self.at)].rstrip()
+
+    # Plans
+
+    def one_plan(self) -> Plan:
+        return self.plan((".", END))
+
+    def plan(self, ends: tuple[str, ...]) -> Plan:
+        """A plan; the word after it, one of ``ends``, is left to read."""
+        start = self.at
+        words = self.words
+        origin = self.origin(start)
+        label = self.label() if words[start] == "@" else _NO_LABEL
+        event = self.event()
+        condition = NOTHING
+        body: tuple[Step, ...] = ()
+        expected = "':', '<-' or '.' after the trigger"
+        if words[self.at] == ":":
+            self.at += 1
+            condition = conjunction(self.condition())
+            expected = "'<-', '.', '&' or '|' after the context"
+        if words[self.at] == "<-":
+            self.at += 1
+            body = self.body()
+            if not body and "}" not in ends:
+                self.fail("a step")
+            expected = "'.' or ';' after a step"
+        if words[self.at] not in ends:
+            missing = "write '.' at the end of the plan before" if words[self.at] in ("+", "-", "@") else None
+            self.fail(expected.replace("'.'", "'}'") if "}" in ends else expected, remedy=missing)
+        return Plan(event, condition, body, label.name, label.atomic, label.priority, label.stage, label.annotations,
+                    origin, self.text(start))  # fmt: skip
+
+    def label(self) -> _Label:
+        self.at += 1
+        label = _Label()
+        if self.words[self.at] != "[":
+            label.name = self.name(self.at)
+            self.at += 1
+        if self.words[self.at] == "[":
+            start = self.at
+            label.annotations = tuple(note for note in self.annotations() if not self.option(label, note, start))
+        return label
+
+    def option(self, label: _Label, note: object, start: int) -> bool:
+        """Whether an annotation of a label means something to the engine; if so it is set."""
+        if isinstance(note, Atom) and note.name == "atomic":
+            label.atomic = True
+            return True
+        if not isinstance(note, Literal) or note.functor not in ("priority", "stage") or len(note.args) != 1:
+            return False
+        value = note.args[0]
+        if note.functor == "stage" and isinstance(value, (str, Atom)):
+            label.stage = str(value)
+        elif note.functor == "priority" and isinstance(value, int):
+            label.priority = value
+        else:
+            wanted = "an integer, as in priority(3)" if note.functor == "priority" else "a name, as in stage(night)"
+            raise self.source.error(start, f"expected {wanted}")
+        return True
+
+    def event(self) -> Event:
+        """A trigger."""
+        words = self.words
+        at = self.at
+        sign = words[at]
+        if sign not in ("+", "-"):
+            self.fail("'+' or '-' and a trigger")
+        kind = words[at + 1] if words[at + 1] in ("!", "?") else ""
+        self.at = at + 2 if kind else at + 1
+        if self.is_variable():
+            raise self.unsupported("a variable as a trigger", self.at, "write a plan for each belief or goal")
+        change = TRIGGERS[sign, kind]
+        trigger = self.literal("a belief, or '!' or '?' and a goal" if not kind else "a goal")
+        if trigger.annotations and change is Change.ADDED:
+            return self.marked(trigger, at)
+        return Event(change, trigger)
+
+    def marked(self, trigger: Literal, start: int) -> Event:
+        """The event written with the annotation ``held_for(5)`` or ``changed(Before)``, or that a belief was added."""
+        for index, note in enumerate(trigger.annotations):
+            if not isinstance(note, Literal):
+                continue
+            if note.functor == "changed" and len(note.args) == len(trigger.args):
+                notes = trigger.annotations[:index] + trigger.annotations[index + 1 :]
+                return Event(Change.CHANGED, trigger.with_(args=trigger.args + note.args, annotations=notes))
+            if note.functor == "held_for" and len(note.args) == 1:
+                seconds = note.args[0]
+                if not isinstance(seconds, (int, float)):
+                    raise self.source.error(start, "expected a number of seconds in held_for(...)")
+                notes = trigger.annotations[:index] + trigger.annotations[index + 1 :]
+                return Event(Change.HELD, trigger.with_(annotations=notes), seconds)
+        return Event(Change.ADDED, trigger)
+
+    def braces(self) -> Plan | Event:
+        """A plan or an event as a term."""
+        self.at += 1
+        start = self.at
+        if self.words[start] not in ("+", "-", "@"):
+            self.fail("a plan or an event, as {+!g(X) <- a(X)} or {+b(X)}", remedy="conditions go without braces")
+        plan = self.plan(("}",))
+        bare = self.words[start] != "@" and not plan.condition.terms and self.words[self.at - 1] != "<-"
+        self.at += 1
+        return plan.event if bare and not plan.body else plan

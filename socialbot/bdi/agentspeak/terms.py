@@ -1,0 +1,335 @@
+"""Reads terms and conditions, which share one grammar: every condition can be an argument somewhere."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NoReturn
+
+from socialbot.bdi.agentspeak.grammar import (
+    AND,
+    BINARY,
+    COMPARE,
+    KEYWORDS,
+    NOT,
+    OR,
+    POWER,
+    REFUSED,
+    REMEDIES,
+    SUM,
+    UNSUPPORTED,
+    is_function,
+)
+from socialbot.bdi.agentspeak.lexer import END, AgentSpeakError, Source
+from socialbot.bdi.conditions import Condition, Conjunction, Disjunction, Negation, Truth, conjunction
+from socialbot.bdi.events import Event
+from socialbot.bdi.literals import Literal, literal
+from socialbot.bdi.plans import Plan
+from socialbot.bdi.terms import Atom, Call, Comparison, Cons, Expression, Variable
+from socialbot.errors import RuleError
+
+VARIABLE, NAME, NUMBER, STRING, QUOTED = range(1, 6)
+KINDS = {
+    **dict.fromkeys("ABCDEFGHIJKLMNOPQRSTUVWXYZ_", VARIABLE),
+    **dict.fromkeys("abcdefghijklmnopqrstuvwxyz", NAME),
+    **dict.fromkeys("0123456789", NUMBER),
+    '"': STRING,
+    "'": QUOTED,
+}
+_variable = lru_cache(1024)(Variable)
+
+
+class TermReader:
+    """Goes through the words of a source from front to back; ``at`` is the next one to read."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.words = source.words
+        self.at = 0
+
+    def fail(self, expected: str, at: int | None = None, remedy: str | None = None) -> NoReturn:
+        """Something else was expected than the word at hand."""
+        at = self.at if at is None else at
+        word = self.words[at]
+        if word in UNSUPPORTED:
+            construct, instead = UNSUPPORTED[word]
+            raise self.source.error(at, f"{construct} is not supported", instead)
+        remedy = REMEDIES.get(word, remedy)
+        if word[0] == "." and len(word) > 1 and "'.'" in expected:
+            remedy = f"leave a blank between '.' and '{word[1:]}'"
+        shown = "the end of the text" if word == END else f"'{word}'" if len(word) < 40 else f"'{word[:36]}...'"
+        raise self.source.error(at, f"expected {expected}, found {shown}", remedy)
+
+    def unsupported(self, construct: str, at: int, remedy: str | None = None) -> AgentSpeakError:
+        """The error that a construct is not supported."""
+        return self.source.error(at, f"{construct} is not supported", remedy)
+
+    def skip(self, word: str, expected: str) -> None:
+        """Goes past a word that has to come here."""
+        if self.words[self.at] != word:
+            self.fail(expected)
+        self.at += 1
+
+    # Conditions
+
+    def condition(self) -> Condition:
+        """A whole condition."""
+        start = self.at
+        return self.as_condition(self.expression(OR), start)
+
+    def as_condition(self, value: object, start: int) -> Condition:
+        """What was read as a term, taken as a condition."""
+        if isinstance(value, Atom):
+            return Truth(value.name == "true") if value.name in ("true", "false") else literal(value.name)
+        if isinstance(value, Condition):
+            return value
+        if isinstance(value, Call) and value.function[0] == ".":
+            return literal(value.function, value.args)
+        if isinstance(value, Variable):
+            if self.words[self.at] in REMEDIES:
+                self.fail("an operator")
+            raise self.unsupported(f"the variable {value} as a condition", start, "name the belief")
+        raise self.source.error(start, "expected a condition, found a term", "compare it, with = or <, for example")
+
+    def expression(self, level: int) -> object:
+        """A term or condition, of operators that bind at least as tightly as ``level``."""
+        words = self.words
+        start = self.at
+        if words[start] == "not" and level <= COMPARE:
+            self.at += 1
+            value: object = Negation(self.as_condition(self.expression(COMPARE), start + 1))
+        else:
+            value = self.primary()
+            if level >= SUM and words[start] == "(" and is_condition(value):
+                self.fail("a term", start, "only internal actions, such as .findall, take conditions as arguments")
+        while True:
+            operator = BINARY.get(words[self.at])
+            # A plan follows that misses the '.' before it: +!g
+            if operator is None or operator[0] < level or words[self.at + 1] in ("!", "?"):
+                return value
+            value = self.joined(value, start, *operator)
+
+    def joined(self, left: object, start: int, level: int, symbol: str) -> object:
+        """What is left of an operator, joined with what is right of it."""
+        at = self.at
+        self.at = after = at + 1
+        if level >= SUM:
+            left = self.operand(left, start, at)
+            right = self.expression(level if level == POWER else level + 1)
+            return Expression(symbol, left, self.operand(right, after, at))
+        if level == COMPARE:
+            right = self.expression(SUM)
+            if BINARY.get(self.words[self.at], (0,))[0] == COMPARE:
+                self.fail("one comparison", remedy="join two comparisons with '&'")
+            return Comparison(symbol, self.compared(left, start), self.compared(right, after))
+        condition = self.as_condition(left, start)
+        other = self.as_condition(self.expression(NOT if level == AND else AND), after)
+        if level == AND:
+            return conjunction(condition, other)
+        before = condition.terms if isinstance(condition, Disjunction) else (conjunction(condition),)
+        return Disjunction((*before, conjunction(other)))
+
+    def operand(self, value: object, start: int, at: int) -> object:
+        """A term as an operand of the arithmetic operator at ``at``; a structure there is the call of a function."""
+        if isinstance(value, (int, float, Variable, Expression, Call)):
+            return value
+        if isinstance(value, Literal) and value.args and not value.annotations and not value.negated:
+            return Call(value.functor, *value.args)
+        missing = start < at and self.words[at] in ("+", "-")
+        self.fail(
+            f"a number, a variable or a function as operand of '{self.words[at]}'",
+            start,
+            f"when a plan or belief ends before the '{self.words[at]}', write '.' there" if missing else None,
+        )
+
+    def compared(self, value: object, start: int) -> object:
+        """A term as one side of a comparison."""
+        if is_condition(value):
+            self.fail("a term to compare", start)
+        if (
+            isinstance(value, Literal)
+            and "." in value.functor
+            and value.args
+            and not value.annotations
+            and not value.negated
+            and self.words[start][0] != "'"
+        ):
+            return Call(value.functor, *value.args)
+        return value
+
+    # Terms
+
+    def primary(self) -> object:
+        """A term without operators between its parts."""
+        word = self.words[self.at]
+        kind = KINDS.get(word[0])
+        if kind == VARIABLE:
+            return self.variable()
+        if kind == NAME:
+            return self.structure()
+        if kind == NUMBER:
+            return self.number()
+        if kind == STRING and len(word) > 1:
+            self.at += 1
+            return self.source.unquoted(self.at - 1)
+        return self.rare(word)
+
+    def rare(self, word: str) -> object:
+        """The terms that are not written often."""
+        first = word[0]
+        if first in "+-" and len(word) == 1:
+            return self.signed()
+        if first == "(":
+            self.at += 1
+            value = self.expression(OR)
+            self.skip(")", "an operator or ')'")
+            return value
+        if first == "[":
+            return self.list()
+        if first == "~" or (first == "'" and len(word) > 1):
+            return self.structure()
+        if first == "." and len(word) > 1:
+            return self.number() if KINDS.get(word[1]) == NUMBER else self.structure()
+        if first == "{":
+            return self.braces()
+        if first.isalpha():  # not ASCII, or else it would have a kind
+            return self.variable() if self.is_variable() else self.structure()
+        self.fail("a term")
+
+    def is_variable(self) -> bool:
+        """Whether a variable comes next."""
+        first = self.words[self.at][0]
+        return first == "_" or first.isupper()
+
+    def variable(self) -> Variable:
+        at = self.at
+        self.at = at + 1
+        if self.words[at + 1] == "[":
+            raise self.unsupported("a variable with annotations", at, "name the literal instead of the variable")
+        if self.words[at + 1] == "(":
+            raise self.unsupported("a variable with arguments", at, "names begin with a small letter")
+        try:
+            return _variable(self.words[at])
+        except RuleError:
+            self.fail("a variable, of letters, digits and _", at)
+
+    def number(self) -> float:
+        word = self.words[self.at]
+        try:
+            value = int(word) if word.isdecimal() else float(word)
+        except ValueError:  # too many digits for Python
+            value = math.inf
+        if value == math.inf:
+            raise self.source.error(self.at, "this number is too large")
+        self.at += 1
+        return value
+
+    def signed(self) -> object:
+        """A term after a sign. A sign binds tighter than any operator, as it does in Jason."""
+        at = self.at
+        self.at += 1
+        value = self.operand(self.primary(), at + 1, at)
+        if self.words[at] == "+":
+            return value
+        return -value if isinstance(value, (int, float)) else Expression("-", 0, value)
+
+    def list(self) -> object:
+        self.at += 1
+        if self.words[self.at] == "]":
+            self.at += 1
+            return ()
+        items = self.items()
+        if self.words[self.at] == "|":
+            self.at += 1
+            return self.tailed(items)
+        self.skip("]", "',', '|' or ']' in a list")
+        return items
+
+    def tailed(self, items: tuple[object, ...]) -> object:
+        """The list of some items and a tail."""
+        start = self.at
+        tail = self.primary()
+        if not isinstance(tail, (Variable, tuple, Cons)):
+            self.fail("a variable or a list after '|'", start)
+        self.skip("]", "']' after the tail of a list")
+        if isinstance(tail, tuple):
+            return (*items, *tail)
+        return Cons((*items, *tail.items), tail.tail) if isinstance(tail, Cons) else Cons(items, tail)
+
+    def items(self, level: int = SUM) -> tuple[object, ...]:
+        """Terms with commas between them."""
+        items = [self.expression(level)]
+        while self.words[self.at] == ",":
+            self.at += 1
+            items.append(self.expression(level))
+        return tuple(items)
+
+    def structure(self) -> object:
+        """A name, with arguments and annotations if there are some; without them an atom."""
+        words = self.words
+        start = self.at
+        negated = words[start] == "~"
+        name = self.name(start + negated)
+        self.at = start + negated + 1
+        args = self.arguments(name) if words[self.at] == "(" else ()
+        if words[self.at] == "[":
+            return literal(name, args, self.annotations(), negated=negated)
+        if negated:
+            return literal(name, args, negated=True)
+        if "." in name and words[start][0] != "'" and is_function(name, len(args)):
+            return Call(name, *args)
+        return literal(name, args) if args else Atom(name)
+
+    def name(self, at: int) -> str:
+        """The name that a word is."""
+        word = self.words[at]
+        first = word[0]
+        if first == "'" and len(word) > 1:
+            word = self.source.unquoted(at)
+        elif word in KEYWORDS or not (first.isalpha() or (first == "." and len(word) > 1)) or first.isupper():
+            self.fail("a name" if at == self.at else "a name after '~'", at)
+        if word in REFUSED:
+            raise self.source.error(at, *REFUSED[word])
+        return word
+
+    def arguments(self, name: str) -> tuple[object, ...]:
+        """Arguments in parentheses. Internal actions take conditions too."""
+        self.at += 1
+        if self.words[self.at] == ")":
+            self.fail(f"an argument of '{name}'", remedy=f"write '{name}' without parentheses")
+        args = self.items(OR if "." in name else SUM)
+        self.skip(")", "',' or ')'")
+        return args
+
+    def annotations(self) -> tuple[object, ...]:
+        self.at += 1
+        if self.words[self.at] == "]":
+            self.at += 1
+            return ()
+        notes = self.items()
+        if self.words[self.at] == "|":
+            raise self.unsupported("'|' among annotations", self.at, "name the annotations that matter")
+        self.skip("]", "',' or ']' after an annotation")
+        return notes
+
+    def literal(self, what: str = "a literal") -> Literal:
+        """A literal where nothing else can stand."""
+        start = self.at
+        first = self.words[start][0]
+        if KINDS.get(first) not in (NAME, QUOTED) and first != "~" and (first.isupper() or not first.isalpha()):
+            self.fail(what)
+        value = self.structure()
+        if isinstance(value, Atom) and value.name not in ("true", "false") and value.name[:1] != ".":
+            return literal(value.name)
+        if isinstance(value, Literal) and value.functor[:1] != ".":
+            return value
+        self.fail(what, start)
+
+    def braces(self) -> Plan | Event:
+        """A plan or an event as a term."""
+        raise NotImplementedError
+
+
+def is_condition(value: object) -> bool:
+    """Whether what was read can be nothing but a condition."""
+    return isinstance(value, (Comparison, Conjunction, Disjunction, Negation))

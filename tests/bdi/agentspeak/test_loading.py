@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+import pytest
+
+from socialbot.bdi import Atom, Belief, Engine, Goal
+from socialbot.bdi.agentspeak import AgentSpeakError, parse
+from socialbot.bdi.agentspeak.loading import check, load, problems_of
+from socialbot.bdi.literals import literal
+from socialbot.clock import ManualClock
+from tests.bdi.mas import Mas, said
+
+
+def test_beliefs_are_found_in_the_order_of_the_text_and_newer_ones_before_them():
+    assert said("b(1). b(2). b(3). !g. +!g <- +b(0); .findall(X, b(X), L); .print(L).") == ["[0,1,2,3]"]
+
+
+def test_the_events_of_beliefs_come_from_last_to_first_and_before_goals():
+    text = "!g(1). b(1). b(2). !g(2). +b(X) <- .print(b, X). +!g(X) <- .print(g, X)."
+    assert said(text) == ["b2", "b1", "g1", "g2"]
+
+
+def test_beliefs_and_goals_are_computed():
+    text = "b(1 + 2, [2 * 3], f(7 mod 4)). c(math.max(1, 2), .length([a])). !g(2 ** 3). +!g(X) <- .print(X)."
+    mas = Mas(me=text).until(0)
+    assert mas.beliefs("me") == {"b(3, [6], f(3))": ("self",), "c(2, 1)": ("self",)}
+    assert mas.lines == ["8"]
+
+
+def test_beliefs_have_the_sources_that_they_are_given():
+    mas = Mas(me="a. b[source(bob)]. c[sure]. ~d.").until(0)
+    assert mas.beliefs("me") == {"a": ("self",), "b": ("bob",), "c[sure]": ("self",), "~d": ("self",)}
+
+
+def test_goals_may_have_variables():
+    assert said("!g(X, X, _, [Y | T]). +!g(A, B, C, [1, 2]) <- A = 3; .print(B, C).") == ["3_<no-value>"]
+
+
+def test_goals_without_a_plan_fail():
+    assert said("!g(1). -!g(X)[error(E)] <- .print(E).") == ["no_relevant"]
+
+
+def test_rules_hold_before_the_plans_that_use_them_are_compiled():
+    assert said("!g. +!g : c(X) <- .print(X). b(1). c(X) :- b(X).") == ["1"]
+
+
+def test_texts_add_up():
+    engine, lines = Engine("me", ManualClock()), []
+    engine.out = lines.append
+    engine.add_text("+!g : c(X) <- .print(c, X). +!g <- .print(none).")
+    engine.achieve(literal("g"))
+    engine.run_until_idle()
+    engine.add_text("c(X) :- b(X). b(1).")
+    engine.achieve(literal("g"))
+    engine.run_until_idle()
+    assert lines == ["none", "c1"]
+
+
+class at(Belief): ...  # noqa: N801
+
+
+class walk(Goal): ...  # noqa: N801
+
+
+def test_text_and_python_share_beliefs_and_goals():
+    engine, lines = Engine("me", ManualClock()), []
+    engine.out = lines.append
+    engine.add_text("+at(X) <- .print(at, X). +!walk(X) <- +at(X).")
+    engine.believe(at(1))
+    engine.achieve(walk(2))
+    engine.run_until_idle()
+    assert lines == ["at1", "at2"]
+
+
+def test_registered_actions_are_called_with_values():
+    engine, calls = Engine("me", ManualClock()), []
+    engine.add_action(lambda engine, *args: calls.append(args), "move")
+    engine.add_text('!g. +!g <- X = 2; move(left, X + 1, [a, "b"]); stop.')
+    engine.run_until_idle()
+    assert calls == [(Atom("left"), 3, (Atom("a"), "b"))]
+
+
+# Mistakes: what is shown of them
+
+MISTAKES = {
+    "+!g <- .prnt(1).": ("1:8", "there is no internal action .prnt"),
+    "+!g : .prnt(1).": ("1:7", "there is no internal action .prnt"),
+    "+!g : .wait(1).": ("1:7", ".wait cannot be a condition"),
+    "+!g <-\n  .print(a);\n  .length(1).": ("3:3", ".length takes 2 arguments"),
+    "b(1).\n\n+!g <- X = math.foo(1).": ("3:12", "there is no function math.foo"),
+    "+!g <- X = foo(1) + 2.": ("1:12", "there is no function foo"),
+    "b.\n+!g : Y > 1 <- .print(Y).": ("2:7", "Y has no value in Y > 1"),
+    "+!g <- move(Y).": ("1:13", "Y has no value in move(Y)"),
+    "+!g <- +b(Y).": ("1:11", "Y has no value in +b(Y)"),
+    "a(X) :- Y > X.": ("1:9", "Y has no value"),
+    "a(X) :- .foo(X).": ("1:9", "there is no internal action .foo"),
+    "+b(X + 1).": ("1:4", "computes in its arguments"),
+    "+!g <- .add_plan({+!h <- .foo}).": ("1:26", "there is no internal action .foo"),
+    "+!g <- if (true) { for (b(X)) { .add_plan({+!h <- .foo}) } }.": ("1:51", "there is no internal action .foo"),
+    "+!g <- .count(1, N).": ("1:8", "is put together wrongly"),
+    "b(1": ("1:4", "expected ',' or ')'"),
+    "b(math.foo(1)).": (None, "there is no function math.foo"),
+    "b(math.sqrt(-1)).": (None, "cannot be computed"),
+    "b(1 / 0).": (None, "cannot be computed"),
+}
+
+
+@pytest.mark.parametrize("text", MISTAKES)
+def test_a_mistake_is_told_with_its_place(text):
+    place, what = MISTAKES[text]
+    (problem,) = check(text, "me.asl")
+    assert what in problem.what
+    if place is not None:
+        assert problem.where == f"me.asl:{place}"
+        line, column = map(int, place.split(":"))
+        shown, under = problem.what.split("\n")[-2:]
+        assert shown == f"    {text.splitlines()[line - 1]}"
+        assert under == f"    {' ' * (column - 1)}^"
+
+
+def test_all_mistakes_are_told_in_their_order():
+    text = "+!g <- .a.\na(X) :- .b(X).\n+!h <- .print(1).\n+!i <- .c."
+    assert [problem.line for problem in check(text)] == [1, 2, 4]
+
+
+@pytest.mark.parametrize("text", list(MISTAKES))
+def test_nothing_is_added_when_there_is_a_mistake(text):
+    engine = Engine("me", ManualClock())
+    with pytest.raises(AgentSpeakError):
+        load(engine, f"ok(1). !start. c(X) :- ok(X). @l +!start <- .print(start).\n{text}")
+    engine.run_until_idle()
+    assert list(engine.library) == []
+    assert not engine.library.inferences
+    assert len(engine.beliefs) == 0
+    load(engine, "@l +!start.")
+
+
+def test_a_label_is_taken_once():
+    engine = Engine("me", ManualClock())
+    engine.add_text("@l +!g.")
+    with pytest.raises(AgentSpeakError, match="the label l is taken") as caught:
+        engine.add_text("@k +!g.\n@l +!h.")
+    assert caught.value.line == 2
+    assert [plan.label for plan in engine.library] == ["l"]
+
+
+def test_a_text_is_checked_against_what_is_there():
+    engine = Engine("me", ManualClock())
+    engine.add_text("b(X) :- c(X).")
+    text = "+!g : b(X) & X > 1 <- .print(X)."
+    assert problems_of(parse(text), text, "me.asl", engine.library) == []
+
+
+def test_a_text_without_mistakes_has_none():
+    assert check("b(1). a(X) :- b(X). !g. +!g : a(X) <- .print(X).") == []
+
+
+def test_a_mistake_in_a_long_line_with_tabs_points_at_it():
+    (problem,) = check("+!g\n\t<- .print(a); .foo.")
+    assert problem.what.split("\n")[-2:] == ["    \t<- .print(a); .foo.", "    \t              ^"]
