@@ -1,0 +1,192 @@
+"""A society: agents in one process that can speak to each other.
+
+All of them reason in the thread that runs the society, each when it has something to do; anything may be posted to
+them from any thread.
+"""
+
+from __future__ import annotations
+
+import functools
+import heapq
+import itertools
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from socialbot.bdi.beliefs import literal_of
+from socialbot.bdi.engine import Engine
+from socialbot.bdi.failures import Failed
+from socialbot.bdi.literals import source
+from socialbot.bdi.terms import Atom
+from socialbot.clock import SECOND, Clock
+from socialbot.errors import RuleError
+
+if TYPE_CHECKING:
+    from socialbot.bdi.bell import Bell
+
+TURNS = 4
+"""So many turns an agent reasons before the next one may."""
+
+VISITS = 16
+"""So often agents have their turns before a society looks whether it is to stop."""
+
+LISTENING = "+message/3"
+"""The event of a message, which only some agents want to hear of."""
+
+
+class Society:
+    """Agents by name. ``wake`` is called, from any thread, when something was posted to one of them."""
+
+    def __init__(self, clock: Clock, *, wake: Callable[[], None] | None = None) -> None:
+        self.clock = clock
+        self.wake = wake
+        self.agents: dict[str, Engine] = {}
+        self._ready: deque[Engine] = deque()
+        self._timers: list[tuple[int, int, Engine]] = []
+        self._due: dict[Engine, int] = {}
+        self._sequence = itertools.count()
+        self._sources: dict[str, tuple[object, ...]] = {}
+        self._bell: Bell | None = None
+        self.stopping = False
+
+    def add(self, agent: Engine | str) -> Engine:
+        """Adds an agent, or makes one of a name. Raises RuleError when the name is taken."""
+        if isinstance(agent, str):
+            agent = Engine(agent, self.clock)
+        if agent.name in self.agents:
+            raise RuleError(f"there are two agents {agent.name}", remedy="give each agent a name of its own")
+        if agent.society is not None:
+            raise RuleError(f"{agent.name} is in another society", remedy="remove it there first")
+        self.agents[agent.name] = agent
+        agent.society = self
+        agent.wake = functools.partial(self._woken, agent)
+        agent.signalled = True
+        self._ready.append(agent)
+        return agent
+
+    def remove(self, name: str) -> Engine | None:
+        """Takes an agent out; what is told to it from now on fails."""
+        agent = self.agents.pop(name, None)
+        if agent is not None:
+            agent.society = agent.wake = None
+        return agent
+
+    def find(self, receiver: Any) -> Engine:
+        """The agent with a name, an atom or a string. Raises Failed when there is none."""
+        name = receiver.name if receiver.__class__ is Atom else receiver
+        agent = self.agents.get(name) if isinstance(name, str) else None
+        if agent is None:
+            raise self._unknown(name)
+        return agent
+
+    def tell(self, sender: Engine, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
+        """Tells agents (an atom, a string or several of them) a belief. Raises Failed when there is no such agent."""
+        if receiver.__class__ is Atom:
+            receiver = receiver.name
+        agent = self.agents.get(receiver) if receiver.__class__ is str else None
+        if agent is None or agent is sender:
+            from socialbot.bdi.mail import send
+
+            send(sender, receiver, "tell", literal_of(key, args), cause)
+            return
+        notes = self._sources.get(sender.name) or self.source_of(sender.name)
+        if agent.accepts is not None or LISTENING in agent.triggers:
+            from socialbot.bdi.mail import tell
+
+            tell(sender, agent, key, args, cause)
+        else:
+            agent.inbox.append((agent.relations[key], args, notes, cause, None))
+            if not agent.signalled:
+                agent.signalled = True
+                self._ready.append(agent)
+
+    def source_of(self, name: str) -> tuple[object, ...]:
+        """The annotations of what an agent says."""
+        return self._sources.setdefault(name, (source(Atom(name)),))
+
+    # Running
+
+    def run_until_idle(self, budget: int = 1_000_000, turns: int = TURNS) -> bool:
+        """Lets agents reason until none has anything to do now, or each in turn has had ``turns`` turns ``budget``
+        times; True when something is left.
+        """
+        ready, timers = self._ready, self._timers
+        while budget > 0:
+            if timers and timers[0][0] <= self.clock.now():
+                self._ring()
+            if not ready:
+                return False
+            budget -= 1
+            agent = ready.popleft()
+            if agent.run_until_idle(turns) and not agent.signalled:
+                agent.signalled = True
+                ready.append(agent)
+            due = agent.next_wakeup()
+            if due is not None and due < self._due.get(agent, due + 1):
+                self._due[agent] = due
+                heapq.heappush(timers, (due, next(self._sequence), agent))
+        return bool(ready)
+
+    def next_wakeup(self) -> int | None:
+        """When (ns) a timer of an agent is due next; None when none is."""
+        return self._timers[0][0] if self._timers else None
+
+    def run(self, *, linger: bool = True, seconds: float | None = None) -> None:
+        """Runs until `stop`, for ``seconds`` at most, asleep while there is nothing to do. The clock has to run by
+        itself. Unless it lingers, it ends when nothing is left to do, now and later, but what comes from outside.
+        """
+        from socialbot.bdi.bell import Bell
+
+        end = None if seconds is None else self.clock.now() + round(seconds * SECOND)
+        bell = self._bell = Bell()
+        try:
+            while not self.stopping:
+                busy = self.run_until_idle(VISITS)
+                left = None if end is None else end - self.clock.now()
+                if left is not None and left <= 0:
+                    return
+                if not busy and not self.stopping:
+                    due = self.next_wakeup()
+                    if due is None and not linger and not any(agent.inbox for agent in self.agents.values()):
+                        return
+                    waits = [
+                        time for time in (left, None if due is None else due - self.clock.now()) if time is not None
+                    ]
+                    bell.wait(min(waits) / SECOND if waits else None)
+        finally:
+            self._bell = None
+            self.stopping = False
+
+    def stop(self) -> None:
+        """Ends `run`, from any thread."""
+        self.stopping = True
+        self._ring_bell()
+
+    def _woken(self, agent: Engine) -> None:
+        self._ready.append(agent)
+        self._ring_bell()
+
+    def _ring_bell(self) -> None:
+        bell = self._bell
+        if bell is not None:
+            bell.ring()
+        if self.wake is not None:
+            self.wake()
+
+    def _ring(self) -> None:
+        """Lets agents reason whose timers are due."""
+        timers, now = self._timers, self.clock.now()
+        while timers and timers[0][0] <= now:
+            due, _, agent = heapq.heappop(timers)
+            if self._due.get(agent) == due:
+                del self._due[agent]
+                if not agent.signalled and agent.society is self:
+                    agent.signalled = True
+                    self._ready.append(agent)
+
+    def _unknown(self, name: Any) -> Failed:
+        from difflib import get_close_matches
+
+        near = get_close_matches(str(name), self.agents, 1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        return Failed("action_failed", f"there is no agent {name}{hint}")

@@ -1,0 +1,216 @@
+"""Internal actions on plans, beliefs, time and waiting."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import pytest
+
+from socialbot.bdi import Engine
+from socialbot.bdi.agentspeak import AgentSpeakError
+from socialbot.clock import ManualClock
+from tests.bdi.mas import Mas, does, said
+
+
+def test_a_plan_that_is_added_is_carried_out():
+    assert said("!g. +!g <- .add_plan({+!h(X) <- .print(hello, X)}); !h(1).") == ["hello1"]
+    assert said('!g. +!g <- .add_plan("+!h(X) <- .print(hello, X)."); !h(1).') == ["hello1"]
+    assert said('!g. +!g <- .add_plan(["+!h(1) <- .print(a)", {+!h(2) <- .print(b)}]); !h(1); !h(2).') == ["a", "b"]
+
+
+def test_a_plan_is_added_at_the_end_or_at_the_beginning():
+    text = "!g. +!g <- .add_plan({+!h <- .print(new)}, self, WHERE); !h. +!h <- .print(old)."
+    assert said(text.replace("WHERE", "end")) == ["old"]
+    assert said(text.replace("WHERE", "begin")) == ["new"]
+
+
+def test_a_plan_is_removed_by_its_label_or_itself():
+    text = "!g. +!g <- !h; .remove_plan(WHAT); !h. @l +!h <- .print(a). +!h <- .print(b)."
+    for what in ("l", '"@l"', "[l]", "{@l +!h <- .print(a)}"):
+        assert said(text.replace("WHAT", what)) == ["a", "b"]
+
+
+def test_removing_what_is_not_there_is_no_failure():
+    assert does(".remove_plan(nothing); .remove_plan({+!x <- .print(1)}); .print(ok)") == ["ok"]
+
+
+def test_a_plan_stays_until_its_last_source_is_gone():
+    text = """!g.
+    +!g <- .add_plan({@l +!h <- .print(h)}, bob); .add_plan({@l +!h <- .print(h)}, amy); !h;
+           .remove_plan(l); !h; .remove_plan(l, bob); !h; .remove_plan(l, amy); !h.
+    -!h[error(E)] <- .print(E)."""
+    assert said(text) == ["h", "h", "h", "no_relevant"]
+
+
+@pytest.mark.parametrize(
+    "plan", ['"+!h <- "', '"+!h <- .nothing(1)"', '"+!h : X > 1"', "7", '"@l +!x"', '"+!h <- foo(Y)"']
+)
+def test_a_plan_with_a_mistake_is_not_added(plan):
+    assert said(f"!g. @l +!g <- .add_plan({plan}). -!g[error(E)] <- .print(E).") == ["wrong_arguments"]
+
+
+def test_relevant_plans_are_those_whose_event_fits():
+    text = """!g.
+    +!g <- .relevant_plans({+!h(2)}, P, L); .print(L); .relevant_plans({+!h(_)}, _, M); .print(M);
+           .relevant_plans({+!none}, N); .print(N); .relevant_plans("+!h(1)", Q); .length(Q, K); .print(K).
+    @one +!h(1). @two +!h(2) : false. @any +!h(X)."""
+    assert said(text) == ["[two,any]", "[one,two,any]", "[]", "2"]
+
+
+def test_a_plan_without_a_label_can_be_removed_as_it_was_found():
+    text = "!g. +!g <- .relevant_plans({+!h}, P, L); .remove_plan(L); !h. +!h <- .print(h). -!h[error(E)] <- .print(E)."
+    assert said(text) == ["no_relevant"]
+
+
+def test_the_plan_of_a_label():
+    assert said("!g. @l +!g <- .plan_label(P, l); .print(P); .plan_label(Q, m). -!g <- .print(none).") == [
+        "@l +!g <- .plan_label(P, l); .print(P); .plan_label(Q, m).",
+        "none",
+    ]
+
+
+def test_agents_that_share_plans_learn_alone():
+    from socialbot.bdi.agentspeak import parse
+    from socialbot.bdi.agentspeak.loading import begin, library_of
+
+    program = parse('!g. +!g : .my_name(a) <- .add_plan("+!h <- .print(learned)"); !h. +!g <- .wait(1); !h.')
+    library, clock, lines = library_of(program), ManualClock(), []
+    for engine in [Engine(name, clock, library=library) for name in ("a", "b")]:
+        engine.out = lines.append
+        begin(engine, program)
+        engine.run_until_idle()
+        clock.advance(1)
+        engine.run_until_idle()
+    assert lines == ["learned"]
+
+
+# Beliefs
+
+
+def test_abolishing_removes_all_that_matches_whoever_said_it():
+    mas = Mas(me="b(1). b(2)[source(bob)]. c(1). !g. +!g <- .abolish(b(_)); .abolish(none). -b(X) <- .print(X).").until(
+        1
+    )
+    assert sorted(mas.lines) == ["1", "2"]
+    assert mas.beliefs("me") == {"c(1)": ("self",)}
+
+
+def test_beliefs_put_first_and_last_are_found_in_that_order():
+    text = """b(1). !g. +b(X) <- .print(X).
+    @g[atomic] +!g <- .asserta(b(0)); .assertz(b(2)); .findall(X, b(X), L); .print(L)."""
+    assert said(text) == ["1", "[0,1,2]", "0", "2"]
+
+
+def test_the_order_holds_in_an_index_too():
+    text = "!g. b(x, 1). +!g <- ?b(x, _); .assertz(b(x, 2)); .findall(X, b(x, X), L); .print(L)."
+    assert said(text) == ["[1,2]"]
+
+
+def test_what_follows_is_not_held():
+    text = "a(1). b(X) :- a(X). !g. +!g <- if (.belief(a(X)) & not .belief(b(_))) { .print(X) }."
+    assert said(text) == ["1"]
+
+
+def test_a_stage_is_entered():
+    text = "!g. +!g <- !h; .enter(night); !h. @a[stage(night)] +!h <- .print(sleep). +!h <- .print(work)."
+    assert said(text) == ["work", "sleep"]
+
+
+def test_collectors_take_names_without_arguments():
+    text = "b. !g. +!g <- .count(b, N); .count(c, M); .findall(x, b, L); .setof(x, b & not c, S); .print(N, M, L, S)."
+    assert said(text) == ["10[x][x]"]
+
+
+def test_collectors_are_conditions_too():
+    assert said("b(1). b(2). !g. +!g : .count(b(_), 2) & .findall(X, b(X), [Y|_]) <- .print(Y, .count(b(_)) + 1).") == [
+        "13"
+    ]
+
+
+# Time
+
+
+def test_waiting_is_in_milliseconds():
+    mas = Mas(me="!g. +!g <- .wait(1500); .print(a).")
+    assert mas.until(1.4).lines == []
+    assert mas.until(1.5).lines == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("what", "lines"),
+    [
+        ("{+b(X)}, 2000); .print(X", ["1"]),
+        ("{+b(X)}, 500); .print(X", ["wait_timeout"]),
+        ('"+b(1)", 2000); .print(x', ["x"]),
+        ('"+b(1)", 500); .print(x', ["wait_timeout"]),
+        ('"+b(2)", 5000); .print(x', ["wait_timeout"]),
+        ("b(X), 2000); .print(X", ["1"]),
+        ("b(X) & X > 1, 2000); .print(X", ["wait_timeout"]),
+        ("ready, 2000); .print(x", ["x"]),
+        ("T); .print(x", ["x"]),
+        ("b(X), T); .print(X", ["wait_timeout"]),
+    ],
+)
+def test_waiting_for_something(what, lines):
+    text = (
+        f"t(500). !h. !g. +!h <- .wait(1000); +ready; +b(1). +!g : t(T) <- .wait({what}). -!g[error(E)] <- .print(E)."
+    )
+    assert said(text) == lines
+
+
+@pytest.mark.parametrize("what", ['"b("', "[]"])
+def test_what_cannot_be_waited_for_is_a_failure(what):
+    assert does(f".wait({what})") == ["failed wrong_arguments"]
+
+
+def test_a_limit_of_which_nobody_hears_is_a_mistake():
+    with pytest.raises(AgentSpeakError, match=r"\.wait"):
+        said("+!g <- .wait(b, 100, T).")
+
+
+@pytest.mark.parametrize(
+    ("when", "seconds"),
+    [
+        ("now +2 s", 2),
+        ("now + 3 minutes", 180),
+        ("now +1 h", 3600),
+        ("now +1500", 1.5),
+        ("now +20 ms", 0.02),
+        ("now", 0),
+    ],
+)
+def test_a_goal_at_a_time(when, seconds):
+    mas = Mas(me=f'!g. +!g <- .at("{when}", {{+!h(1)}}); .print(set). +!h(X) <- .print(X).')
+    if seconds:
+        assert mas.until(seconds - 0.001).lines == ["set"]
+    assert mas.until(seconds).lines == ["set", "1"]
+
+
+def test_an_event_at_a_time_is_not_believed():
+    mas = Mas(me='!g. +!g <- .at("now +1 s", {+b(1)}). +b(X) : not b(X) <- .print(X).')
+    assert mas.until(2).lines == ["1"]
+
+
+@pytest.mark.parametrize(
+    "args", ['"tomorrow", {+!h}', '"now +1 parsec", {+!h}', '"now +1 s", h', '"now +1 s", {+!h(X)}']
+)
+def test_an_appointment_that_cannot_be_is_a_failure(args):
+    assert does(f".at({args})")[0].startswith("failed")
+
+
+def test_the_time_is_that_of_the_agents_clock():
+    text = """!g. +!g <- .wait(90250); .time(_, _, S, Ms); .date(Y, M, D); .print(S, " ", Ms, " ", Y, "-", M, "-", D);
+    .print(system.time)."""
+    here = datetime.fromtimestamp(90.25).astimezone()
+    assert said(text, 100) == [f"30 250 {here.year}-{here.month}-{here.day}", "90250"]
+
+
+def test_the_numbers_of_an_agent_are_those_of_its_seed():
+    def numbers(seed):
+        engine, lines = Engine("me", ManualClock(), seed=seed), []
+        engine.out = lines.append
+        engine.add_text("!g. +!g <- .random(X); .random([a, b, c, d], Y); .print(X, Y, math.random).")
+        engine.run_until_idle()
+        return lines
+
+    assert numbers(1) == numbers(1) != numbers(2)

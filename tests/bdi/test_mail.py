@@ -1,0 +1,300 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.bdi import Atom, Engine, Goal, message, send
+from socialbot.bdi.literals import literal
+from socialbot.bdi.mail import PERFORMATIVES, broadcast
+from socialbot.bdi.mail import send as say
+from socialbot.clock import ManualClock
+from tests.bdi.lab import Lab, X, Y, Z, do, go, p
+from tests.bdi.mas import Mas
+
+
+def test_what_is_told_is_believed_from_the_sender():
+    mas = Mas(
+        a="!g. +!g <- .send(b, tell, at(home, 1)); .send(b, tell, rain); .send(b, tell, [x(1), x(2)]).", b="x(1)."
+    )
+    mas.until(1)
+    assert mas.beliefs("b") == {"at(home, 1)": ("a",), "rain": ("a",), "x(1)": ("self", "a"), "x(2)": ("a",)}
+
+
+def test_plans_hear_who_told_it():
+    mas = Mas(a="!g. +!g <- .send(b, tell, x(1)).", b="+x(X)[source(S)] <- .print(X, S).")
+    assert mas.until(1).said == [("b", "1a")]
+
+
+def test_annotations_come_along_but_not_the_sources():
+    mas = Mas(a="!g. +!g <- .send(b, tell, x(1)[sure, source(c)]).", b="+x(X)[sure, source(S)] <- .print(S).").until(1)
+    assert mas.lines == ["a"]
+    assert mas.beliefs("b") == {"x(1)[sure]": ("a",)}
+
+
+def test_what_is_untold_is_no_longer_believed_from_the_sender():
+    mas = Mas(
+        a="!g. +!g <- .send(b, tell, x(1)); .send(b, tell, x(2)); .send(b, untell, x(1)); .send(b, untell, x(9)).",
+        b="x(2). -x(X)[source(S)] <- .print(X, S).",
+    ).until(1)
+    assert mas.lines == ["1a"]
+    assert mas.beliefs("b") == {"x(2)": ("self", "a")}
+
+
+def test_untelling_with_a_variable_takes_the_newest():
+    mas = Mas(a="!g. +!g <- .send(b, tell, x(1)); .send(b, tell, x(2)); .send(b, untell, x(_)).", b="").until(1)
+    assert mas.beliefs("b") == {"x(1)": ("a",)}
+
+
+def test_a_goal_that_is_asked_for_is_pursued_in_an_intention_of_its_own():
+    mas = Mas(a="!g. +!g <- .send(b, achieve, do(1)); .send(b, achieve, do(X)); .print(sent).",
+              b="+!do(X)[source(S)] <- .print(X, S).")  # fmt: skip
+    assert sorted(mas.until(1).said) == [("a", "sent"), ("b", "1a"), ("b", "X<no-value>a")]
+
+
+def test_a_goal_is_given_up_on_request():
+    mas = Mas(
+        a="!g. +!g <- .wait(100); .send(b, unachieve, work(1)).",
+        b="!work(1). !work(2). +!work(X) <- .wait(200); .print(X).",
+    )
+    assert mas.until(1).lines == ["2"]
+
+
+def test_a_signal_is_an_event_only():
+    mas = Mas(a="!g. +!g <- .send(b, signal, hey(1)).", b="+hey(X)[signal, source(S)] <- .print(X, S).").until(1)
+    assert mas.lines == ["1a"]
+    assert mas.beliefs("b") == {}
+
+
+# Questions
+
+ANSWERER = """color(red). color(blue)[source(c)]. warm(X) :- color(X) & X = red.
++?sum(A, B, C) <- .wait(10); C = A + B.
++?never(_) <- .fail."""
+
+
+@pytest.mark.parametrize(
+    ("question", "answer"),
+    [
+        (".send(b, askOne, color(X), color(X)); .print(X)", "red"),
+        (".send(b, askOne, color(_), A); .print(A)", "color(red)[source(b)]"),
+        (".send(b, askOne, color(blue), A); .print(A)", "color(blue)[source(b)]"),
+        (".send(b, askOne, color(green), A); .print(A)", "false"),
+        (".send(b, askOne, warm(X), A); .print(A)", "warm(red)[source(b)]"),
+        (".send(b, askOne, sum(1, 2, X), sum(_, _, Y)); .print(Y)", "3"),
+        (".send(b, askOne, never(X), A); .print(A)", "false"),
+        (".send(b, askOne, color(X), color(green))", "ask_failed"),
+        (".send(b, askAll, color(X), L); .print(L)", "[color(red)[source(b)],color(blue)[source(b)]]"),
+        (".send(b, askAll, size(X), L); .print(L)", "[]"),
+        (".send([b, c], askOne, color(_), L); .print(L)", "[color(red)[source(b)],false]"),
+        (".send([], askOne, color(_), L); .print(L)", "[]"),
+        (".send(b, askOne, sum(1, 1, X), A, 5); .print(A)", "timeout"),
+        (".send([b, c], askOne, sum(1, 1, X), A, 5); .print(A)", "[false]"),
+        (".send(b, askOne, sum(1, 1, X), A, 50); .print(A)", "sum(1,1,2)[source(b)]"),
+        (".send(b, askHow, {+?sum(_, _, _)}, L); .length(L, N); .print(N)", "1"),
+        (".send(self, askOne, mine(X), mine(X)); .print(X)", "7"),
+    ],
+)
+def test_a_question_is_answered(question, answer):
+    text = f"mine(7). !g. +!g <- {question}. -!g[error(E)] <- .print(E)."
+    assert Mas(a=text, b=ANSWERER, c="").until(1).lines == [answer]
+
+
+def test_others_go_on_while_an_answer_is_waited_for():
+    mas = Mas(a="!g. !h. +!g <- .send(b, askOne, sum(1, 2, X), sum(_, _, Y)); .print(Y). +!h <- .print(h).", b=ANSWERER)
+    assert mas.until(1).lines == ["h", "3"]
+
+
+def test_an_answer_that_nobody_waits_for_is_told():
+    mas = Mas(a="!g. +!g <- .send(b, askOne, color(_)); .send(b, askOne, sum(1, 2, _)).", b=ANSWERER).until(1)
+    assert mas.beliefs("a") == {"color(red)": ("b",), "sum(1, 2, 3)": ("b",)}
+    mas = Mas(a="!g. +!g <- .send(b, askAll, color(_)).", b=ANSWERER).until(1)
+    assert mas.beliefs("a") == {"color(red)": ("b",), "color(blue)": ("b",)}
+
+
+def test_that_something_is_not_so_is_untold():
+    text = (
+        "!g. +!g <- .send(b, askOne, color(X)); .wait(10); .send(b, tell, end); .wait(10); .send(b, askOne, color(X))."
+    )
+    mas = Mas(a=text, b="color(red). +end <- -color(red).").until(1)
+    assert mas.beliefs("a") == {}
+
+
+def test_an_answer_that_comes_too_late_is_ignored():
+    text = "!g. +!g <- .send(b, askOne, sum(1, 1, _), A, 5); .print(A); .wait(100); .print(A)."
+    assert Mas(a=text, b=ANSWERER).until(1).lines == ["timeout", "timeout"]
+
+
+# Plans
+
+
+def test_plans_are_told_and_untold():
+    text = """!g. +!g <- .send(b, tellHow, {@l +!h(X) <- .print(h, X)}); .send(b, achieve, h(1)); .wait(10);
+        .send(b, untellHow, l); .send(b, achieve, h(2))."""
+    assert Mas(a=text, b="").until(1).lines == ["h1"]
+    assert Mas(a=text.replace("{@l +!h(X) <- .print(h, X)}", '"@l +!h(X) <- .print(h, X)."'), b="").until(1).lines == [
+        "h1"
+    ]
+
+
+def test_a_plan_of_another_source_stays():
+    mas = Mas(a="!g. +!g <- .send(b, untellHow, l); .send(b, achieve, h).", b="@l +!h <- .print(h).")
+    assert mas.until(1).lines == ["h"]
+
+
+def test_how_something_is_done_can_be_asked_and_learned():
+    text = "!g. +!g <- .send(b, askHow, {+!h(_)}); .wait(10); !h(2)."
+    assert Mas(a=text, b="+!h(X) <- .print(h, X).").until(1).said == [("a", "h2")]
+
+
+# Refusals and listeners
+
+
+def test_an_agent_may_refuse_messages():
+    mas = Mas(
+        a="!g. +!g <- .send(b, tell, x(1)); .send(b, tell, y(1)); .send(b, askOne, x(_), A); .print(A).", b="x(2)."
+    )
+    mas.b.accepts = lambda sender, performative, content: (
+        (sender, performative) == ("a", "tell") and content.functor == "y"
+    )
+    mas.until(1)
+    assert mas.beliefs("b") == {"x(2)": ("self",), "y(1)": ("a",)}
+    assert mas.lines == ["false"]
+
+
+def test_a_message_is_an_event_for_those_who_listen():
+    text = '+message(S, P, C) <- .print(S, " ", P, " ", C). +x(X) <- .print(x).'
+    mas = Mas(a="!g. +!g <- .send(b, tell, x(1)); .send(b, achieve, do(Z)); .send(b, tell, [x(2)]).", b=text).until(1)
+    assert [line for line in mas.lines if line != "x"] == ["a tell x(1)", "a achieve do('_')", "a tell [x(2)]"]
+    assert mas.lines.count("x") == 2
+    assert set(mas.beliefs("b")) == {"x(1)", "x(2)"}
+
+
+def test_python_rules_send_and_listen():
+    mas = Mas(b="")
+    mas.b.add_rules(+message(X, Y, Z) >> [do(Y)])
+    lab = Lab(go() >> [send("b", p(1)), send("b", deed(), "achieve")], name="a")
+    mas.b.robot = lab
+    mas.society.add(lab.engine)
+    lab.engine.achieve(go())
+    mas.until(1)
+    assert lab.done == [Atom("tell"), Atom("achieve")]
+    assert mas.beliefs("b") == {"p(1)": ("a",)}
+
+
+class deed(Goal):  # noqa: N801
+    pass
+
+
+# What cannot be said
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        (".send(nobody, tell, x)", "there is no agent nobody"),
+        (".send(bo, tell, x(1))", "did you mean bob"),
+        (".send([bob, nobody], tell, x)", "there is no agent nobody"),
+        (".send(bob, tel, x)", "expects one of tell, untell"),
+        (".send(bob, tell, 7)", "tell expects a literal, not 7"),
+        (".send(bob, tell, x(Y))", "a variable has no value"),
+        (".send(bob, achieve, [1])", "achieve expects a literal"),
+        (".send(bob, askOne, [x])", "askOne expects a literal"),
+        (".send(bob, tellHow, 7)", "tellHow expects a plan"),
+        (".send(bob, askHow, x)", "askHow expects an event"),
+        (".send(7, tell, x)", "there is no agent 7"),
+        (".send(R, tell, x)", "there is no agent"),
+        (".broadcast(tell, 7)", "tell expects a literal"),
+    ],
+)
+def test_what_cannot_be_said_fails_the_step(step, message):
+    mas = Mas(a=f"!g. +!g <- {step}; .print(sent). -!g[error_msg(M)] <- .print(M).", bob="").until(1)
+    (line,) = mas.lines
+    assert message in line
+
+
+def test_a_list_is_told_to_all_or_nobody():
+    mas = Mas(a="!g. +!g <- .send([bob, nobody], tell, x).", bob="").until(1)
+    assert mas.beliefs("bob") == {}
+
+
+def test_an_agent_alone_may_talk_to_itself():
+    engine, lines = Engine("me", ManualClock()), []
+    engine.out = lines.append
+    engine.add_text("""!g. +!g <- .send(me, tell, x(1)); .send(self, achieve, h); .broadcast(tell, y); .all_names(L);
+        .print(L); .send(you, tell, x(2)). +!h <- .print(h). -!g[error_msg(M)] <- .print(M).
+        +x(X)[source(S)] <- .print(X, S).""")
+    engine.run_until_idle()
+    assert sorted(lines) == ["1self", "[me]", "h", "me is alone: there is no agent you"]
+
+
+def test_a_broadcast_reaches_all_others():
+    mas = Mas(a="!g. +!g <- .broadcast(tell, x(1)).", b="", c="").until(1)
+    assert [mas.beliefs(name) for name in "abc"] == [{}, {"x(1)": ("a",)}, {"x(1)": ("a",)}]
+
+
+def test_each_agent_has_variables_of_its_own():
+    mas = Mas(
+        a="!g. +!g <- .send([b, c], achieve, do(X)).",
+        b="+!do(X) <- X = 1; .print(X).",
+        c="+!do(X) <- X = 2; .print(X).",
+    )
+    assert sorted(mas.until(1).said) == [("b", "1"), ("c", "2")]
+
+
+def test_messages_are_on_the_trace():
+    mas = Mas(a="!g. +!g <- .send(b, tell, x(1)); .send(b, achieve, h).", b="+!h.")
+    trace = []
+    for engine in mas.society.agents.values():
+        engine.sink = trace.append
+    mas.until(1)
+    assert [record.what for record in trace if record.kind == "message"] == [
+        "tell b: x(1)", "achieve b: h", "achieve from a: h",
+    ]  # fmt: skip
+    known = {record.id for record in trace}
+    assert all(record.cause in known or record.cause == "" for record in trace)
+
+
+# Against a model
+
+NAMES = ("a", "b", "c")
+MESSAGES = st.tuples(
+    st.sampled_from(NAMES), st.sampled_from(NAMES), st.sampled_from(("tell", "untell")), st.integers(0, 3)
+)
+
+
+@settings(deadline=None)
+@given(st.lists(MESSAGES, max_size=30), st.booleans())
+def test_who_believes_what_from_whom(messages, at_once):
+    mas = Mas(**dict.fromkeys(NAMES, ""))
+    model: dict[str, dict[int, list[str]]] = {name: {} for name in NAMES}
+    for sender, receiver, performative, value in messages:
+        say(mas.society.agents[sender], receiver, performative, literal("x", (value,)))
+        sources = model[receiver].setdefault(value, [])
+        who = "self" if sender == receiver else sender
+        if performative == "tell" and who not in sources:
+            sources.append(who)
+        elif performative == "untell" and who in sources:
+            sources.remove(who)
+        if not at_once:
+            mas.until(0)
+    mas.until(0)
+    for name in NAMES:
+        expected = {f"x({value})": tuple(sources) for value, sources in model[name].items() if sources}
+        assert mas.beliefs(name) == expected
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(NAMES), st.integers(0, 3)), max_size=20))
+def test_what_is_broadcast_is_believed_by_all_others(messages):
+    mas = Mas(**dict.fromkeys(NAMES, ""))
+    for sender, value in messages:
+        broadcast(mas.society.agents[sender], "tell", literal("x", (value,)))
+    mas.until(0)
+    for name in NAMES:
+        told = {f"x({value})" for sender, value in messages if sender != name}
+        assert set(mas.beliefs(name)) == told
+
+
+def test_every_performative_is_explained():
+    assert all(text and text[0].islower() for text in PERFORMATIVES.values())
