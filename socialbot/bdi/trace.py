@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from os import PathLike
+from typing import IO, Any
+
+from socialbot.clock import SECOND
+from socialbot.errors import RuleError
 
 KINDS = {
-    "belief": "a belief was added; its cause is a percept, or the plan that added it",
+    "belief": "a belief was added, or told by one more source; its cause is a percept, or the plan that added it",
     "unbelief": "a belief was removed",
     "event": "a Reactor came",
     "held": "a belief has been held for the time that a rule asks for",
     "goal": "a goal was adopted",
-    "plan": "a rule was chosen for an event: the agent intends to do its steps; detail: rule, rejected",
-    "action": "an action was executed",
+    "plan": "a rule was chosen for an event: the agent intends to do its steps; detail: rule, label, rejected",
+    "continued": "the last step of the plan for a goal is a goal, which stands for it from now on",
+    "action": "an action was executed, or begun",
+    "progress": "an action that takes its time says how far it is; detail: fraction, text",
+    "action_end": "such an action has ended; detail: outcome (finished, failed or cancelled), message",
+    "message": "something was said to another agent",
     "achieved": "all steps of the plan for a goal are done",
-    "failure": "an action, a goal or a sensor failed; detail: reason, message",
-    "dropped": "an intention ended because nothing handles the failure",
+    "failure": "an action, a goal or a sensor failed; detail: reason, message, rejected",
+    "dropped": "an intention ended because nothing handles the failure, or it was given up",
 }
 """The kinds of records and what each says."""
 
@@ -33,4 +43,209 @@ class Record:
 
 
 Sink = Callable[[Record], None]
-"""Takes the records in order."""
+"""Takes the records in order. One that raises never stops the agent; it is told in the log, once."""
+
+
+class Trace:
+    """A sink that keeps the last ``limit`` records and knows what led to each.
+
+    >>> trace = Trace()
+    >>> trace(Record("a-1", 0, "belief", "rain()", "frame-7"))
+    >>> trace(Record("a-2", 0, "action", 'say("wet")', "a-1"))
+    >>> print(as_text(trace.explain("a-2")))
+    It did say("wet"),
+    because it believed rain(),
+    because of frame-7.
+    """
+
+    def __init__(self, limit: int = 100_000) -> None:
+        if limit < 1:
+            raise RuleError(f"a trace of {limit} records", remedy="give a limit of 1 or more")
+        self.limit = limit
+        self._order: deque[Record] = deque()
+        self._by_id: dict[str, Record] = {}
+
+    def __call__(self, record: Record) -> None:
+        self._order.append(record)
+        self._by_id[record.id] = record
+        if len(self._order) > self.limit:
+            old = self._order.popleft()
+            if self._by_id.get(old.id) is old:
+                del self._by_id[old.id]
+
+    def __iter__(self) -> Iterator[Record]:
+        return iter(list(self._order))
+
+    def __len__(self) -> int:
+        return len(self._order)
+
+    def __contains__(self, record_id: object) -> bool:
+        return record_id in self._by_id
+
+    def find(self, kind: str | None = None, what: str | None = None) -> list[Record]:
+        """The records of a kind, and those that speak of ``what``: a name, or all of the text. The oldest first."""
+        return [
+            record
+            for record in self._order
+            if (kind is None or record.kind == kind)
+            and (what is None or record.what == what or record.what.partition("(")[0] == what)
+        ]
+
+    def explain(self, record_id: str) -> list[Record]:
+        """A record, what caused it, what caused that and so on; the cause of the last one is no record, or forgotten.
+
+        Raises RuleError when there is no such record.
+        """
+        record = self._by_id.get(record_id)
+        if record is None:
+            raise RuleError(f"there is no record {record_id}", remedy="give the id of one, which the trace still keeps")
+        chain: dict[str, Record] = {}
+        while record is not None and record.id not in chain:
+            chain[record.id] = record
+            record = self._by_id.get(record.cause)
+        return list(chain.values())
+
+
+class JsonLines:
+    """A sink that writes each record to a file, as one JSON object in a line of its own.
+
+    A line is handed to the system before the agent goes on: when the process crashes the last one is lost at most.
+    ``file`` is a path, which is written anew unless ``append``, or a file that is open.
+    """
+
+    def __init__(self, file: str | PathLike[str] | IO[str], *, append: bool = False) -> None:
+        import json  # rarely needed, and large
+
+        self._encode = json.JSONEncoder(ensure_ascii=False, default=str).encode
+        self._own = isinstance(file, (str, PathLike))
+        self._file: IO[str] = (
+            open(file, "a" if append else "w", encoding="utf-8")  # noqa: SIM115 - close() closes it
+            if isinstance(file, (str, PathLike))
+            else file
+        )
+
+    def __call__(self, record: Record) -> None:
+        line = {
+            "id": record.id,
+            "time": record.time,
+            "kind": record.kind,
+            "what": record.what,
+            "cause": record.cause,
+            "detail": record.detail,
+        }
+        self._file.write(self._encode(line) + "\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        """Closes the file, if it was opened here."""
+        if self._own:
+            self._file.close()
+
+    def __enter__(self) -> JsonLines:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
+
+
+def read_trace(file: str | PathLike[str], limit: int = 100_000) -> Trace:
+    """The trace that `JsonLines` wrote; a last line that was cut off is left out. Raises RuleError for another file."""
+    import json
+
+    trace = Trace(limit)
+    with open(file, encoding="utf-8") as opened:
+        lines = opened.read().split("\n")
+    for number, line in enumerate(lines, 1):
+        try:
+            if line:
+                trace(Record(**json.loads(line)))
+        except (ValueError, TypeError) as problem:
+            if number < len(lines):
+                raise RuleError("this is no record", where=f"{file}:{number}", remedy="give a trace file") from problem
+    return trace
+
+
+class Tee:
+    """A sink that hands each record on to several; one that raises keeps none of the others from getting it."""
+
+    def __init__(self, *sinks: Sink) -> None:
+        self.sinks = sinks
+
+    def __call__(self, record: Record) -> None:
+        problem: Exception | None = None
+        for sink in self.sinks:
+            try:
+                sink(record)
+            except Exception as error:  # noqa: BLE001 - the others come first; then it is raised
+                problem = error
+        if problem is not None:
+            raise problem
+
+    def __getattr__(self, name: str) -> Any:
+        # What the first `Trace` among them knows, such as `explain`.
+        if not name.startswith("_") and name != "sinks":
+            for sink in self.sinks:
+                if hasattr(sink, name):
+                    return getattr(sink, name)
+        raise AttributeError(name)
+
+
+def tee(*sinks: Sink) -> Tee:
+    """A sink that hands each record on to several."""
+    return Tee(*sinks)
+
+
+def sentence(record: Record) -> str:
+    """What a record says, in a few words."""
+    detail = record.detail
+    match record.kind:
+        case "belief" if detail.get("source") not in (None, "", "self"):
+            return f"it believed {record.what}, told by {detail['source']}"
+        case "plan" if detail.get("label"):
+            return f"it chose the plan {detail['label']} for {record.what}"
+        case "progress":
+            return f"{record.what} was {detail.get('fraction', 0):.0%} done{_after(detail.get('text'))}"
+        case "action_end":
+            return f"{record.what} {detail.get('outcome', 'ended')}{_after(detail.get('message'))}"
+        case "held":
+            return f"it had believed {record.what} for {detail.get('seconds')} s"
+        case "failure":
+            return f"{record.what or 'something'} failed{_after(detail.get('message'))}"
+        case "dropped":
+            return f"it gave up an intention{_after(detail.get('message') or detail.get('reason'))}"
+    words = SENTENCES.get(record.kind)
+    return words.format(record.what) if words else f"{record.kind} {record.what}"
+
+
+SENTENCES = {
+    "belief": "it believed {}",
+    "unbelief": "it believed {} no longer",
+    "event": "there was {}",
+    "goal": "it wanted {}",
+    "plan": "it chose the plan for {}",
+    "continued": "the goal {} went on as another",
+    "action": "it did {}",
+    "message": "it said: {}",
+    "achieved": "it achieved {}",
+}
+
+
+def as_text(chain: Iterable[Record]) -> str:
+    """What `Trace.explain` found, in sentences. Times are seconds from the first record of the chain."""
+    records = list(chain)
+    if not records:
+        return ""
+    begin, end = records[-1], records[0]
+    lines = []
+    for record in records:
+        late = (record.time - begin.time) / SECOND
+        when = f" at {late:+.3f} s" if end.time != begin.time else ""
+        lines.append(f"{'because ' if lines else ''}{sentence(record)}{when}")
+    if begin.cause:
+        lines.append(f"because of {begin.cause}")
+    text = ",\n".join(lines) + "."
+    return text[0].upper() + text[1:]
+
+
+def _after(text: object) -> str:
+    return f": {text}" if text else ""

@@ -1,0 +1,469 @@
+"""Saving and restoring a mind, so that an agent goes on where it was when its process is started anew.
+
+What is saved: beliefs with their annotations and since when they are held, the goals and events that intentions are
+about, events nobody has looked at yet, what plans are still to hear of a belief being held long enough, the stage,
+the random numbers to come, and the number of the next trace record.
+
+What an intention was about is begun from its start: a goal is adopted anew (the outermost one that is still pursued),
+an event is raised anew. So steps that were done before are done at least once, and perhaps again. Limits of time and
+``wait`` begin anew as well. Not saved: the plans (the program adds them), sensors, percepts no sensor has looked at,
+and whatever else waits in timers or threads. Time goes on where it was: give the new engine a clock that does, as the
+wall clock, or ``ManualClock(data["time"])``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import itertools
+import json
+import os
+import random
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from socialbot.bdi.beliefs import Relation
+from socialbot.bdi.compiler.runtime import EVENT, OPEN, SUBGOAL
+from socialbot.bdi.inspection import later_request
+from socialbot.bdi.intentions import Intention, Request
+from socialbot.bdi.library import Ready, Trigger
+from socialbot.bdi.literals import Literal, literal
+from socialbot.bdi.log import log
+from socialbot.bdi.terms import Atom, show
+from socialbot.bdi.unification import Var, closed, resolve
+from socialbot.errors import SocialbotError
+
+if TYPE_CHECKING:
+    from socialbot.bdi.engine import Engine
+
+SCHEMA, VERSION = "socialbot/mind", 1
+
+HELD = "held "
+"""What the keys of the events of being held long enough begin with."""
+
+
+class MindError(SocialbotError):
+    """A mind that cannot be saved, or restored."""
+
+    exit_code = 3
+
+
+# Saving
+
+
+def save(engine: Engine) -> dict[str, Any]:
+    """The mind of an agent, in a form that JSON can express. Call it in the engine's thread (see `Engine.call`).
+
+    What was posted and what is due is taken in first. Raises MindError for a belief or goal with a value in it that
+    is no number, string, list, atom or literal.
+    """
+    engine._take_in()
+    engine._ring()
+    return {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "name": engine.name,
+        "time": engine.clock.now(),
+        "stage": engine.stage,
+        "random": _random_state(engine),
+        "records": _next_record(engine),
+        "beliefs": [_belief(relation, args) for relation in list(engine.relations.values()) for args in relation.facts],
+        "pursuits": [
+            _pursuit(request, suspended=intention.suspended)
+            for intention in engine.intentions
+            if (request := _request_of(intention)) is not None
+        ]
+        + [_pursuit((EVENT, *event)) for event in engine.events],
+        "held_plans": sorted({_plan_id(ready) for ready in _held_plans(engine)}),
+        "ripening": _ripening(engine),
+    }
+
+
+def write(engine: Engine, path: str | PathLike[str]) -> None:
+    """Saves the mind to a file, which at any time is either the old one or the new one, whole."""
+    target = Path(path)
+    text = json.dumps(save(engine), ensure_ascii=False)
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+        try:
+            with open(handle, "w", encoding="utf-8") as file:
+                file.write(text + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, target)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+            raise
+        _sync_folder(target.parent)
+    except OSError as problem:
+        raise MindError(f"cannot write: {problem.strerror or problem}", where=str(path)) from problem
+
+
+def _sync_folder(folder: Path) -> None:
+    """Makes sure that a renamed file keeps its name when the power fails."""
+    with contextlib.suppress(OSError):  # not every system can do it
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _random_state(engine: Engine) -> list[Any] | None:
+    if engine._random is None:
+        return None  # none was drawn yet
+    version, numbers, gauss = engine.random.getstate()
+    return [version, list(numbers), gauss]
+
+
+def _next_record(engine: Engine) -> int:
+    return int(engine._records.__reduce__()[1][0])  # the only way to look at it without using it up
+
+
+def _belief(relation: Relation, args: tuple[Any, ...]) -> dict[str, Any]:
+    since, notes, cause = relation.facts[args]
+    where = f"belief {relation.literal(args)}"
+    return {
+        "belief": relation.key.rpartition("/")[0],
+        "args": [_encode(arg, where) for arg in args],
+        "annotations": [_encode(note, where) for note in notes],
+        "since": since,
+        "cause": str(cause),
+    }
+
+
+def _request_of(intention: Intention) -> Request | None:
+    """What an intention is about now: the outermost goal that is still pursued, or the event. None for a branch."""
+    if intention.event is None or not intention.frames:
+        return intention.event
+    body, goal, _ = intention.frames[0]
+    if goal is not None:
+        return goal
+    return (later_request(body) if body is not None else None) or intention.event
+
+
+def _pursuit(request: Request, *, suspended: bool = False) -> dict[str, Any]:
+    _, trigger, args, notes, cause = request
+    where = f"{'goal' if trigger.goal else 'event'} {trigger.key.rpartition('/')[0]}"
+    variables: dict[int, str] = {}
+    saved: dict[str, Any] = {
+        "event": trigger.key,
+        "args": [_encode(arg, where, variables) for arg in resolve(args)],
+        "annotations": [_encode(note, where, variables) for note in resolve(notes)],
+        "cause": str(cause),
+    }
+    if suspended:
+        saved["suspended"] = True
+    if trigger.key.startswith(HELD) and trigger.plans:
+        saved["plan"] = _plan_id(trigger.plans[0])
+    return saved
+
+
+def _held_plans(engine: Engine) -> list[Ready]:
+    return [ready for key, trigger in list(engine.triggers.items()) if key.startswith(HELD) for ready in trigger.plans]
+
+
+def _plan_id(ready: Ready) -> str:
+    return ready.plan.label or str(ready.plan)
+
+
+def _ripening(engine: Engine) -> list[dict[str, Any]]:
+    """Which plans are still to hear of which beliefs, and when."""
+    found = []
+    for due, _, callback in sorted(engine._timers, key=lambda timer: timer[:2]):
+        if not _ripens(engine, callback):
+            continue
+        relation, args, fact, ready, duration = callback.args  # type: ignore[attr-defined]
+        if relation.lives.get(args) is fact:
+            where = f"belief {relation.literal(args)}"
+            found.append(
+                {
+                    "belief": relation.key,
+                    "args": [_encode(arg, where) for arg in args],
+                    "plan": _plan_id(ready),
+                    "due": due,
+                    "seconds": float(duration),
+                }
+            )
+    return found
+
+
+def _ripens(engine: Engine, callback: Callable[[], object]) -> bool:
+    return isinstance(callback, functools.partial) and callback.func == engine._ripen
+
+
+def _encode(term: Any, where: str, variables: dict[int, str] | None = None) -> Any:
+    if term is None or type(term) in (str, int, float, bool):
+        return term
+    if type(term) is tuple:
+        return {"list": [_encode(item, where, variables) for item in term]}
+    if isinstance(term, Atom):
+        return {"atom": term.name}
+    if isinstance(term, Var) and variables is not None:
+        return {"variable": variables.setdefault(id(term), f"{term.name}#{len(variables)}")}
+    if isinstance(term, Literal):
+        return {
+            "functor": term.functor,
+            "args": [_encode(arg, where, variables) for arg in term.args],
+            "annotations": [_encode(note, where, variables) for note in term.annotations],
+            "negated": term.negated,
+        }
+    raise MindError(
+        f"{show(term)} ({type(term).__name__}) cannot be saved",
+        where=where,
+        remedy="use numbers, strings, tuples, atoms and literals in what the agent is to remember",
+    )
+
+
+# Restoring
+
+
+@dataclass(frozen=True)
+class _Fact:
+    key: str
+    args: tuple[Any, ...]
+    notes: tuple[Any, ...]
+    since: int
+    cause: str
+
+
+@dataclass(frozen=True)
+class _Pursuit:
+    key: str
+    args: tuple[Any, ...]
+    notes: tuple[Any, ...]
+    cause: str
+    plan: str | None
+    suspended: bool
+
+
+@dataclass(frozen=True)
+class _Ripening:
+    key: str
+    args: tuple[Any, ...]
+    plan: str
+    due: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class _Mind:
+    stage: str | None
+    random: random.Random | None
+    records: int
+    facts: list[_Fact]
+    pursuits: list[_Pursuit]
+    held_plans: set[str]
+    ripening: list[_Ripening]
+
+
+def read(path: str | PathLike[str]) -> dict[str, Any]:
+    """What `write` has saved. Raises MindError for what is no such file, or a damaged one."""
+    try:
+        data = json.loads(Path(path).read_text("utf-8"))
+        _check(data)
+    except OSError as problem:
+        raise MindError(f"cannot read: {problem.strerror or problem}", where=str(path)) from problem
+    except MindError as problem:
+        raise MindError(problem.what, where=str(path), remedy=problem.remedy) from problem
+    except (ValueError, RecursionError) as problem:
+        raise MindError("this is no saved mind, or it is damaged", where=str(path)) from problem
+    return data
+
+
+def restore(engine: Engine, data: dict[str, Any]) -> None:
+    """Makes the mind that was saved that of this agent, which has the plans already. Call it in the engine's thread.
+
+    What it believed and intended until now, such as the beliefs and goals that its program begins with, is gone.
+    What came due in the meantime happens at once. Raises MindError, with nothing changed, for data that are damaged.
+    """
+    mind = _decode_mind(engine, data)
+    _clear(engine)
+    engine.stage = mind.stage
+    engine._random = mind.random
+    engine._records = itertools.count(max(mind.records, _next_record(engine)))
+    for fact in mind.facts:
+        relation = engine.relations[fact.key]
+        held = relation.facts[fact.args] = (fact.since, fact.notes, fact.cause)
+        if relation.indexes:
+            relation.enter(fact.args)
+        if relation.held is not None:
+            relation.live(fact.args, held)
+    _ripen_later(engine, mind)
+    for pursuit in mind.pursuits:
+        _pursue(engine, pursuit)
+
+
+def _clear(engine: Engine) -> None:
+    """Forgets everything. What was posted for the engine's thread to do, such as to start a sensor, stays."""
+    for intention in list(engine.intentions):
+        engine.drop(intention)
+    for item in list(engine.inbox):
+        mental = isinstance(item, functools.partial) and item.func in (engine._want, engine._forget, engine.take)
+        if isinstance(item, tuple) or mental or getattr(item, "mental", False):
+            engine.inbox.remove(item)
+    engine.events.clear()
+    for timer in list(engine._timers):
+        if _ripens(engine, timer[2]) or engine._over(timer[2]):
+            engine.not_at(timer[2])
+    for relation in engine.relations.values():
+        relation.facts.clear()
+        relation.lives.clear()
+        for index in relation.indexes.values():
+            index.clear()
+
+
+def _ripen_later(engine: Engine, mind: _Mind) -> None:
+    """Has plans hear of beliefs that are held long enough: those that were to hear of it, and those that are new."""
+    plans: dict[tuple[str, str], Ready] = {}
+    for ready in _held_plans(engine):
+        key = ready.plan.event.literal.key
+        plans.setdefault((key, _plan_id(ready)), ready)
+        if _plan_id(ready) not in mind.held_plans:
+            relation = engine.relations[key]
+            for args in relation.facts:
+                engine._watch_for(relation, args, relation.lives[args], ready)
+    for item in mind.ripening:
+        ready = plans.get((item.key, item.plan))
+        relation = engine.relations[item.key]
+        fact = relation.lives.get(item.args)
+        if ready is None or fact is None:
+            log().warning("%s: nothing of the plan %s is left to hear of %s", engine.name, item.plan, item.key)
+        else:
+            engine.at(item.due, functools.partial(engine._ripen, relation, item.args, fact, ready, item.seconds))
+
+
+def _pursue(engine: Engine, pursuit: _Pursuit) -> None:
+    trigger = engine.triggers[pursuit.key]
+    if pursuit.plan is not None:
+        ready = next((ready for ready in trigger.plans if _plan_id(ready) == pursuit.plan), None)
+        if ready is None:
+            log().warning("%s: the plan %s is no more", engine.name, pursuit.plan)
+            return
+        trigger = Trigger(pursuit.key, (ready,))
+    if not trigger.goal:
+        if trigger.plans:
+            engine.events.append((trigger, pursuit.args, pursuit.notes, pursuit.cause))
+        return
+    kind = SUBGOAL if closed(pursuit.args) else SUBGOAL | OPEN
+    request = (kind, trigger, pursuit.args, pursuit.notes, pursuit.cause)
+    if kind == SUBGOAL and not pursuit.suspended:
+        engine.events.append(request[1:])
+    else:
+        _begin_later(engine, request, suspended=pursuit.suspended)
+
+
+def _begin_later(engine: Engine, request: Request, *, suspended: bool) -> None:
+    """An intention that begins with a goal when its turn comes."""
+    from socialbot.bdi.pursuit import _later
+
+    intention = engine._new(request)
+    intention.frames.append((_later(request), None, None))
+    intention.suspended = suspended
+    if not suspended:
+        engine.ready.append(intention)
+
+
+# Decoding
+
+
+def _check(data: Any) -> None:
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+        raise MindError("this is no saved mind", remedy="give a file that was written by saving a mind")
+    if data.get("version") != VERSION:
+        raise MindError(
+            f"this mind is of version {data.get('version')!r}, known is {VERSION}",
+            remedy="use the socialbot it is from",
+        )
+
+
+def _decode_mind(engine: Engine, data: Any) -> _Mind:
+    """Everything that was saved, checked, before anything is changed."""
+    _check(data)
+    try:
+        return _Mind(
+            _typed(data["stage"], str, type(None)),
+            _decode_random(data["random"]),
+            _typed(data["records"], int),
+            [_decode_fact(engine, item) for item in data["beliefs"]],
+            [_decode_pursuit(engine, item) for item in data["pursuits"]],
+            {_typed(plan, str) for plan in data["held_plans"]},
+            [
+                _Ripening(
+                    _typed(item["belief"], str),
+                    _terms(engine, item["args"]),
+                    _typed(item["plan"], str),
+                    _typed(item["due"], int),
+                    _typed(item["seconds"], float, int),
+                )
+                for item in data["ripening"]
+            ],
+        )
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as problem:
+        what = f"this mind is damaged ({type(problem).__name__}: {problem})"
+        raise MindError(what, remedy="restore an older one") from problem
+
+
+def _decode_random(state: Any) -> random.Random | None:
+    if state is None:
+        return None
+    version, numbers, gauss = state
+    numbers_to_come = random.Random()
+    numbers_to_come.setstate((version, tuple(numbers), gauss))
+    return numbers_to_come
+
+
+def _decode_fact(engine: Engine, item: dict[str, Any]) -> _Fact:
+    args = _terms(engine, item["args"])
+    key = f"{_typed(item['belief'], str)}/{len(args)}"
+    since = _typed(item["since"], int)
+    return _Fact(key, args, _terms(engine, item["annotations"]), since, _typed(item["cause"], str))
+
+
+def _decode_pursuit(engine: Engine, item: dict[str, Any]) -> _Pursuit:
+    key = _typed(item["event"], str)
+    variables: dict[str, Var] = {}
+    args = _terms(engine, item["args"], variables)
+    if not key.startswith(("+", "-", HELD)) or key.rpartition("/")[2] != str(len(args)):
+        raise ValueError(f"{key} is no event")
+    notes = _terms(engine, item["annotations"], variables)
+    plan = _typed(item.get("plan"), str, type(None))
+    return _Pursuit(key, args, notes, _typed(item["cause"], str), plan, item.get("suspended") is True)
+
+
+def _terms(engine: Engine, items: Any, variables: dict[str, Var] | None = None) -> tuple[Any, ...]:
+    return tuple(_decode(engine, item, variables) for item in _typed(items, list))
+
+
+def _decode(engine: Engine, item: Any, variables: dict[str, Var] | None) -> Any:
+    if item is None or isinstance(item, (str, int, float)):
+        return item
+    if "list" in item:
+        return _terms(engine, item["list"], variables)
+    if "atom" in item:
+        return Atom(_typed(item["atom"], str))
+    if "variable" in item and variables is not None:
+        name = _typed(item["variable"], str)
+        return variables.setdefault(name, Var(name.partition("#")[0]))
+    functor = _typed(item["functor"], str)
+    args = _terms(engine, item["args"], variables)
+    notes = _terms(engine, item["annotations"], variables)
+    kind = engine.library.kinds.get(functor) or engine.library.goals.get(functor)
+    if kind is None or item["negated"]:
+        return literal(functor, args, notes, negated=bool(item["negated"]))
+    made = kind(*args)
+    return made.with_(annotations=notes) if notes else made
+
+
+def _typed(value: Any, *kinds: type) -> Any:
+    if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
+        raise TypeError(f"{value!r} is no {kinds[0].__name__}")
+    return value
+
+
+__all__ = ["SCHEMA", "VERSION", "MindError", "read", "restore", "save", "write"]

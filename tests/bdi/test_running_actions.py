@@ -1,0 +1,527 @@
+"""Actions that take their time: long ones, threads, coroutines."""
+# ruff: noqa: N801 - actions are written as agents write them
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import threading
+import warnings
+from typing import Any
+
+import pytest
+
+from socialbot.bdi import Action, Engine, LongAction, ThreadAction, action, error, first_of, together, wait
+from socialbot.bdi.failures import PlanFailed
+from socialbot.bdi.running import IDLE_S, Pool
+from socialbot.bdi.terms import Atom, Variable
+from socialbot.clock import ManualClock
+from socialbot.errors import RuleError
+from tests.bdi.lab import Lab, X, deep, do, go, p, q, sub
+
+E = Variable("E")
+
+
+class Workshop(Lab):
+    """A lab that remembers the action that is kept going, and how often it was asked to stop."""
+
+    kept: Any
+    asked = 0
+
+
+class drive(LongAction):
+    """Drives for some seconds of simulated time; stops in half a second when asked to."""
+
+    brakes_s = 0.5
+    stopped = 0
+
+    def start(self, seconds: float) -> None:
+        self.engine.robot.note(f"drive {seconds}")
+        self.engine.at_in(seconds, self.done)
+
+    def cancel(self) -> None:
+        self.engine.robot.note("brake")
+        self.engine.at_in(self.brakes_s, self._stop)
+
+    def _stop(self) -> None:
+        self.engine.robot.note("stopped")
+        self.cancelled()
+
+
+class kept(LongAction):
+    """Only begins; the test does the rest."""
+
+    made: list[kept]
+
+    def start(self) -> None:
+        self.engine.robot.kept = self
+
+    def cancel(self) -> None:
+        self.engine.robot.asked = getattr(self.engine.robot, "asked", 0) + 1
+
+
+class plain(LongAction):
+    def start(self) -> None: ...
+
+
+def ends(lab: Lab) -> list[tuple[str, object]]:
+    return [(record.what, record.detail["outcome"]) for record in lab.trace if record.kind == "action_end"]
+
+
+class TestLongActions:
+    def test_the_plan_goes_on_when_it_is_done_and_others_meanwhile(self):
+        lab = Workshop(go() >> [drive(2), do("there")], sub() >> [wait(1), do("other")])
+        lab.tell(go(), sub())
+        lab.until(5)
+        assert lab.timeline == [(0, "drive 2"), (1, "other"), (2, "there")]
+        assert ends(lab) == [("drive(2)", "finished")]
+
+    def test_two_runs_in_simulated_time_are_the_same(self):
+        def run() -> tuple[object, str]:
+            lab = Workshop(
+                go() >> [first_of([drive(2)], [drive(1)], [wait(3)]), do("one")],
+                sub() >> [together([drive(1)], [drive(1), drive(1)]), do("all")],
+            )
+            lab.tell(go(), sub())
+            lab.until(9)
+            return lab.timeline, repr(lab.trace)
+
+        assert run() == run()
+        assert [what for _, what in run()[0]][-2:] == ["one", "all"]  # type: ignore[index]
+
+    def test_its_progress_is_on_the_trace_with_its_time_and_nowhere_else(self):
+        lab = Workshop(go() >> [kept(), do("done")])
+        lab.tell(go())
+        lab.clock.advance(1)
+        lab.kept.progress(0.25, "a quarter")
+        lab.kept.progress(7)
+        assert not lab.engine.run_until_idle()
+        records = [record for record in lab.trace if record.kind == "progress"]
+        begun = next(record for record in lab.trace if record.kind == "action")
+        assert [(record.time, record.what, record.cause) for record in records] == [
+            (1_000_000_000, "kept()", begun.id)
+        ] * 2
+        assert [record.detail for record in records] == [
+            {"fraction": 0.25, "text": "a quarter"}, {"fraction": 1.0, "text": ""},
+        ]  # fmt: skip
+        assert lab.done == []
+        assert "100%" in str(next(iter(lab.engine.intentions)))
+
+    def test_the_record_of_its_end_has_the_action_as_cause(self):
+        lab = Workshop(go() >> [drive(1)])
+        lab.tell(go())
+        lab.until(2)
+        begun = next(record for record in lab.trace if record.kind == "action")
+        ended = next(record for record in lab.trace if record.kind == "action_end")
+        assert (ended.cause, ended.time) == (begun.id, 1_000_000_000)
+
+    @pytest.mark.parametrize(
+        ("said", "reason"),
+        [("no way", "action_failed"), (PlanFailed("no way"), "action_failed"), (OSError("no way"), "exception")],
+        ids=repr,
+    )
+    def test_its_failure_is_one_of_the_goal(self, said, reason):
+        lab = Workshop(go() >> [kept(), do("done")], -go()[error(E)] >> [do(E)])
+        lab.tell(go())
+        lab.kept.failed(said)
+        lab.engine.run_until_idle()
+        assert lab.done == [Atom(reason)]
+        assert ends(lab) == [("kept()", "failed")]
+
+    def test_an_exception_as_it_begins_is_a_failure(self):
+        class broken(LongAction):
+            def start(self):
+                raise ValueError("broken")
+
+        for body in ([broken(), do("done")], [broken().within(1), do("done")]):
+            lab = Workshop(go() >> body, -go() >> [do("failed")])
+            lab.tell(go())
+            lab.until(3)
+            assert lab.done == ["failed"]
+            assert ends(lab) == [("broken()", "failed")]
+
+    def test_one_without_start_says_how_to_mend_it(self):
+        lab = Workshop(go() >> [LongAction()])
+        lab.tell(go())
+        assert any("override start()" in str(record.detail.get("message")) for record in lab.trace)
+
+    def test_done_within_start_is_heard(self):
+        class quick(LongAction):
+            def start(self):
+                self.progress(1)
+                self.done()
+
+        lab = Workshop(go() >> [quick(), do("done")])
+        lab.tell(go())
+        assert lab.done == ["done"]
+
+    def test_what_is_said_when_it_is_over_is_harmless(self):
+        lab = Workshop(go() >> [kept(), kept(), do("done")])
+        lab.tell(go())
+        first = lab.kept
+        for say in (first.done, first.done, first.failed, first.cancelled, lambda: first.progress(1)):
+            say()
+        lab.engine.run_until_idle()
+        assert lab.kept is not first
+        assert (lab.done, ends(lab)) == ([], [("kept()", "finished")])
+        assert lab.kinds("progress") == []
+
+    def test_one_that_says_it_was_cancelled_unasked_has_failed(self):
+        lab = Workshop(go() >> [kept()], -go()[error(E)] >> [do(E)])
+        lab.tell(go())
+        lab.kept.cancelled()
+        lab.engine.run_until_idle()
+        assert lab.done == [Atom("cancelled")]
+
+
+class TestGivingUp:
+    @pytest.mark.parametrize(
+        "rules",
+        [
+            [go() >> [drive(9).within(2), do("there")]],
+            [go() >> [sub().within(2), do("there")], sub() >> [drive(9)]],
+            [go() >> [sub().within(2), do("there")], sub() >> [deep(), do("deep")], deep() >> [drive(9)]],
+            [go() >> [deep().within(2)], deep() >> [together([drive(9)], [wait(1)])]],
+        ],
+        ids=["action", "goal", "goal of a goal", "branch"],
+    )
+    def test_a_failure_plan_runs_when_the_action_has_stopped(self, rules):
+        lab = Workshop(*rules, -go()[error(E)] >> [do(E)])
+        lab.tell(go())
+        lab.until(20)
+        assert lab.timeline == [(0, "drive 9"), (2, "brake"), (2.5, "stopped"), (2.5, Atom("timeout"))]
+        assert ends(lab) == [("drive(9)", "cancelled")]
+
+    def test_an_action_in_time_has_no_limit_later(self):
+        lab = Workshop(go() >> [drive(1).within(2), drive(4), do("there")])
+        lab.tell(go())
+        lab.until(20)
+        assert lab.timeline == [(0, "drive 1"), (1, "drive 4"), (5, "there")]
+
+    def test_a_branch_that_loses_is_waited_for(self):
+        lab = Workshop(go() >> [first_of([drive(9), do("never")], [wait(1)]), do("after")])
+        lab.tell(go())
+        lab.until(20)
+        assert lab.timeline == [(0, "drive 9"), (1, "brake"), (1.5, "stopped"), (1.5, "after")]
+
+    def test_a_dropped_intention_is_gone_when_the_action_has_stopped(self):
+        lab = Workshop(go() >> [drive(9), do("never")])
+        lab.tell(go())
+        gone: list[float] = []
+        lab.engine.call(
+            lambda: lab.engine.drop(next(iter(lab.engine.intentions)), lambda: gone.append(lab.clock.now() / 1e9))
+        )
+        lab.until(20)
+        assert lab.done == ["drive 9", "brake", "stopped"]
+        assert gone == [0.5]
+        assert lab.kinds("dropped") == ["intention"]
+
+    def test_without_a_cancel_of_its_own_it_stops_at_once(self):
+        lab = Workshop(go() >> [first_of([plain()], [wait(1)]), do("after")])
+        lab.tell(go())
+        lab.until(1)
+        assert lab.timeline == [(1, "after")]
+        assert ends(lab) == [("plain()", "cancelled")]
+
+    def test_it_is_asked_to_stop_once_however_often_it_is_given_up(self):
+        lab = Workshop(
+            go() >> [sub().within(4), do("no")],
+            -go() >> [do("outer")],
+            sub() >> [deep().within(3)],
+            -sub() >> [do("inner")],
+            deep() >> [kept().within(2)],
+            -deep() >> [do("innermost")],
+        )
+        lab.tell(go())
+        lab.until(10)
+        assert lab.asked == 1
+        assert lab.done == []
+        assert "is asked to stop" in str(next(iter(lab.engine.intentions)))
+        lab.kept.cancelled()
+        lab.engine.run_until_idle()
+        # The goal that was given up last has failed; what lies within it is not taken up any more.
+        assert lab.done == ["inner", "no"]
+        assert lab.engine.mind().intentions == ()
+
+    def test_a_drop_outranks_a_time_limit_that_waits(self):
+        lab = Workshop(go() >> [kept().within(1)], -go() >> [do("failed")])
+        lab.tell(go())
+        lab.until(2)
+        gone: list[bool] = []
+        lab.engine.drop(next(iter(lab.engine.intentions)), lambda: gone.append(True))
+        assert gone == []
+        lab.kept.cancelled()
+        lab.engine.run_until_idle()
+        assert (gone, lab.done, lab.asked) == ([True], [], 1)
+
+    def test_branches_that_are_given_up_twice_are_waited_for_once(self):
+        lab = Workshop(go() >> [sub().within(2)], -go() >> [do("failed")], sub() >> [first_of([kept()], [wait(1)])])
+        lab.tell(go())
+        lab.until(5)
+        assert lab.done == []
+        lab.kept.cancelled()
+        lab.engine.run_until_idle()
+        assert lab.done == ["failed"]
+        assert lab.asked == 1
+
+    @pytest.mark.parametrize("word", ["done", "failed"])
+    def test_it_may_end_in_another_way_when_asked_to_stop(self, word):
+        lab = Workshop(go() >> [kept().within(1), do("no")], -go()[error(E)] >> [do(E)])
+        lab.tell(go())
+        lab.until(2)
+        getattr(lab.kept, word)()
+        lab.engine.run_until_idle()
+        assert lab.done == [Atom("timeout")]
+
+    def test_a_cancel_that_raises_holds_nobody_up(self):
+        class stubborn(LongAction):
+            def start(self): ...
+
+            def cancel(self):
+                raise OSError("no")
+
+        lab = Workshop(go() >> [stubborn().within(1)], -go()[error(E)] >> [do(E)])
+        lab.tell(go())
+        lab.until(2)
+        assert lab.done == [Atom("timeout")]
+        assert "stubborn()" in lab.kinds("failure")
+
+    def test_while_an_atomic_plan_rests_on_one_its_end_is_heard(self):
+        from socialbot.bdi import atomic
+
+        lab = Workshop(*atomic(go() >> [drive(2), do("there")]), +p(X) >> [do("p")])
+        lab.tell(go())
+        lab.tell(+p(1))
+        lab.until(3)
+        assert lab.timeline == [(0, "drive 2"), (2, "there"), (2, "p")]
+
+
+class Threads(Lab):
+    """A lab whose actions run in threads; ``settle`` lets it go on until something is so."""
+
+    def __init__(self, *rules: Any, **more: Any) -> None:
+        super().__init__(*rules, **more)
+        self.posted = threading.Event()
+        self.engine.wake = self.posted.set
+        self.gate = threading.Event()
+        self.begun = threading.Semaphore(0)
+
+    def settle(self, so) -> None:
+        for _ in range(200):
+            self.posted.clear()
+            self.engine.run_until_idle()
+            if so():
+                return
+            assert self.posted.wait(5), "nothing comes"
+        raise AssertionError("it never came so")
+
+
+class block(ThreadAction):
+    """Waits for the gate, or for being cancelled."""
+
+    def execute(self, what: str = "x") -> object:
+        lab = self.engine.robot
+        lab.begun.release()
+        while not lab.gate.wait(0.001):
+            if self.cancelling.is_set():
+                return None
+        if what == "raise":
+            raise OSError("broken")
+        self.progress(0.5, threading.current_thread().name)
+        return what != "false"
+
+
+class TestThreads:
+    def test_the_plan_goes_on_in_the_thread_of_the_engine_when_the_action_has_returned(self):
+        lab = Threads(go() >> [block(), do("done")], +p(X) >> [do("meanwhile")])
+        lab.tell(go())
+        assert lab.begun.acquire(timeout=5)
+        lab.tell(+p(1))
+        assert lab.done == ["meanwhile"]
+        lab.gate.set()
+        lab.settle(lambda: "done" in lab.done)
+        assert ends(lab) == [("block()", "finished")]
+        (progress,) = [record for record in lab.trace if record.kind == "progress"]
+        assert progress.detail == {"fraction": 0.5, "text": "socialbot-action"}
+
+    @pytest.mark.parametrize(("what", "reason"), [("raise", "exception"), ("false", "action_failed")])
+    def test_an_exception_and_false_fail_the_goal(self, what, reason):
+        lab = Threads(go() >> [block(what), do("done")], -go()[error(E)] >> [do(E)])
+        lab.gate.set()
+        lab.tell(go())
+        lab.settle(lambda: lab.done)
+        assert lab.done == [Atom(reason)]
+
+    def test_a_time_limit_asks_it_to_stop_and_waits_until_it_has(self):
+        lab = Threads(go() >> [block().within(1)], -go()[error(E)] >> [do(E)])
+        lab.tell(go())
+        assert lab.begun.acquire(timeout=5)
+        lab.clock.advance(1)
+        lab.settle(lambda: lab.done)
+        assert lab.done == [Atom("timeout")]
+        assert ends(lab) == [("block()", "cancelled")]
+
+    def test_no_more_than_the_pool_allows_run_at_a_time(self):
+        lab = Threads(go(X) >> [block(), do(X)])
+        lab.engine.pool = Pool(2)
+        lab.tell(*(go(n) for n in range(5)))
+        assert lab.begun.acquire(timeout=5)
+        assert lab.begun.acquire(timeout=5)
+        assert not lab.begun.acquire(timeout=0.02)
+        lab.gate.set()
+        lab.settle(lambda: len(lab.done) == 5)
+        assert sorted(lab.done) == [0, 1, 2, 3, 4]
+
+    def test_one_that_no_thread_has_begun_stops_at_once_and_never_begins(self):
+        lab = Threads(go() >> [block()], sub() >> [block().within(1), do("no")], -sub() >> [do("late")])
+        lab.engine.pool = Pool(1)
+        lab.tell(go(), sub())
+        assert lab.begun.acquire(timeout=5)
+        lab.clock.advance(1)
+        lab.engine.run_until_idle()
+        assert lab.done == ["late"]
+        lab.gate.set()
+        lab.settle(lambda: not lab.engine.intentions)
+        assert not lab.begun.acquire(blocking=False)
+
+    def test_a_dropped_one_that_returns_late_is_harmless(self):
+        lab = Threads(go() >> [block(), do("no")])
+        lab.tell(go())
+        assert lab.begun.acquire(timeout=5)
+        lab.engine.drop(next(iter(lab.engine.intentions)))
+        lab.settle(lambda: lab.kinds("dropped"))
+        assert lab.done == []
+        assert ends(lab) == [("block()", "cancelled")]
+
+    def test_the_threads_end_with_the_pool(self):
+        lab = Threads(go() >> [block(), do("done")])
+        lab.gate.set()
+        lab.tell(go())
+        lab.settle(lambda: lab.done)
+        pool = lab.engine.pool
+        assert pool is not None
+        pool.close()
+        with pool._change:
+            assert pool._change.wait_for(lambda: pool._threads == 0, timeout=5)
+        with pytest.raises(PlanFailed, match="ended"):
+            pool.submit(lambda: None)
+
+    def test_a_running_engine_ends_its_threads(self):
+        from socialbot.clock import WallClock
+
+        done = threading.Event()
+
+        @action
+        def finish(engine: Engine) -> None:
+            done.set()
+
+        lab = Threads()
+        engine = Engine("live", WallClock(), robot=lab)
+        lab.gate.set()
+        engine.add_rules(go() >> [block(), finish()])
+        thread = threading.Thread(target=engine.run)
+        thread.start()
+        engine.achieve(go())
+        assert done.wait(5)
+        engine.stop()
+        thread.join(5)
+        pool = engine.pool
+        assert pool is not None
+        with pool._change:
+            assert pool._change.wait_for(lambda: pool._threads == 0, timeout=5)
+
+    def test_an_agent_without_such_actions_has_no_threads(self):
+        lab = Workshop(go() >> [do("done")])
+        lab.tell(go())
+        assert lab.engine.pool is None
+        assert IDLE_S > 0
+
+    def test_a_pool_of_no_threads_is_refused(self):
+        with pytest.raises(RuleError, match="0 threads"):
+            Pool(0)
+
+    def test_an_async_execute_in_a_thread_fails_and_says_why(self):
+        class odd(ThreadAction):
+            async def execute(self):  # type: ignore[override]
+                pass
+
+        lab = Threads(go() >> [odd()], -go() >> [do("failed")])
+        lab.tell(go())
+        lab.settle(lambda: lab.done)
+        assert any("make it an Action" in str(record.detail.get("message")) for record in lab.trace)
+
+
+class fetch(Action):
+    async def execute(self, what: str) -> object:
+        lab = self.engine.robot
+        lab.begun.release()
+        await asyncio.sleep(0)
+        if what == "raise":
+            raise OSError("broken")
+        if what == "rest":
+            try:
+                await asyncio.Event().wait()
+            finally:
+                lab.gate.set()
+        return what != "false"
+
+
+@action
+async def ask_web(engine: Engine, what: str) -> None:
+    await asyncio.sleep(0)
+    engine.believe(q(what))
+
+
+class TestCoroutines:
+    def test_the_plan_goes_on_when_a_coroutine_has_ended(self):
+        lab = Threads(go() >> [fetch("x"), ask_web("y"), do("done")])
+        lab.tell(go())
+        lab.settle(lambda: lab.done)
+        assert 'q("y")' in lab.beliefs
+        assert ends(lab) == [("fetch", "finished"), ("ask_web", "finished")]
+        actions = [record.id for record in lab.trace if record.kind == "action"]
+        assert [record.cause for record in lab.trace if record.kind == "action_end"] == actions[:2]
+
+    @pytest.mark.parametrize(("what", "reason"), [("raise", "exception"), ("false", "action_failed")])
+    def test_an_exception_and_false_fail_the_goal(self, what, reason):
+        lab = Threads(go() >> [fetch(what), do("done")], -go()[error(E)] >> [do(E)])
+        lab.tell(go())
+        lab.settle(lambda: lab.done)
+        assert lab.done == [Atom(reason)]
+
+    def test_it_is_cancelled_and_waited_for(self):
+        lab = Threads(go() >> [first_of([fetch("rest")], [wait(1)]), do("after")])
+        lab.tell(go())
+        assert lab.begun.acquire(timeout=5)
+        lab.clock.advance(1)
+        lab.settle(lambda: lab.done)
+        assert lab.gate.is_set()
+        assert lab.done == ["after"]
+        assert ends(lab) == [("fetch", "cancelled")]
+
+    def test_all_of_them_run_in_one_thread(self):
+        seen: set[int] = set()
+
+        @action
+        async def look(engine: Engine) -> None:
+            seen.add(threading.get_ident())
+
+        labs = [Threads(go() >> [look(), do("done")]) for _ in range(3)]
+        for lab in labs:
+            lab.tell(go())
+        for lab in labs:
+            lab.settle(lambda lab=lab: lab.done)
+        assert len(seen) == 1
+        assert threading.get_ident() not in seen
+
+    def test_one_that_was_never_begun_leaves_no_warning(self):
+        engine = Engine("a", ManualClock())
+        engine.add_rules(go() >> [ask_web("x")])
+        engine.achieve(go())
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            engine.run_until_idle(1)
+            for intention in list(engine.intentions):
+                engine.drop(intention)
+            gc.collect()
+        assert engine.mind().intentions == ()
