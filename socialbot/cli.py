@@ -169,6 +169,8 @@ def main() -> None:
 
 
 def _add_commands() -> None:
+    from socialbot.agent_cli import agent
+    from socialbot.asl_cli import asl
     from socialbot.bridge.bag_cli import bag
     from socialbot.bridge.player_cli import play
     from socialbot.bridge.topic_cli import topic
@@ -177,6 +179,8 @@ def _add_commands() -> None:
     bag.command()(play)
     app.add_typer(bag, name="bag")
     app.add_typer(topic, name="topic")
+    app.add_typer(asl, name="asl")
+    app.add_typer(agent, name="agent")
     app.command()(doctor)
 
 
