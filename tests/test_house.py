@@ -58,7 +58,7 @@ def test_the_parts_do_not_know_each_other_nor_the_bridge(folder):
 def test_the_parts_that_are_there_were_looked_at():
     for folder in ("bdi", "vision", "speech", "agents", "bridge"):
         assert len(modules(folder)) > 2
-    assert "socialbot.bdi.rules.Head" in imports(ROOT / "bdi" / "literals.py")
+    assert "socialbot.bdi.events.Head" in imports(ROOT / "bdi" / "literals.py")
     assert any("rclpy" in name for path in modules("bridge") for name in imports(path))
 
 

@@ -318,7 +318,7 @@ def test_the_mind_is_shown_when_it_changes_and_not_otherwise():
     corridor = Corridor()
     corridor.until(5, person())
     assert [[belief.text for belief in mind.beliefs] for mind in corridor.minds] == [
-        [], ["people(1)", 'personDetected("Yes")', "greeted()"],
+        [], ['personDetected("Yes")', "people(1)", "greeted()"],
     ]  # fmt: skip
     assert [belief.since for belief in corridor.minds[-1].beliefs] == [SECOND // 2] * 3
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from socialbot.bdi import Action, Belief, Engine, Goal, Reactor, Record, Rule, SingletonBelief, variables
-from socialbot.bdi.literals import Change, Event
+from socialbot.bdi import Action, Belief, Engine, Goal, Plan, Reactor, Record, SingletonBelief, variables
+from socialbot.bdi.events import Change, Event
 from socialbot.clock import SECOND, ManualClock
 
 X, Y, Z, _ = variables("X Y Z _")
@@ -43,10 +43,17 @@ class crash(Action):
         raise ZeroDivisionError(what)
 
 
+class nap(Action):
+    """The action ``wait``, under a name that AgentSpeak has no other word for."""
+
+    def execute(self, seconds: float) -> Any:
+        return self.engine.sleep(seconds)
+
+
 class Lab:
     """An engine in simulated time; ``done`` is what its actions did, ``timeline`` with the seconds at which."""
 
-    def __init__(self, *rules: Rule, name: str = "lab", start: float = 0.0) -> None:
+    def __init__(self, *rules: Plan | list[Plan], name: str = "lab", start: float = 0.0) -> None:
         self.clock = ManualClock(round(start * SECOND))
         self.trace: list[Record] = []
         self.timeline: list[tuple[float, Any]] = []

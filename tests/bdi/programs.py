@@ -1,89 +1,130 @@
-"""Random small programs, and the same programs as rules of the engine."""
+"""Random small programs."""
 
 from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from socialbot.bdi import Rule, fail, wait
-from socialbot.bdi.literals import Belief, Change, Conjunction, Event, Goal, Literal, conjunction
-from tests.bdi.lab import X, do, go, mood, p, ping, q, sub
-from tests.bdi.reference import Atom, Check, Plain, Step
+from socialbot.bdi import Plan, ask, test
+from socialbot.bdi.agentspeak import agentspeak, parse
+from socialbot.bdi.conditions import NOTHING, Condition, Conjunction, Disjunction, Negation, conjunction
+from socialbot.bdi.events import Change, Event
+from socialbot.bdi.literals import Literal
+from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Forget, If, Nested, Step, Update, While
+from socialbot.bdi.terms import Comparison
+from socialbot.errors import RuleError
+from tests.bdi.lab import X, Y, _, crash, do, go, mood, nap, p, ping, q, sub
 
-CLASSES: dict[str, type[Literal]] = {"p": p, "q": q, "s": mood, "r": ping, "g": go, "h": sub}
-CHANGES = {"added": Change.ADDED, "removed": Change.REMOVED, "wanted": Change.WANTED, "failed": Change.FAILED}
+VALUES = st.sampled_from((0, 1))
+TERMS = st.sampled_from((0, 1, X, X, Y, Y))
+LOOSE = st.sampled_from((0, 1, X, X, Y, Y, _))
 
 
-def atoms(names: str, args: tuple[int | str, ...] = (0, 1, "X")) -> st.SearchStrategy[Atom]:
-    return st.builds(Atom, st.sampled_from(names), st.sampled_from(args))
+def literals(*kinds: type[Literal], args: st.SearchStrategy[object]) -> st.SearchStrategy[Literal]:
+    """Literals of these classes; ``q`` and ``sub`` have two arguments, the others one."""
+    return st.one_of(*(st.builds(kind, *[args] * (2 if kind in (q, sub) else 1)) for kind in kinds))
 
 
-STEPS = st.one_of(
-    st.builds(Step, st.just("do"), atoms("ab")),
-    st.builds(Step, st.just("do"), atoms("ab")),
-    st.builds(Step, st.just("add"), atoms("pqsr")),
-    st.builds(Step, st.just("remove"), atoms("pqs")),
-    st.builds(Step, st.just("goal"), atoms("gh")),
-    st.builds(Step, st.just("fail"), st.just(Atom("a", 0))),
-    st.builds(Step, st.just("wait"), atoms("a", (1, 2))),
+def negation(belief: Literal) -> Condition:
+    assert isinstance(belief, Condition)
+    return Negation(belief)
+
+
+BELIEFS = literals(p, q, q, mood, args=LOOSE)
+COMPARISONS = st.builds(Comparison, st.sampled_from(("<", "==", "!=", "=")), TERMS, TERMS)
+TESTS = st.one_of(BELIEFS, BELIEFS, BELIEFS.map(negation), COMPARISONS)
+CONDITIONS = st.one_of(
+    TESTS,
+    TESTS,
+    st.lists(TESTS, min_size=2, max_size=2).map(lambda pair: Disjunction(tuple(map(conjunction, pair)))),
+    st.lists(TESTS, min_size=2, max_size=2).map(lambda pair: Negation(conjunction(*pair))),
 )
-HEADS = [
-    st.tuples(st.just(kind), atoms(names, (0, "X", "X")))
-    for kind, names in (
-        ("added", "p"), ("added", "pqsr"), ("removed", "pqs"),
-        ("wanted", "g"), ("wanted", "h"), ("wanted", "gh"), ("failed", "g"), ("failed", "gh"),
+SIGNS = st.sampled_from(("+", "+", "++", "-", "-", "--", "-+"))
+DONE = st.builds(do, st.sampled_from("abc"), st.one_of(TERMS, TERMS, st.just(X + 1))).map(Do)
+PLAIN_STEPS = st.one_of(
+    DONE,
+    DONE,
+    st.builds(Update, SIGNS, literals(p, q, mood, args=LOOSE)),
+    st.builds(Update, st.sampled_from(("+", "++")), literals(ping, args=TERMS)),
+    st.builds(Forget, literals(p, q, mood, args=LOOSE)),
+    st.builds(Achieve, literals(go, sub, sub, args=LOOSE)),
+    st.builds(Achieve, literals(go, args=TERMS), st.just(True)),
+    st.builds(ask, BELIEFS),
+    TESTS.map(test),
+    st.just(Do(crash())),
+    st.builds(nap, st.sampled_from((1, 2))).map(Do),
+)
+BLOCKS = st.lists(PLAIN_STEPS, max_size=2).map(tuple)
+STEPS = st.one_of(
+    PLAIN_STEPS,
+    PLAIN_STEPS,
+    PLAIN_STEPS,
+    st.builds(If, TESTS.map(conjunction), BLOCKS, BLOCKS),
+    st.builds(For, CONDITIONS.map(conjunction), BLOCKS),
+    st.builds(While, TESTS.map(conjunction), BLOCKS),
+)
+EVENTS = [
+    st.builds(Event, st.just(change), literals(*kinds, args=TERMS))
+    for change, kinds in (
+        (Change.ADDED, (p,)), (Change.ADDED, (q, mood, ping)), (Change.REMOVED, (p, q, mood)),
+        (Change.WANTED, (go,)), (Change.WANTED, (go,)), (Change.WANTED, (sub,)), (Change.WANTED, (sub,)),
+        (Change.FAILED, (go, sub)), (Change.ASKED, (p, q)), (Change.UNANSWERED, (p, q)),
     )
 ]  # fmt: skip
 
 
 @st.composite
-def rules(draw: st.DrawFn, heads: st.SearchStrategy[tuple[str, Atom]]) -> Plain:
-    kind, head = draw(heads)
-    tests = tuple(draw(st.lists(st.builds(Check, atoms("pqs"), st.booleans()), max_size=2)))
-    known = "X" in (head.arg, *(test.atom.arg for test in tests if not test.negated))
-    steps = draw(st.lists(STEPS, max_size=4))
-    # A variable without a value would be no rule at all. The first step tells which rule was chosen.
-    body = [step if known or step.atom.arg != "X" else Step(step.kind, step.atom.bound(0)) for step in steps]
-    if body:
-        body.insert(0, Step("do", Atom(f"{kind}-{head.name}", "X" if known else 0)))
-    return Plain(kind, head, tests, tuple(body))  # type: ignore[arg-type]
+def plans(draw: st.DrawFn, events: st.SearchStrategy[Event]) -> Plan:
+    """A plan; what would make it no plan at all, such as a variable that has no value, is left out."""
+    plan = Plan(draw(events), NOTHING, ())
+    for condition in draw(st.lists(CONDITIONS, max_size=2)):
+        assert isinstance(condition, Condition)
+        plan = _extended(plan, (*plan.condition.terms, condition), plan.body)
+    # The first step tells which plan was chosen.
+    body: tuple[Step, ...] = (Do(do(str(plan.event))),) if draw(st.integers(0, 5)) else ()
+    plan = _extended(plan, plan.condition.terms, body)
+    for step in draw(st.lists(STEPS, max_size=4)):
+        plan = _extended(plan, plan.condition.terms, (*plan.body, step))
+    rank, atomic = draw(st.sampled_from((0, 0, 0, 1))), draw(st.sampled_from((False, False, False, True)))
+    return Plan(plan.event, plan.condition, plan.body, atomic=atomic, priority=rank)
 
 
-PROGRAMS = st.tuples(*[rules(heads) for heads in HEADS]).flatmap(st.permutations)
-STIMULI = st.lists(
-    st.one_of(
-        st.tuples(st.just("believe"), atoms("pqsr", (0, 1))),
-        st.tuples(st.just("forget"), atoms("pqs", (0, 1))),
-        st.tuples(st.just("achieve"), atoms("gh", (0, 1))),
-        st.tuples(st.just("turns"), st.integers(1, 9)),
-        st.tuples(st.just("seconds"), st.integers(1, 2)),
-    ),
-    min_size=3,
-    max_size=10,
+def _extended(plan: Plan, terms: tuple[Condition, ...], body: tuple[Step, ...]) -> Plan:
+    try:
+        return Plan(plan.event, Conjunction(terms), body).check()
+    except RuleError:
+        return plan
+
+
+PROGRAMS = st.tuples(*[plans(events) for events in EVENTS]).flatmap(st.permutations)
+POSTED = st.one_of(
+    st.tuples(st.just("believe"), literals(p, q, mood, ping, args=VALUES)),
+    st.tuples(st.just("forget"), literals(p, q, mood, args=VALUES)),
+    st.tuples(st.just("achieve"), literals(go, go, sub, args=VALUES)),
 )
+STIMULI = st.lists(
+    st.one_of(POSTED, POSTED, POSTED, st.tuples(st.just("seconds"), st.integers(0, 2))), min_size=3, max_size=10
+)
+"""What is posted, one after the other; at ``seconds`` the agent deals with it all, then so many seconds pass."""
 
 
-def literal(atom: Atom) -> Literal:
-    arg = X if atom.arg == "X" else atom.arg
-    return CLASSES[atom.name](arg) if atom.name in CLASSES else do(atom.name, arg)
+def steps_in(body: tuple[Step, ...]) -> list[Step]:
+    """All steps, those in other steps too."""
+    found: list[Step] = []
+    for step in body:
+        found.append(step)
+        if isinstance(step, Nested):
+            for part in ("then", "otherwise", "body"):
+                found += steps_in(getattr(step, part, ()))
+    return found
 
 
-def rule_of(plain: Plain) -> Rule:
-    tests: list[object] = []
-    for test in plain.tests:
-        belief = literal(test.atom)
-        assert isinstance(belief, Belief)
-        tests.append(~belief if test.negated else belief)
-    condition = conjunction(*tests) if tests else Conjunction(())
-    return Event(CHANGES[plain.kind], literal(plain.head)) / condition >> [step_of(step) for step in plain.body]
+def spoken(program: list[Plan]) -> list[Plan]:
+    """The same program, printed as AgentSpeak and read again."""
+    return list(parse("\n".join(map(agentspeak, program))).plans)
 
 
-def step_of(step: Step) -> object:
-    if step.kind == "fail":
-        return fail()
-    if step.kind == "wait":
-        return wait(step.atom.arg)
-    made = literal(step.atom)
-    if isinstance(made, Belief):
-        return +made if step.kind == "add" else -made
-    assert isinstance(made, (do, Goal))
-    return made
+def can_be_spoken(program: list[Plan]) -> bool:
+    return not any(isinstance(step, Forget) for plan in program for step in steps_in(plan.body))
+
+
+__all__ = ["PROGRAMS", "STIMULI", "Ask", "Constrain", "can_be_spoken", "spoken"]

@@ -1,163 +1,395 @@
 """What the engine has to do, said as plainly as can be.
 
-Beliefs are a list, intentions are generators, a failing goal is an exception. In one turn the agent
-looks at one event, then makes one step of one intention; intentions take turns.
+Plans are looked at as they were written, never compiled. Beliefs are a list, intentions are generators, a failing
+goal is an exception. In one turn the agent looks at one event, then makes one step of one intention; intentions
+take turns. Nothing here is quick, or knows of sources, stages, time limits and the trace.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any
 
-Plan = Generator[int, None, None]
-"""Yields before each step: the seconds to sleep first."""
+from socialbot.bdi import Plan, Reactor, SingletonBelief
+from socialbot.bdi.conditions import Condition, Conjunction, Disjunction, Negation
+from socialbot.bdi.literals import Literal
+from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Forget, If, Step, Update, While
+from socialbot.bdi.terms import Comparison, Expression, Variable, names_in
 
-
-@dataclass(frozen=True)
-class Atom:
-    """A name with one argument; "X" is the one variable there is. "s" is a singleton, "r" an event only."""
-
-    name: str
-    arg: int | str
-
-    def bound(self, x: int | None) -> Atom:
-        assert x is not None or self.arg != "X"
-        return replace(self, arg=x) if self.arg == "X" and x is not None else self
+Args = tuple[Any, ...]
+Body = Generator[int, None, None]
+"""Yields before each step: 0, or the seconds to sleep first."""
 
 
-@dataclass(frozen=True)
-class Check:
-    atom: Atom
-    negated: bool
+class Cell:
+    """A variable: it has a value, or is the same as another one, or neither yet."""
+
+    value: Any = None
 
 
-@dataclass(frozen=True)
-class Step:
-    kind: Literal["do", "add", "remove", "goal", "fail", "wait"]
-    atom: Atom
-
-
-@dataclass(frozen=True)
-class Plain:
-    """A rule: when ``kind`` happens to ``head`` and all tests hold, do the body."""
-
-    kind: Literal["added", "removed", "wanted", "failed"]
-    head: Atom
-    tests: tuple[Check, ...]
-    body: tuple[Step, ...]
+Env = dict[str, Cell]
 
 
 class Failed(Exception):  # noqa: N818 - what it says
     pass
 
 
+class Intention:
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        self.atomic = 0
+
+
+def look(term: Any) -> Any:
+    """What is known of a value or cell."""
+    while isinstance(term, Cell) and term.value is not None:
+        term = term.value
+    return term
+
+
+def value(term: Any, env: Env) -> Any:
+    """The value of a term. Raises Failed if it has none."""
+    if isinstance(term, Expression):
+        assert term.symbol == "+"
+        return value(term.left, env) + value(term.right, env)
+    found = look(env.get(term.name) if isinstance(term, Variable) else term)
+    if found is None or isinstance(found, Cell):
+        raise Failed
+    return found
+
+
+def opened(literal: Literal, env: Env) -> Args:
+    """The arguments of a literal, with cells for variables."""
+    return tuple(
+        arg if not isinstance(arg, Variable) else Cell() if arg.name == "_" else env.setdefault(arg.name, Cell())
+        for arg in literal.args
+    )
+
+
+def unify(left: Args, right: Args, bound: list[Cell]) -> bool:
+    """Makes arguments equal; what it has bound for that is noted, also when it returns False."""
+    for one, other in zip(left, right, strict=True):
+        a, b = look(one), look(other)
+        if a is b:
+            continue
+        if isinstance(a, Cell):
+            a.value = b
+            bound.append(a)
+        elif isinstance(b, Cell):
+            b.value = a
+            bound.append(b)
+        elif a != b:
+            return False
+    return True
+
+
+def undo(bound: list[Cell], mark: int = 0) -> None:
+    for cell in bound[mark:]:
+        cell.value = None
+    del bound[mark:]
+
+
 class Reference:
-    def __init__(self, rules: list[Plain]) -> None:
-        self.rules = rules
+    def __init__(self, plans: list[Plan]) -> None:
+        self.plans = sorted(plans, key=lambda plan: -plan.priority)
         self.now = 0
-        self.done: list[str] = []
-        self.beliefs: list[Atom] = []
-        self.events: list[tuple[str, Atom]] = []
-        self.ready: list[Iterator[int]] = []
-        self.asleep: list[tuple[int, Plan]] = []
+        self.done: list[tuple[Any, ...]] = []
+        self.beliefs: list[tuple[str, Args]] = []
+        self.events: list[tuple[str, Args]] = []
+        self.ready: list[Intention] = []
+        self.asleep: list[tuple[int, Intention]] = []
+        self.current: Intention | None = None
+        self.atomic: Intention | None = None
 
-    def believe(self, atom: Atom) -> None:
-        if atom in self.beliefs:
-            return
-        if atom.name == "s":
-            for other in [belief for belief in self.beliefs if belief.name == "s"]:
-                self.forget(other)
-        if atom.name != "r":
-            self.beliefs.append(atom)
-        self.announce("added", atom)
+    # What is posted
 
-    def forget(self, atom: Atom) -> None:
-        if atom in self.beliefs:
-            self.beliefs.remove(atom)
-            self.announce("removed", atom)
+    def believe(self, literal: Literal) -> None:
+        self.announce(self.hold(literal, literal.args))
 
-    def achieve(self, goal: Atom) -> None:
-        self.proceed(self.pursue(goal))
+    def forget(self, literal: Literal) -> None:
+        self.forget_all(literal, literal.args)
 
-    def announce(self, kind: str, atom: Atom) -> None:
-        if any((rule.kind, rule.head.name) == (kind, atom.name) for rule in self.rules):
-            self.events.append((kind, atom))
+    def achieve(self, goal: Literal) -> None:
+        self.events.append((f"+!{goal.key}", goal.args))
+
+    # Turns
+
+    def busy(self) -> bool:
+        return bool(self.ready or (self.events and self.atomic is None))
+
+    def believed(self) -> dict[str, list[Args]]:
+        found: dict[str, list[Args]] = {}
+        for key, args in self.beliefs:
+            found.setdefault(key, []).append(args)
+        return found
 
     def turn(self) -> None:
         while self.asleep and self.asleep[0][0] <= self.now:
-            self.proceed(self.asleep.pop(0)[1])
-        if self.events:
-            chosen = self.choose(*self.events.pop(0))
-            if chosen is not None:
-                if chosen[0].body:
-                    self.proceed(self.perform(*chosen))
-                else:
-                    self.ready.append(iter(()))  # nothing to do takes a turn, too
-        if self.ready:
+            self.ready.append(self.asleep.pop(0)[1])
+        if self.events and self.atomic is None:
+            event, args = self.events.pop(0)
+            if event.startswith("+!"):
+                self.adopt(self.pursue(event[1:], args))
+            else:
+                self.adopt(self.react(event, args))
+        if self.atomic is None and self.ready:
             self.proceed(self.ready.pop(0))
+        elif self.atomic in self.ready:
+            assert self.atomic is not None
+            self.ready.remove(self.atomic)
+            self.proceed(self.atomic)
 
-    def proceed(self, plan: Iterator[int]) -> None:
-        """Makes the step that ``plan`` is ready for, and puts it in line for its next one."""
+    def adopt(self, body: Body) -> None:
+        self.proceed(Intention(body))
+
+    def proceed(self, intention: Intention) -> None:
+        """Makes the step that an intention is ready for, and puts it in line for its next one."""
+        self.current = intention
         try:
-            pause = next(plan)
+            pause = next(intention.body)
         except (StopIteration, Failed):
             return
         if pause:
-            assert isinstance(plan, Generator)
-            self.asleep.append((self.now + pause, plan))
+            self.asleep.append((self.now + pause, intention))
             self.asleep.sort(key=lambda sleeper: sleeper[0])
         else:
-            self.ready.append(plan)
+            self.ready.append(intention)
 
-    def pursue(self, goal: Atom) -> Plan:
-        try:
-            plan = self.choose("wanted", goal)
-            if plan is None:
-                raise Failed
-            yield from self.perform(*plan)
-        except Failed:
-            plan = self.choose("failed", goal)
-            if plan is None:
-                raise
-            yield from self.perform(*plan)
+    # Beliefs
 
-    def perform(self, rule: Plain, x: int | None) -> Plan:
-        for step in rule.body:
-            yield 0
-            atom = step.atom.bound(x)
-            if step.kind == "do":
-                self.done.append(f"{atom.name}{atom.arg}")
-            elif step.kind == "add":
-                self.believe(atom)
-            elif step.kind == "remove":
-                self.forget(atom)
-            elif step.kind == "goal":
-                yield from self.pursue(atom)
-            elif step.kind == "wait":
-                yield int(atom.arg)
-            else:
-                raise Failed
+    def hold(self, literal: Literal, args: Args) -> tuple[str, Args] | None:
+        """Believes something; returns the event that this is, if it is one."""
+        if (literal.key, args) in self.beliefs:
+            return None
+        if literal.functor in KINDS["singleton"]:
+            for key, held in [belief for belief in self.beliefs if belief[0] == literal.key]:
+                self.drop(key, held)
+        if literal.functor not in KINDS["reactor"]:
+            self.beliefs.append((literal.key, args))
+        return f"+{literal.key}", args
 
-    def choose(self, kind: str, atom: Atom) -> tuple[Plain, int | None] | None:
-        for rule in self.rules:
-            if (rule.kind, rule.head.name) == (kind, atom.name) and rule.head.arg in ("X", atom.arg):
-                x = int(atom.arg) if rule.head.arg == "X" else None
-                for solution in self.solutions(rule.tests, x):
-                    return rule, solution
+    def drop(self, key: str, args: Args) -> None:
+        self.beliefs.remove((key, args))
+        self.announce((f"-{key}", args))
+
+    def matching(self, key: str, args: Args) -> list[Args]:
+        """What is believed that fits, newest first; binds nothing."""
+        found = []
+        for held_key, held in reversed(self.beliefs):
+            bound: list[Cell] = []
+            if held_key == key and unify(args, held, bound):
+                found.append(held)
+            undo(bound)
+        return found
+
+    def forget_all(self, literal: Literal, args: Args) -> None:
+        for held in self.matching(literal.key, args):
+            self.drop(literal.key, held)
+
+    def announce(self, event: tuple[str, Args] | None) -> None:
+        if event is not None and any(plan.event.key == event[0] for plan in self.plans):
+            self.events.append(event)
+
+    # Conditions
+
+    def solutions(self, terms: tuple[Condition, ...], env: Env, bound: list[Cell]) -> Iterator[Env]:
+        """The ways in which conditions hold. Each binds cells, until the next one is asked for."""
+        if not terms:
+            yield env
+            return
+        term, rest = terms[0], terms[1:]
+        mark = len(bound)
+        if isinstance(term, Conjunction):
+            yield from self.solutions(term.terms + rest, env, bound)
+        elif isinstance(term, Disjunction):
+            for branch in term.terms:
+                yield from self.solutions((branch, *rest), dict(env), bound)
+        elif isinstance(term, Negation):
+            if next(self.solutions((term.condition,), dict(env), bound), None) is None:
+                yield from self.solutions(rest, env, bound)
+            undo(bound, mark)
+        elif isinstance(term, Comparison):
+            env = dict(env)
+            if self.compare(term, env, bound):
+                yield from self.solutions(rest, env, bound)
+            undo(bound, mark)
+        else:
+            assert isinstance(term, Literal)
+            args = opened(term, env := dict(env))
+            for held in self.matching(term.key, args):
+                unify(args, held, bound)
+                yield from self.solutions(rest, env, bound)
+                undo(bound, mark)
+
+    def compare(self, term: Comparison, env: Env, bound: list[Cell]) -> bool:
+        if term.symbol == "=":
+            left, right = (
+                opened(Literal(side), env) if isinstance(side, Variable) else (value(side, env),)
+                for side in (term.left, term.right)
+            )
+            return unify(left, right, bound)
+        left, right = value(term.left, env), value(term.right, env)
+        return {"<": left < right, "==": left == right, "!=": left != right}[term.symbol]
+
+    def first(self, condition: Condition, env: Env) -> Env | None:
+        """The first way in which a condition holds; what it binds stays bound."""
+        return next(self.solutions((condition,), env, []), None)
+
+    # Plans
+
+    def choose(self, event: str, args: Args) -> tuple[Plan, Env] | None:
+        for plan in self.plans:
+            bound: list[Cell] = []
+            env: Env = {}
+            try:
+                if plan.event.key == event and unify(opened(plan.event.literal, env), args, bound):
+                    for solution in self.solutions((plan.condition,), env, bound):
+                        return plan, solution
+            except Failed:  # the condition asked for the value of a variable that has none
+                pass
+            undo(bound)
         return None
 
-    def solutions(self, tests: tuple[Check, ...], x: int | None) -> Iterator[int | None]:
-        if not tests:
-            yield x
-            return
-        atom, rest = tests[0].atom, tests[1:]
-        variable = atom.arg == "X"
-        wanted = x if variable else atom.arg
-        found = [belief for belief in self.beliefs if belief.name == atom.name and wanted in (None, belief.arg)]
-        if tests[0].negated:
-            if not found:
-                yield from self.solutions(rest, x)
+    def pursue(self, goal: str, args: Args) -> Body:
+        try:
+            chosen = self.choose(f"+{goal}", args)
+            if chosen is None:
+                raise Failed
+            yield from self.perform(*chosen)
+        except Failed:
+            chosen = self.choose(f"-{goal}", args)
+            if chosen is None:
+                raise
+            yield from self.perform(*chosen)
+
+    def react(self, event: str, args: Args) -> Body:
+        chosen = self.choose(event, args)
+        if chosen is not None:
+            yield from self.perform(*chosen)
+
+    def perform(self, plan: Plan, env: Env) -> Body:
+        intention = self.current
+        assert intention is not None
+        if plan.atomic:
+            intention.atomic += 1
+            self.atomic = intention
+        try:
+            yield from self.steps(plan.body, env)
+        finally:
+            if plan.atomic:
+                intention.atomic -= 1
+                self.atomic = intention if intention.atomic else None
+
+    def steps(self, body: tuple[Step, ...], env: Env) -> Body:
+        rested = False
+        for step in body:
+            if not rested:
+                yield 0
+            rested = isinstance(step, Do) and step.action.functor == "nap"
+            yield from self.step(step, env)
+
+    def step(self, step: Step, env: Env) -> Body:
+        """One step; ``env`` gets the variables that it gives values to."""
+        if isinstance(step, Do):
+            args = tuple(value(arg, env) for arg in step.action.args)
+            if step.action.functor == "nap":
+                yield args[0]
+            elif step.action.functor == "crash":
+                raise Failed
+            else:
+                self.done.append(args)
+        elif isinstance(step, Achieve):
+            assert isinstance(step.goal, Literal)
+            if step.apart:
+                args = tuple(value(arg, env) for arg in step.goal.args)
+                self.events.append((f"+!{step.goal.key}", args))
+            else:
+                yield from self.pursue(f"!{step.goal.key}", opened(step.goal, env))
+        elif isinstance(step, Ask):
+            yield from self.ask(step, env)
+        elif isinstance(step, Constrain):
+            found = self.first(step.condition, env)
+            if found is None:
+                raise Failed
+            env.update(found)
+        elif isinstance(step, Update):
+            yield from self.update(step, env)
+        elif isinstance(step, Forget):
+            self.forget_all(step.literal, opened(step.literal, env))
+        elif isinstance(step, If):
+            found = self.first(step.condition, env)
+            env.update(found or {})
+            yield from self.steps(step.otherwise if found is None else step.then, env)
+        elif isinstance(step, For):
+            for solution in self.copies(step.condition, env):
+                yield from self.steps(step.body, solution)
         else:
-            for belief in found:
-                yield from self.solutions(rest, int(belief.arg) if variable else x)
+            assert isinstance(step, While)
+            while (found := self.first(step.condition, copy(env))) is not None:
+                yield from self.steps(step.body, found)
+                yield 0
+
+    def ask(self, step: Ask, env: Env) -> Body:
+        found = self.first(step.query, env)  # type: ignore[arg-type]
+        if found is not None:
+            env.update(found)
+            return
+        query = step.query
+        if not isinstance(query, Literal) or all(plan.event.key != f"+?{query.key}" for plan in self.plans):
+            raise Failed
+        yield from self.pursue(f"?{query.key}", opened(query, env))
+        for name in names_in(query) - {"_"}:
+            value(Variable(name), env)
+
+    def update(self, step: Update, env: Env) -> Body:
+        literal = step.literal
+        assert isinstance(literal, Literal)
+        if step.sign in ("-", "--"):
+            args = opened(literal, env)
+            found = self.matching(literal.key, args)
+            if not found:
+                return
+            unify(args, found[0], [])
+            if step.sign == "--":
+                self.drop(literal.key, found[0])
+                return
+            self.beliefs.remove((literal.key, found[0]))
+            yield from self.react(f"-{literal.key}", found[0])
+            return
+        args = tuple(value(arg, env) for arg in literal.args)
+        if step.sign == "-+":
+            for held in self.matching(literal.key, tuple(Cell() for _ in args))[:1]:
+                self.drop(literal.key, held)
+        event = self.hold(literal, args)
+        if step.sign == "++":
+            self.announce(event)
+        elif event is not None:
+            yield from self.react(*event)
+
+    def copies(self, condition: Condition, env: Env) -> list[Env]:
+        """The variables as they are in each solution."""
+        bound: list[Cell] = []
+        found = [copy(solution) for solution in self.solutions((condition,), dict(env), bound)]
+        undo(bound)
+        return found
+
+
+def copy(env: Env) -> Env:
+    """The same values in cells of their own; what has none shares a new cell with what was the same before."""
+    cells: dict[int, Cell] = {}
+    for cell in env.values():
+        known = look(cell)
+        cells[id(cell)] = cells.setdefault(id(known), Cell()) if isinstance(known, Cell) else _with(known)
+    return {name: cells[id(cell)] for name, cell in env.items()}
+
+
+def _with(known: Any) -> Cell:
+    cell = Cell()
+    cell.value = known
+    return cell
+
+
+KINDS = {
+    "singleton": {kind.functor for kind in SingletonBelief.__subclasses__()},
+    "reactor": {kind.functor for kind in Reactor.__subclasses__()},
+}

@@ -1,10 +1,14 @@
+from __future__ import annotations
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Belief, Variable
-from socialbot.bdi.beliefs import BeliefBase, Held
-from socialbot.bdi.literals import Conjunction, Negation, conjunction
-from tests.bdi.lab import X, Y, mood, p, q
+from socialbot.bdi import Atom, Belief, Engine, Variable, source
+from socialbot.bdi.beliefs import Relation, Relations, choices
+from socialbot.bdi.conditions import Conjunction, Negation, conjunction
+from socialbot.bdi.unification import Var, resolve
+from socialbot.clock import ManualClock
+from tests.bdi.lab import Lab, X, Y, Z, mood, p, q
 
 NAMES = st.sampled_from(("X", "Y", "_"))
 NUMBERS = st.integers(0, 2)
@@ -14,37 +18,35 @@ PATTERN = st.builds(
 )
 CONDITION = st.lists(PATTERN | PATTERN.map(Negation), max_size=3).map(lambda terms: conjunction(*terms))
 CHANGES = st.lists(st.tuples(st.booleans(), GROUND), max_size=12)
+FACTS = st.lists(st.tuples(st.booleans(), st.tuples(NUMBERS, NUMBERS, NUMBERS)), max_size=15)
 
 
-def held(belief: Belief) -> Held:
-    return Held(belief, "test", 0, "r")
-
-
-def base_of(*beliefs: Belief) -> BeliefBase:
-    base = BeliefBase()
+def agent(*beliefs: Belief) -> Engine:
+    engine = Engine("base", ManualClock())
     for belief in beliefs:
-        base.add(held(belief))
-    return base
+        engine.believe(belief)
+        engine.run_until_idle()
+    return engine
 
 
-def changed(changes) -> tuple[BeliefBase, list[Belief]]:
-    """The same changes made to a belief base and to a plain list."""
-    base, model = BeliefBase(), []
+def changed(changes) -> tuple[Engine, list[Belief]]:
+    """The same changes made to the beliefs of an agent and to a plain list."""
+    engine, model = agent(), []
     for add, belief in changes:
-        assert (belief in base) == (belief in model)
+        assert (belief in engine.beliefs) == (belief in model)
+        (engine.believe if add else engine.forget)(belief)
+        engine.run_until_idle()
         if add and belief not in model:
-            base.add(held(belief))
             model.append(belief)
         elif not add and belief in model:
-            base.remove(belief)
             model.remove(belief)
-    return base, model
+    return engine, model
 
 
 def matches(model: list[Belief], pattern: Belief, bindings: dict) -> list[dict]:
-    """All ways in which ``pattern`` equals a belief of the list, in its order."""
+    """All ways in which ``pattern`` equals a belief of the list, the newest first."""
     found = []
-    for belief in model:
+    for belief in reversed(model):
         if (belief.functor, len(belief.args)) != (pattern.functor, len(pattern.args)):
             continue
         extended: dict | None = dict(bindings)
@@ -62,7 +64,7 @@ def solutions(model: list[Belief], condition: Conjunction) -> list[dict]:
     answers: list[dict] = [{}]
     for term in condition.terms:
         if isinstance(term, Negation):
-            answers = [answer for answer in answers if not matches(model, term.belief, answer)]
+            answers = [answer for answer in answers if not matches(model, term.condition, answer)]  # type: ignore[arg-type]
         elif isinstance(term, Belief):
             answers = [longer for answer in answers for longer in matches(model, term, answer)]
     return answers
@@ -71,67 +73,147 @@ def solutions(model: list[Belief], condition: Conjunction) -> list[dict]:
 @settings(deadline=None)
 @given(CHANGES, GROUND)
 def test_the_base_holds_what_was_added_and_not_removed(changes, belief):
-    base, model = changed(changes)
-    assert {entry.belief for entry in base} == set(model)
-    assert (belief in base) == (belief in model)
-    entry = base.get(belief)
+    engine, model = changed(changes)
+    assert [held.belief for held in engine.beliefs if held.belief.key == belief.key] == [
+        held for held in model if held.key == belief.key
+    ]
+    assert len(engine.beliefs) == len(model)
+    assert (belief in engine.beliefs) == (belief in model)
+    entry = engine.beliefs.get(belief)
     assert (entry and entry.belief) == (belief if belief in model else None)
 
 
 @settings(deadline=None, max_examples=200)
 @given(CHANGES, PATTERN)
-def test_a_pattern_matches_as_in_a_plain_list_and_in_its_order(changes, pattern):
-    base, model = changed(changes)
-    assert [bindings for _, bindings in base.match(pattern, {})] == matches(model, pattern, {})
+def test_a_pattern_matches_as_in_a_plain_list_with_the_newest_first(changes, pattern):
+    engine, model = changed(changes)
+    assert list(engine.query(pattern)) == matches(model, pattern, {})
 
 
 @settings(deadline=None, max_examples=300)
 @given(CHANGES, CONDITION)
-def test_a_condition_is_solved_as_in_a_plain_list_and_in_its_order(changes, condition):
-    base, model = changed(changes)
-    assert list(base.solve(condition, {})) == solutions(model, condition)
+def test_a_condition_is_solved_as_in_a_plain_list_with_the_newest_first(changes, condition):
+    engine, model = changed(changes)
+    assert list(engine.query(condition)) == solutions(model, condition)
+
+
+@settings(deadline=None, max_examples=200)
+@given(FACTS, st.tuples(*[NUMBERS | st.none()] * 3), st.sets(st.sampled_from(((0,), (1,), (0, 2), (1, 2)))))
+def test_an_index_finds_what_a_scan_finds(changes, wanted, before):
+    engine, facts = agent(), []
+    relation = engine.relations["p/3"]
+    for positions in before:
+        relation.index(positions)
+    for add, args in changes:
+        (engine.believe if add else engine.forget)(p(*args))
+        engine.run_until_idle()
+        if add and args not in facts:
+            facts.append(args)
+        elif not add and args in facts:
+            facts.remove(args)
+    pattern = tuple(Var() if part is None else part for part in wanted)
+    expected = [args for args in reversed(facts) if all(w in (None, a) for w, a in zip(wanted, args, strict=True))]
+    assert relation.candidates(pattern) == list(relation.match(pattern, (), [])) == expected
+    for positions, index in relation.indexes.items():
+        entered = {args: None for bucket in index.values() for args in bucket}
+        assert sorted(entered) == sorted(facts)
+        assert all(index.values()), f"an empty bucket is left at {positions}"
+
+
+@settings(deadline=None)
+@given(FACTS, st.integers(0, 14))
+def test_bindings_last_until_the_next_match_and_no_longer(changes, enough):
+    relation = agent(*(p(*args) for add, args in changes if add)).relations["p/3"]
+    first, second, trail = Var("A"), Var("B"), []
+    for count, found in enumerate(relation.match((first, 1, second), (), trail)):
+        assert resolve((first, 1, second)) == found
+        if count == enough:
+            return
+    assert trail == []
+    assert first.value is first
+
+
+def test_a_relation_is_made_when_it_is_asked_for():
+    equipped = []
+    relations = Relations(equipped.append)
+    relation = relations["p/1"]
+    assert isinstance(relation, Relation)
+    assert relations["p/1"] is relation
+    assert equipped == [relation]
+
+
+def test_annotations_are_matched_in_all_ways_and_the_newest_belief_first():
+    engine = agent(p(1), p(2))
+    engine.believe(p(1), source="bob")
+    engine.run_until_idle()
+    says = p(X)[source(Y)]
+    assert list(engine.query(says)) == [
+        {"X": 2, "Y": Atom("self")}, {"X": 1, "Y": Atom("self")}, {"X": 1, "Y": Atom("bob")},
+    ]  # fmt: skip
+    assert list(engine.query(p(X)[source(Atom("bob"))])) == [{"X": 1}]
+    assert list(engine.query(p(X)[source(Atom("ann"))])) == []
+    (held, _) = sorted(engine.beliefs, key=lambda held: str(held.belief))
+    assert held.source == "self,bob"
+
+
+def test_each_choice_of_annotations_is_taken_back_before_the_next():
+    first, second, trail = Var(), Var(), []
+    held = (source(1), source(2))
+    found = [resolve((first, second)) for _ in choices((source(first), source(second)), held, trail)]
+    assert found == [(1, 1), (1, 2), (2, 1), (2, 2)]
+    assert trail == []
 
 
 def test_a_query_sees_the_beliefs_as_they_were_when_it_was_asked():
-    base = base_of(p(1), p(2), p(3))
+    engine = agent(p(1), p(2), p(3))
     seen = []
-    for entry, _ in base.match(p(X), {}):
-        seen.append(entry.belief)
-        base.add(held(p(len(seen) + 10)))
-        if p(2) in base:
-            base.remove(p(2))
-    assert seen == [p(1), p(2), p(3)]
-    assert {entry.belief for entry in base} == {p(1), p(3), p(11), p(12), p(13)}
+    for answer in engine.query(p(X)):
+        seen.append(answer["X"])
+        engine.believe(p(len(seen) + 10))
+        engine.forget(p(2))
+        engine.run_until_idle()
+    assert seen == [3, 2, 1]
+    assert {held.belief for held in engine.beliefs} == {p(1), p(3), p(11), p(12), p(13)}
 
 
 def test_beliefs_may_change_while_they_are_looked_through():
-    base = base_of(p(1), p(2), q(1))
-    for entry in base:
-        base.remove(entry.belief)
-    assert not list(base)
+    engine = agent(p(1), p(2), q(1))
+    for held in engine.beliefs:
+        assert isinstance(held.belief, Belief)
+        engine.forget(held.belief)
+        engine.run_until_idle()
+    assert not list(engine.beliefs)
 
 
 def test_the_number_of_arguments_is_part_of_what_is_believed():
-    base = base_of(p(), p(1))
-    assert p() in base
-    assert p(1, 2) not in base
-    assert [entry.belief for entry, _ in base.match(p(X), {})] == [p(1)]
+    engine = agent(p(), p(1))
+    assert p() in engine.beliefs
+    assert p(1, 2) not in engine.beliefs
+    assert list(engine.query(p(X))) == [{"X": 1}]
 
 
-def test_the_others_of_a_name_are_those_with_other_arguments():
-    base = base_of(mood("glad"), mood("glad", 3), p("sad"))
-    assert [entry.belief for entry in base.others(mood("sad"))] == [mood("glad"), mood("glad", 3)]
-    assert [entry.belief for entry in base.others(mood("glad"))] == [mood("glad", 3)]
+def test_a_singleton_has_no_others_of_its_name():
+    engine = agent(mood("glad"), p("sad"), mood("glad", 3))
+    assert [held.belief for held in engine.beliefs] == [p("sad"), mood("glad", 3)]
 
 
 def test_a_join_follows_the_values_of_its_variables():
-    base = base_of(p(1, 2), p(2, 3), p(3, 1), p(2, 5))
-    joined = p(X, Y) & p(Y, Variable("Z"))
-    assert [tuple(answer[name] for name in "XYZ") for answer in base.solve(joined, {})] == [
-        (1, 2, 3), (1, 2, 5), (2, 3, 1), (3, 1, 2),
+    engine = agent(p(1, 2), p(2, 3), p(3, 1), p(2, 5))
+    assert [tuple(answer[name] for name in "XYZ") for answer in engine.query(p(X, Y) & p(Y, Z))] == [
+        (3, 1, 2), (2, 3, 1), (1, 2, 5), (1, 2, 3),
     ]  # fmt: skip
 
 
 def test_a_belief_that_is_no_number_is_found_again():
     nan = float("nan")
-    assert [entry.belief for entry, _ in base_of(p(nan)).match(p(X), {})] == [p(nan)]
+    engine = agent(p(nan))
+    assert [answer["X"] is nan for answer in engine.query(p(X))] == [True]
+    assert p(nan) in engine.beliefs
+
+
+def test_a_query_tells_the_values_of_its_variables_only():
+    lab = Lab()
+    lab.tell(+p(1), +q(1, 2))
+    assert list(lab.engine.query(p(X) & ~q(X, 9) & (X > 0))) == [{"X": 1}]
+    assert list(lab.engine.query(p(1))) == [{}]
+    assert list(lab.engine.query(p(2))) == []

@@ -7,6 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Engine, Sensor, wait
+from socialbot.bdi.pursuit import CHAIN
+from socialbot.bdi.reasoner import STEPS
 from socialbot.clock import SECOND, ManualClock
 from socialbot.errors import RuleError
 from tests.bdi.lab import Lab, X, Y, Z, _, crash, deep, do, go, mood, p, ping, q, sub
@@ -39,7 +41,7 @@ def test_forgetting_what_is_not_believed_is_no_event():
 def test_forgetting_a_pattern_forgets_all_that_match():
     lab = Lab(-p(X, Y) >> [do(X, Y)])
     lab.tell(+p(1, 1), +p(1, 2), +p(2, 2), -p(1, _))
-    assert lab.done == [(1, 1), (1, 2)]
+    assert lab.done == [(1, 2), (1, 1)]
     assert lab.beliefs == ["p(2, 2)"]
 
 
@@ -101,12 +103,13 @@ def test_a_rule_whose_condition_fails_leaves_no_variables_to_the_next():
 def test_a_condition_joins_beliefs_from_left_to_right_and_takes_the_first_solution():
     lab = Lab(go(X) / (p(X, Y) & q(Y, Z)) >> [do(X, Y, Z)])
     lab.tell(+p(1, 2), +p(1, 3), +q(3, 4), +q(3, 5), go(1))
-    assert lab.done == [(1, 3, 4)]
+    assert lab.done == [(1, 3, 5)]
 
 
 def test_a_negation_holds_when_nothing_matches():
     lab = Lab(go(X) / ~p(X, _) >> [do("none")], go(X) >> [do("some")])
-    lab.tell(go(1), +p(2, 1), go(1), +p(1, 1), go(1), -p(1, 1), go(1))
+    for item in (go(1), +p(2, 1), go(1), +p(1, 1), go(1), -p(1, 1), go(1)):
+        lab.tell(item)
     assert lab.done == ["none", "none", "some", "none"]
 
 
@@ -170,7 +173,8 @@ def test_a_plan_without_steps_achieves_its_goal():
 def test_intentions_take_turns():
     lab = Lab(go(X) >> [do(X), do(X), do(X)])
     lab.tell(go("a"), go("b"))
-    assert lab.done == ["a", "b"] * 3
+    # When the second one is taken up, the first one has made a step already.
+    assert lab.done == ["a", "a", "b", "a", "b", "b"]
 
 
 def test_an_endless_intention_starves_no_other():
@@ -185,10 +189,20 @@ def test_an_endless_intention_starves_no_other():
 def test_the_budget_bounds_the_thinking():
     lab = Lab(go(X) >> [do(X), go(X + 1)])
     lab.post(go(0))
-    assert lab.engine.run_until_idle(budget=10)
-    assert lab.done == [0, 1, 2, 3, 4]
-    assert lab.engine.run_until_idle(budget=2)
-    assert lab.done[-1] == 5
+    turn = (STEPS + 1) * CHAIN
+    for turns in (1, 2, 10):
+        before = len(lab.done)
+        assert lab.engine.run_until_idle(budget=turns)
+        assert turns <= len(lab.done) - before <= turns * turn
+    assert lab.done == list(range(len(lab.done)))
+
+
+def test_of_several_intentions_each_makes_one_step_in_a_turn():
+    lab = Lab(go(X) >> [do(X), go(X)])
+    lab.post(go("a"), go("b"))
+    assert lab.engine.run_until_idle(budget=42)
+    assert 20 <= len(lab.done) <= 42
+    assert abs(lab.done.count("a") - lab.done.count("b")) <= 2
 
 
 def test_thinking_ends_when_nothing_is_left():
@@ -227,8 +241,9 @@ def test_those_that_wait_equally_long_go_on_in_their_order():
 @settings(deadline=None, max_examples=50)
 @given(st.lists(st.integers(1, 4), min_size=1, max_size=4))
 def test_nobody_makes_a_second_step_before_everybody_made_a_first(lengths):
-    lab = Lab(*(go(n) >> [do(n)] * length for n, length in enumerate(lengths)))
+    lab = Lab(*(go(n) >> [wait(1), *[do(n)] * length] for n, length in enumerate(lengths)))
     lab.tell(*map(go, range(len(lengths))))
+    lab.until(1)
     rounds = itertools.zip_longest(*([n] * length for n, length in enumerate(lengths)))
     assert lab.done == [n for served in rounds for n in served if n is not None]
 
@@ -239,7 +254,7 @@ def test_the_mind_shows_what_is_believed_desired_and_intended():
     mind = lab.engine.mind()
     assert [str(held.belief) for held in mind.beliefs] == ["p(1)"]
     assert list(map(str, mind.desires)) == ["go()", "sub(1)"]
-    assert list(map(str, mind.intentions)) == ["sub(X) < go() < +p(X)"]
+    assert list(map(str, mind.intentions)) == ["sub(X) < go() (waits 1 s)"]
     lab.until(1)
     assert lab.engine.mind().intentions == ()
 

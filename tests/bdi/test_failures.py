@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from socialbot.bdi import Action, Sensor, fail, wait
+from socialbot.bdi import Action, Sensor, atomic, fail, wait
 from socialbot.bdi.actions import PlanFailed
 from tests.bdi.lab import Lab, X, Y, crash, deep, do, go, p, q, sub
 
@@ -16,11 +16,11 @@ def failures(lab):
 @pytest.mark.parametrize(
     ("step", "what", "reason"),
     [
-        (crash("oh"), 'crash("oh")', "ZeroDivisionError"),
-        (fail("too late"), 'fail("too late")', "failed"),
-        (deep(), "deep()", "no applicable plan"),
-        (do(X / 0), "do(X / 0)", "ZeroDivisionError"),
-        (+p(X + "a"), '+p(X + "a")', "TypeError"),
+        (crash("oh"), 'crash("oh")', "exception"),
+        (fail("too late"), 'fail("too late")', "action_failed"),
+        (deep(), "deep()", "no_relevant"),
+        (do(X / 0), "do(X / 0)", "exception"),
+        (+p(X + "a"), '+p(X + "a")', "exception"),
     ],
     ids=["exception", "fail", "no plan", "argument", "belief"],
 )
@@ -101,7 +101,10 @@ def test_a_goal_whose_rules_do_not_apply_fails_with_their_names():
     lab = Lab(go(1) >> [], go(X) / p(X) >> [], go(X) / (X > 5) >> [])
     lab.tell(go(2))
     (failure,) = [record for record in lab.trace if record.kind == "failure"]
-    assert failure.detail["rejected"] == ["go(X) / (p(X)) >> []", "go(X) / ((X > 5)) >> []"]
+    assert failure.detail["rejected"] == [
+        {"plan": "go(X) / (p(X)) >> []", "because": "p(X) does not hold"},
+        {"plan": "go(X) / ((X > 5)) >> []", "because": "(X > 5) does not hold"},
+    ]
 
 
 def test_a_goal_may_wait_in_its_failure_plan():
@@ -119,7 +122,7 @@ def test_an_action_may_fail_its_goal_by_itself():
     lab = Lab(go() >> [Pick("cup")])
     lab.tell(go())
     (failure,) = [record for record in lab.trace if record.kind == "failure"]
-    assert failure.detail == {"reason": "failed", "message": "no cup"}
+    assert failure.detail == {"reason": "action_failed", "message": "no cup"}
 
 
 def test_an_action_without_execute_fails_and_says_how_to_mend_it():
@@ -150,7 +153,9 @@ def test_an_exception_in_a_condition_rejects_the_rule_and_is_on_the_trace():
     assert lab.done == ["next"]
     assert failures(lab) == [('+p(X) / (<lambda>(X)) >> [do("never")]', "KeyError")]
     plan = next(record for record in lab.trace if record.kind == "plan")
-    assert plan.detail["rejected"] == ['+p(X) / (<lambda>(X)) >> [do("never")]']
+    assert plan.detail["rejected"] == [
+        {"plan": '+p(X) / (<lambda>(X)) >> [do("never")]', "because": "<lambda>(X) raises KeyError: 'mine'"}
+    ]
 
 
 def test_a_comparison_of_what_cannot_be_compared_rejects_the_rule():
@@ -216,11 +221,11 @@ def test_a_duration_that_cannot_be_told_is_a_failure_on_the_trace(seconds):
     assert still_alive(lab)
 
 
-def test_an_action_that_suspends_twice_rests_for_the_longer_time():
+def test_an_action_rests_for_as_long_as_it_returns():
     class Rest(Action):
         def execute(self):
-            self.engine.suspend(1)
-            self.engine.suspend(2)
+            self.engine.sleep(1)
+            return self.engine.sleep(2)
 
     lab = Lab(go() >> [Rest(), wait(5), do("after")])
     lab.tell(go())
@@ -229,28 +234,49 @@ def test_an_action_that_suspends_twice_rests_for_the_longer_time():
     assert still_alive(lab)
 
 
-def test_an_action_that_fails_after_suspending_fails_at_once():
+def test_an_action_that_fails_leaves_nothing_that_rests():
     class Rest(Action):
         def execute(self):
-            self.engine.suspend(5)
+            self.engine.sleep(5)
             broken()
 
-    lab = Lab(go() >> [Rest()], -go() >> [do("instead")])
-    lab.tell(go())
+    lab = Lab(go(1) >> [Rest()], -go(1) >> [do("instead")], go(2) >> [Rest()])
+    lab.tell(go(1), go(2))
+    assert lab.engine.mind().intentions == ()
     lab.until(9)
     assert lab.timeline == [(0, "instead")]
     assert still_alive(lab)
 
 
-def test_an_action_that_dropped_its_intention_leaves_nothing_suspended():
-    class Rest(Action):
-        def execute(self):
-            self.engine.suspend(5)
-            broken()
-
-    lab = Lab(go() >> [Rest()])
+def test_the_message_of_an_exception_names_its_kind():
+    lab = Lab(go() >> [crash("oh")])
     lab.tell(go())
-    assert lab.engine.mind().intentions == ()
+    (failure,) = [record for record in lab.trace if record.kind == "failure"]
+    assert failure.detail == {"reason": "exception", "message": "ZeroDivisionError: oh"}
+
+
+def test_a_failure_plan_that_keeps_a_goal_lets_it_be_achieved_later():
+    lab = Lab(
+        +p(1) >> [go(), do("after")], go() >> [do("a"), sub()], -go() >> [do("failed")], sub() >> [wait(1), do("c")]
+    )
+    lab.tell(+p(1))
+    lab.until(2)
+    assert lab.done == ["a", "c", "after"]
+    assert lab.kinds("achieved") == ["sub()", "go()"]
+
+
+def test_a_failure_plan_can_be_atomic():
+    lab = Lab(go() >> [fail()], atomic(-go() >> [do("f")] * 3), +p(X) >> [do("p")] * 3)
+    lab.tell(+p(1), go())
+    assert "fff" in "".join(lab.done)
+    assert lab.done.count("p") == 3
+
+
+def test_a_failed_atomic_plan_is_atomic_no_longer():
+    lab = Lab(atomic(go() >> [do("a"), fail()]), -go() >> [wait(1), do("f")], +p(X) >> [do("p")])
+    lab.tell(go())
+    lab.tell(+p(1))
+    assert lab.done == ["a", "p"]
 
 
 @pytest.mark.parametrize("seconds", [None, "", math.nan, math.inf])

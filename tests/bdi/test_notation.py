@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from socialbot.bdi import Rule, fail, wait
+from socialbot.bdi import Plan, fail, wait
 from socialbot.errors import RuleError
 from tests.bdi.lab import Lab, X, Y, _, deep, do, go, mood, p, ping, q, sub
 
@@ -117,15 +117,20 @@ def test_an_expression_in_a_condition_may_use_what_stands_before_it():
     "make",
     [
         lambda: go() >> [do(_)],
-        lambda: go() >> [sub(_)],
         lambda: go() >> [+p(_)],
         lambda: go() / (_ > 1) >> [],
     ],
-    ids=["action", "goal", "belief", "comparison"],
+    ids=["action", "belief", "comparison"],
 )
 def test_underscore_has_no_value(make):
     with raises("_ has no value"):
         make()
+
+
+def test_underscore_in_a_goal_is_a_variable_that_nobody_asks_for():
+    lab = Lab(go() >> [sub(_, 1), do("on")], sub(X, Y) / p(X) >> [do(X, Y)])
+    lab.tell(+p(2), go())
+    assert lab.done == [(2, 1), "on"]
 
 
 def test_a_plan_may_forget_whatever_it_believes_of_a_name():
@@ -169,7 +174,7 @@ def test_an_event_cannot_compute_in_its_arguments():
 def test_a_reactor_is_never_removed_nor_held(event):
     with raises("never happens"):
         _rule = event >> []
-    assert isinstance(+ping(1) >> [], Rule)
+    assert isinstance(+ping(1) >> [], Plan)
 
 
 def test_what_is_no_rule_is_not_added():
