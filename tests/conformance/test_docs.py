@@ -1,0 +1,98 @@
+"""The examples in the documents are run, and their tables are complete."""
+
+from __future__ import annotations
+
+import contextlib
+import doctest
+import io
+import re
+from pathlib import Path
+
+import pytest
+
+import socialbot.bdi
+from socialbot.bdi.failures import REASONS
+from socialbot.bdi.functions import FUNCTIONS
+from socialbot.bdi.internal import __all__ as topics
+from socialbot.bdi.internals import INTERNALS
+from socialbot.bdi.mail import PERFORMATIVES
+from socialbot.bdi.trace import KINDS
+from tests.conformance.examples import Example, Stage
+
+ROOT = Path(__file__).parents[2]
+SEMANTICS = (ROOT / "docs" / "semantics.md").read_text("utf-8")
+ENGINE = (ROOT / "docs" / "engine.md").read_text("utf-8")
+EXAMPLES = Path(__file__).parent / "examples"
+COMPILED = {".findall", ".setof", ".count"}
+
+
+def blocks(text: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
+PROGRAMS = blocks(SEMANTICS, "agentspeak") + blocks(ENGINE, "agentspeak")
+
+
+@pytest.mark.parametrize("number", range(len(PROGRAMS)))
+def test_an_example_in_agentspeak_prints_what_it_says(number):
+    text = PROGRAMS[number]
+    expected = re.findall(r"// -> (.*)$", text, re.MULTILINE)
+    assert expected
+    assert Stage(Example("docs", "", {"me": text}, [], {"prints": expected})).play() == {"prints": expected}
+
+
+SCRIPTS = {"semantics.md": blocks(SEMANTICS, "python"), "engine.md": blocks(ENGINE, "python")}
+
+
+@pytest.mark.parametrize("document", [name for name, scripts in SCRIPTS.items() if scripts])
+def test_the_examples_in_python_run_one_after_the_other(document):
+    """Blocks with ``>>>`` are doctests, the others are run; ``# -> text`` is what they print."""
+    names: dict[str, object] = {"__name__": "examples"}
+    for script in SCRIPTS[document]:
+        if script.startswith(">>>"):
+            test = doctest.DocTestParser().get_doctest(script, names, document, document, 0)
+            told = io.StringIO()
+            doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(test, out=told.write, clear_globs=False)
+            assert told.getvalue() == ""
+            names.update(test.globs)
+            continue
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile(script, document, "exec"), names)
+        assert printed.getvalue().splitlines() == re.findall(r"# -> (.*)$", script, re.MULTILINE), script
+
+
+def test_there_are_examples():
+    assert len(PROGRAMS) > 8
+    assert len(SCRIPTS["engine.md"]) > 5
+
+
+def test_every_internal_action_is_in_the_table_and_has_an_example():
+    assert topics
+    examples = "\n".join(path.read_text("utf-8") for path in EXAMPLES.glob("*.txt"))
+    for name in sorted(INTERNALS.keys() | COMPILED):
+        mentioned = re.compile(rf"(?<![\w.]){re.escape(name)}(?!\w)")
+        assert re.search(rf"^\| `{re.escape(name)}[(`]", SEMANTICS, re.MULTILINE), name
+        assert mentioned.search(examples) or name == ".stop", name
+
+
+def test_every_internal_action_in_the_table_exists():
+    table = SEMANTICS.partition("## Internal actions")[2].partition("\n## ")[0]
+    for name in re.findall(r"^\| `(\.\w+)", table, re.MULTILINE):
+        assert name in INTERNALS or name in COMPILED, name
+
+
+def test_every_reason_performative_and_function_is_told():
+    for reason in REASONS:
+        assert f"| `{reason}` |" in SEMANTICS, reason
+    for performative in PERFORMATIVES:
+        assert f"`{performative}`" in SEMANTICS, performative
+    for name in FUNCTIONS:
+        assert f"`{name}" in SEMANTICS or f"`{name.removeprefix('math.')}`" in SEMANTICS, name
+
+
+def test_every_public_name_and_every_kind_of_record_is_told():
+    for name in socialbot.bdi.__all__:
+        assert re.search(rf"\b{name}\b", ENGINE), name
+    for kind in KINDS:
+        assert f"`{kind}`" in ENGINE, kind

@@ -1,0 +1,276 @@
+"""What the notation of Python says and means, where AgentSpeak has none, and how the two say the same."""
+# ruff: noqa: N801, N803 - beliefs, goals and actions are written as agents write them, functions name variables
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from socialbot.bdi import (
+    ANYTHING,
+    Atom,
+    Belief,
+    Computed,
+    Goal,
+    PlanFailed,
+    Sensor,
+    action,
+    apart,
+    as_long_as,
+    ask,
+    atomic,
+    enter,
+    error,
+    fail,
+    first_of,
+    for_each,
+    labelled,
+    priority,
+    source,
+    stage,
+    together,
+    variables,
+    wait,
+    wait_for,
+    when,
+)
+from socialbot.bdi import (
+    test as holds,
+)
+from socialbot.bdi.agentspeak import agentspeak, parse_plan, rules
+from socialbot.errors import RuleError
+from tests.bdi.lab import Lab, crash, deep, do, go, mood, p, ping, q, sub
+
+X, Y, Z, E, S, _ = variables("X Y Z E S _")
+
+NOTATIONS = [
+    (+p(X) >> [sub(X)], "+p(X) <- !sub(X)."),
+    (-p(X) >> [do(X)], "-p(X) <- do(X)."),
+    (+p(X) / q(X) >> [do(X)], "+p(X) : q(X) <- do(X)."),
+    (+p(X) / (q(X) & ~q(2) & (X > 1)) >> [do(X)], "+p(X) : q(X) & not q(2) & X > 1 <- do(X)."),
+    (+p(X) / (q(X) | mood(X)) >> [do(X)], "+p(X) : q(X) | mood(X) <- do(X)."),
+    (go(X) >> [do(X)], "+!go(X) <- do(X)."),
+    (-go(X) >> [do(X)], "-!go(X) <- do(X)."),
+    ((-go(X)[error(E)]) >> [do(E)], "-!go(X)[error(E)] <- do(E)."),
+    (+p(X)[source(S)] >> [do(S)], "+p(X)[source(S)] <- do(S)."),
+    (+p(X).held_for(5) >> [do(X)], "+p(X)[held_for(5)] <- do(X)."),
+    (go() >> [sub(1), apart(sub(2)), sub(3).within(5)], "+!go <- !sub(1); !!sub(2); !sub(3)[within(5)]."),
+    (go() >> [+p(1), -q(_)], "+!go <- ++p(1); .abolish(q(_))."),
+    (go() >> [ask(p(X)), do(X)], "+!go <- ?p(X); do(X)."),
+    (go(X) >> [holds(X > 1)], "+!go(X) <- X > 1."),
+    (go() >> [wait(0.5), wait_for(+p(X), 2)], "+!go <- .wait(500); .wait({+p(X)}, 2000)."),
+    (go() >> [wait_for(p(X))], "+!go <- .wait(p(X))."),
+    (go(X) >> [when(p(X), [do(1)], [do(2)])], "+!go(X) <- if (p(X)) { do(1) } else { do(2) }."),
+    (go() >> [as_long_as(p(1), [do(1)])], "+!go <- while (p(1)) { do(1) }."),
+    (go() >> [for_each(p(X), [do(X)])], "+!go <- for (p(X)) { do(X) }."),
+    (go() >> [together([do(1)], [do(2), do(3)])], "+!go <- do(1) |&| { do(2); do(3) }."),
+    (go() >> [first_of([do(1)], [do(2)])], "+!go <- do(1) ||| do(2)."),
+    (go() >> [enter("night"), fail("no")], '+!go <- .enter(night); .fail(error_msg("no")).'),
+    (atomic(go() >> [do(1)])[0], "@[atomic] +!go <- do(1)."),
+    (priority(2, go() >> [do(1)])[0], "@[priority(2)] +!go <- do(1)."),
+    (stage("night", go() >> [do(1)])[0], "@[stage(night)] +!go <- do(1)."),
+    (labelled("l", go() >> [do(1)]), "@l +!go <- do(1)."),
+    (p(X) << (q(X) & (X > 1)), "p(X) :- q(X) & X > 1."),
+    (go() >> [do(Atom("yes"), "yes", (1, 2), 1.5)], '+!go <- do(yes, "yes", [1, 2], 1.5).'),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("rule", "text"), NOTATIONS, ids=[text for _, text in NOTATIONS])
+def test_both_notations(rule, text):
+    assert agentspeak(rule) == text
+    if ":-" not in text and "abolish" not in text and ".fail" not in text and ".enter" not in text:
+        assert agentspeak(parse_plan(text)) == text
+        assert rules(parse_plan(text))
+
+
+# Beliefs
+
+
+def test_a_singleton_belief_takes_the_place_of_the_old_one():
+    lab = Lab(+mood(X) >> [do("+", X)], -mood(X) >> [do("-", X)], go(X) >> [+mood(X)])
+    lab.tell(+mood("sad"), go("glad"))
+    assert lab.beliefs == ['mood("glad")']
+    assert lab.done == [("+", "sad"), ("-", "sad"), ("+", "glad")]
+
+
+def test_a_reactor_is_an_event_and_is_never_believed():
+    lab = Lab(+ping(X) >> [do(X)], +ping(X) / ping(X) >> [do("never")], go() >> [+ping(2), +ping(2)])
+    lab.tell(+ping(1), go())
+    assert lab.done == [1, 2, 2]
+    assert lab.beliefs == []
+
+
+def test_a_reactor_that_goes_is_no_event():
+    with pytest.raises(RuleError, match="never happens"):
+        _ = -ping(X) >> [do(X)]
+
+
+def test_a_belief_of_python_is_an_event_of_its_own():
+    lab = Lab(go() >> [+p(1), do("on")], +p(X) >> [do(X)])
+    lab.tell(go())
+    assert lab.done == ["on", 1]
+
+
+def test_minus_of_python_forgets_all_that_match_whoever_said_it():
+    lab = Lab(go() >> [-p(_)])
+    lab.engine.believe(p(1), source="bob")
+    lab.tell(+p(2), +q(3), go())
+    assert lab.beliefs == ["q(3)"]
+
+
+class larger(Computed):
+    def solutions(self, a: object, b: object) -> bool:
+        return a > b  # type: ignore[operator]
+
+
+class digit(Computed):
+    def solutions(self, n: object) -> Iterator[tuple[object, ...]]:
+        return ((i,) for i in range(10)) if n is ANYTHING else iter([(n,)] if n in range(10) else [])
+
+
+def test_a_computed_belief_is_asked_when_it_is_needed():
+    lab = Lab(go(X) / larger(X, 3) >> [do("large")], go(X) / ~larger(X, 3) >> [do("small")])
+    lab.tell(go(5), go(1))
+    assert lab.done == ["large", "small"]
+
+
+def test_a_computed_belief_gives_values():
+    lab = Lab(go() / (digit(X) & (X > 7)) >> [do(X)], sub(X) / digit(X) >> [do("digit")], sub(X) >> [do("none")])
+    lab.tell(go(), sub(3), sub(30))
+    assert lab.done == [8, "digit", "none"]
+
+
+def test_a_computed_belief_cannot_be_held():
+    lab = Lab(go() >> [+digit(3), do("never")], -go()[error(E)] >> [do(E)])
+    lab.tell(go())
+    assert lab.done == [Atom("exception")]
+
+
+# Conditions
+
+
+def test_a_function_looks_at_variables_by_the_names_of_its_parameters():
+    lab = Lab(go(X) / (p(Y) & (lambda Y, X: X + Y == 5)) >> [do(Y)])
+    lab.tell(+p(1), +p(3), +p(4), go(2))
+    assert lab.done == [3]
+
+
+def test_a_function_that_raises_an_exception_does_not_hold():
+    lab = Lab(go(X) / (lambda X: 1 / X > 0) >> [do("inverse")], go(X) >> [do("none")])
+    lab.tell(go(0))
+    assert lab.done == ["none"]
+    assert lab.kinds("failure")
+
+
+def test_any_object_that_never_changes_is_a_value():
+    place = frozenset({1, 2})
+    lab = Lab(+p(X) / q(X, Y) >> [do(Y)])
+    lab.tell(+q(place, None), +p(place))
+    assert lab.done == [None]
+
+
+def test_what_can_change_is_refused():
+    lab = Lab()
+    with pytest.raises(RuleError, match="unhashable"):
+        lab.engine.believe(p([1]))
+
+
+# Steps
+
+
+def test_the_duration_of_held_for_may_be_a_function():
+    seconds = iter([1.0, 3.0])
+    lab = Lab(+p(X).held_for(lambda: next(seconds)) >> [do(X)])
+    lab.tell(+p(1), +p(2))
+    lab.until(5)
+    assert lab.timeline == [(1.0, 1), (3.0, 2)]
+
+
+def test_the_limit_of_a_goal_may_be_a_variable():
+    lab = Lab(go(X) >> [sub("a").within(X), do("never")], sub(_) >> [wait(9)], -go(X)[error(E)] >> [do(X, E)])
+    lab.tell(go(2))
+    lab.until(10)
+    assert lab.timeline == [(2.0, (2, Atom("timeout")))]
+
+
+def test_a_goal_from_outside_may_have_a_limit():
+    lab = Lab(go() >> [wait(9), do("never")], -go()[error(E)] >> [do(E)])
+    lab.tell(go().within(3))
+    lab.until(10)
+    assert lab.timeline == [(3.0, Atom("timeout"))]
+
+
+def test_a_goal_from_outside_waits_for_the_events_before_it():
+    lab = Lab(+p(X) >> [+q(X)], go() / q(1) >> [do("knows")], go() >> [do("too early")])
+    lab.post(+p(1), go())
+    lab.engine.run_until_idle()
+    assert lab.done == ["knows"]
+
+
+def test_plan_failed_tells_why():
+    @action
+    def refuse(engine: object) -> None:
+        raise PlanFailed("the door is shut")
+
+    lab = Lab(go() >> [refuse()], -go()[error(E)] >> [do(E)])
+    lab.tell(go())
+    assert lab.done == [Atom("action_failed")]
+    (record,) = [record for record in lab.trace if record.kind == "failure"]
+    assert record.detail["message"] == "the door is shut"
+
+
+def test_a_rule_needs_no_event_but_a_goal():
+    class tidy(Goal): ...
+
+    class dirty(Belief): ...
+
+    lab = Lab(tidy() / dirty() >> [do("cleans"), -dirty(), tidy()], tidy() >> [do("done")])
+    lab.tell(+dirty(), tidy())
+    assert lab.done == ["cleans", "done"]
+
+
+def test_failures_go_down_to_the_goal_that_handles_them():
+    lab = Lab(
+        go() >> [sub(1), do("on")],
+        sub(X) >> [deep(), do("never")],
+        deep() >> [crash("x")],
+        -sub(X) >> [do("handled", X)],
+    )
+    lab.tell(go())
+    assert lab.done == [("handled", 1), "on"]
+
+
+class Eyes(Sensor):
+    def sense(self, percept: object) -> object:  # type: ignore[override]
+        return [-p(_), +p(percept)] if percept != "bad" else 1 / 0
+
+
+def test_a_sensor_makes_beliefs_of_percepts_and_its_mistakes_stop_nobody():
+    lab = Lab(+p(X)[source(S)] >> [do(X, S)])
+    eyes = Eyes()
+    lab.engine.add_sensor(eyes)
+    for percept in (1, "bad", 2):
+        eyes.push(percept)
+    lab.engine.run_until_idle()
+    assert lab.done == [(1, Atom("percept")), (2, Atom("percept"))]
+    assert lab.beliefs == ["p(2)"]
+
+
+MISTAKES = [
+    (lambda: go() >> [do(X)], "X has no value in do"),
+    (lambda: go() >> [do(X > 1)], "X > 1 is no value"),
+    (lambda: go(X) / q(X) & (X > 1), "the condition of go"),
+    (lambda: go >> [do(1)], "unsupported"),  # type: ignore[operator]
+    (lambda: go() >> do(1), "no list of steps"),  # type: ignore[operator]
+    (lambda: go() >> [do], "do is a class"),
+    (lambda: go() >> [p(1)], "no step of a plan"),
+    (lambda: go(X + 1) >> [do(1)], "computes in its arguments"),
+    (lambda: p(1) >> [do(1)], "is no event"),
+]
+
+
+@pytest.mark.parametrize(("rule", "message"), MISTAKES, ids=[message for _, message in MISTAKES])
+def test_a_rule_that_could_never_run_is_refused_when_it_is_written(rule, message):
+    with pytest.raises((RuleError, TypeError), match=message):
+        rule()
