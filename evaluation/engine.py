@@ -1,0 +1,279 @@
+"""How fast the engine is beside the plainest hand-written loop that does the same, and beside other engines.
+
+``python -m evaluation.engine`` measures by turns, in one process, on the processor's clock; each figure is the best of
+several passes, and those that count are ratios, which depend little on the machine. Other engines
+(``pip install socialbot[bench]``) run the same workloads where they are installed.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from evaluation.engine_host import host, latency
+from evaluation.engine_peers import Workload, peers
+from evaluation.engine_workloads import QUICK, WORKLOADS, Figures, Scale
+from evaluation.report import JsonOption, Machine, QuickOption, run
+from socialbot.errors import SocialbotError
+
+OnlyOption = Annotated[
+    str | None, typer.Option("--only", metavar="W1,W2a", help="Only these workloads (W1 to W6, latency).")
+]
+
+MEASURES: dict[str, Callable[[Scale], Figures]] = {**WORKLOADS, "W6": host, "latency": latency}
+"""All that can be measured, by the names that the command line takes."""
+
+PAGE_WIDTH = 150
+
+UNMET = frozenset({"below", "above"})
+MARKS = {
+    "": "",
+    "ok": "[green]ok[/]",
+    "aim": "[green]aim[/]",
+    "below": "[bold red]below[/]",
+    "above": "[bold red]above[/]",
+}
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the table: the figure that counts, what it has to be, and the rates that it comes from.
+
+    ``required`` and ``aim`` are the least or, with ``at_most``, the most it should be. ``rate`` and ``hand`` are the
+    keys of the rates of the engine and of the hand-written loop.
+    """
+
+    workload: str
+    key: str
+    text: str
+    required: float | None = None
+    aim: float | None = None
+    at_most: bool = False
+    rate: str | None = None
+    hand: str | None = None
+
+    def verdict(self, value: object) -> str:
+        """``ok`` when it is as required, ``aim`` when it is as it should be, else ``below`` or ``above``."""
+        if self.required is None or not isinstance(value, (int, float)):
+            return ""
+        if not self._reached(value, self.required):
+            return "above" if self.at_most else "below"
+        return "aim" if self.aim is not None and self._reached(value, self.aim) else "ok"
+
+    def _reached(self, value: float, limit: float) -> bool:
+        return value <= limit if self.at_most else value >= limit
+
+
+def _ratio(workload: str, text: str, name: object, required: float | None = None, aim: float | None = None) -> Line:
+    """A line on a ratio; its keys in the JSON end with the name."""
+    return Line(workload, f"ratio_{name}", text, required, aim, rate=f"engine_rate_{name}", hand=f"hand_rate_{name}")
+
+
+def lines(scale: Scale) -> list[Line]:
+    """The lines of the table."""
+    shallow, deep = scale.depths
+    few, many = scale.plans[0], scale.plans[-1]
+    less, more = scale.facts[0], scale.facts[-1]
+    return [
+        Line("W1", "ratio", "event, condition, change, action", 0.45, 0.7, rate="engine_rate", hand="hand_rate"),
+        Line("W1", "agentspeak_ratio", "the same, plan in AgentSpeak", rate="agentspeak_rate", hand="hand_rate"),
+        Line("W1", "fresh_ratio", "the same, each belief a new object", rate="fresh_rate", hand="fresh_hand_rate"),
+        Line("W1", "hook_cost", "share that the trace's hook costs, trace off", 0.05, at_most=True),
+        Line("W1", "traced_cost_ns", "what a trace costs more for each, ns", rate="traced_rate"),
+        _ratio("W2a", f"{few} plans for one kind of event", few),
+        _ratio("W2a", f"{many} plans for one kind of event", many, 0.40, 0.6),
+        Line("W2a", "of_few", f"rate with {many} plans as a share of that with {few}", 0.8),
+        _ratio("W2b", f"join over {less} facts", less),
+        _ratio("W2b", f"join over {more} facts", more, 0.6, 1.0),
+        Line("W2b", "slower_than_few", f"times slower with {more} facts than with {less}", 2.0, at_most=True),
+        _ratio("W3", f"goals {shallow} deep, each the last step", shallow),
+        _ratio("W3", f"goals {deep} deep, each the last step", deep, 0.45, 0.7),
+        *(
+            Line(
+                "W3", f"{name}_ratio_{deep}", text, rate=f"{name}_rate_{deep}", hand=f"hand_rate_{deep}",
+            )
+            for name, text in (
+                ("agentspeak", "the same, plans in AgentSpeak"),
+                ("stacked", f"goals {deep} deep, a step after each"),
+                ("agentspeak_stacked", "the same, plans in AgentSpeak"),
+            )
+        ),
+        Line("W3", "growth_kib", f"memory that {shallow} goals take more than 1000, KiB", 1.0, at_most=True),
+        *(
+            _ratio("W4", f"{size} agents in a ring, tokens: {tokens}", f"{size}_{tokens}", *limits)
+            for size, tokens in scale.rings
+            for limits in [(0.25, 0.4) if (size, tokens) == (1_000, 1) else ()]
+        ),
+        Line("W4", "agentspeak_ratio", "1000, 1 token, plan in AgentSpeak", rate="agentspeak_rate", hand="hand_rate"),
+        Line("W5", "engine_rate", "plans a second read and added", 15_000, 30_000, rate="engine_rate"),
+        Line("W5", "eager_rate", "the same, compiled at once", rate="eager_rate"),
+        Line("W6", "kib_per_agent", "memory an agent, KiB", 5.0, at_most=True),
+        Line("W6", "import_ms", "processor time of the import, ms", 30.0, at_most=True),
+        Line("W6", "asyncio_ms", "for comparison: that of the import of asyncio, ms"),
+        Line("W6", "idle_share", "share of a processor with nothing to do", 0.0, at_most=True),
+        Line("latency", "p50_us", "post to action, p50, µs"),
+        Line("latency", "p99_us", "post to action, p99, µs"),
+        Line("latency", "thread_p50_us", "the same from another thread, p50, µs", 15.0, at_most=True),
+        Line("latency", "thread_p99_us", "the same from another thread, p99, µs"),
+        Line("latency", "wake_p50_us", "of which the system's, to wake a thread, p50, µs"),
+    ]  # fmt: skip
+
+
+@dataclass
+class Findings:
+    """All figures: ``figures`` by workload and key, ``others`` by peer, workload and key."""
+
+    scale: Scale
+    quick: bool
+    machine: Machine = field(default_factory=Machine.here)
+    figures: dict[str, Figures] = field(default_factory=dict)
+    others: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
+
+    def measured(self) -> list[tuple[Line, Any]]:
+        """The lines that there are figures for, with the figure that counts."""
+        return [
+            (line, self.figures[line.workload][line.key])
+            for line in lines(self.scale)
+            if line.key in self.figures.get(line.workload, {})
+        ]
+
+    def unmet(self) -> list[str]:
+        """The requirements that are not met."""
+        return [f"{line.workload}.{line.key}" for line, value in self.measured() if line.verdict(value) in UNMET]
+
+    def content(self) -> dict[str, Any]:
+        """Everything as plain data, the figures under the names of the workloads."""
+        found: dict[str, Any] = {
+            "evaluation": "engine",
+            "quick": self.quick,
+            "machine": msgspec.to_builtins(self.machine),
+            "unmet": self.unmet(),
+        }
+        for workload, figures in self.figures.items():
+            limited = [line for line, _ in self.measured() if line.workload == workload and line.required is not None]
+            found[workload] = {
+                **figures,
+                "required": {line.key: line.required for line in limited},
+                "aim": {line.key: line.aim for line in limited if line.aim is not None},
+                "peers": {name: rates[workload] for name, rates in self.others.items() if workload in rates},
+            }
+        return found
+
+    def best_peer(self, line: Line) -> float | None:
+        """How many times better than the best peer."""
+        own = self.figures[line.workload].get(line.rate or line.key)
+        found = [rates for name in self.others if (rates := self.peer(name, line)) is not None]
+        if not found or not isinstance(own, (int, float)) or not own:
+            return None
+        return min(found) / own if line.at_most else own / max(found)
+
+    def peer(self, name: str, line: Line) -> float | None:
+        """What a peer reached in the workload of a line."""
+        rates = self.others[name].get(line.workload, {})
+        if line.at_most or line.rate is None:
+            return rates.get(line.key)
+        return rates.get(line.rate, rates.get("engine_rate") if line.rate.startswith("engine_rate") else None)
+
+    def show(self, console: Console) -> None:
+        """Prints the table."""
+        machine = self.machine
+        console.print(f"[bold]engine[/]{' (quick)' if self.quick else ''}: rates per second of processor time")
+        console.print(
+            f"{machine.processor}, {machine.cores} cores, {machine.system}, Python {machine.versions['python']}; "
+            f"load before: {machine.load_before}",
+            style="dim",
+            soft_wrap=True,
+        )
+        table = Table("", "", box=None, pad_edge=False, header_style="dim")
+        for column in ("by hand", "engine", "ratio", "required", "aim", "", *self.others, "times best"):
+            table.add_column(column, justify="right")
+        before = ""
+        for line, value in self.measured():
+            figures, sign = self.figures[line.workload], "≤ " if line.at_most else ""
+            rate = figures.get(line.rate) if line.rate else None
+            mark = MARKS[line.verdict(value)]
+            table.add_row(
+                line.workload if line.workload != before else "",
+                line.text,
+                _text(figures.get(line.hand)) if line.hand else "",
+                _text(rate),
+                _text(value) if line.key != line.rate else "",
+                f"{sign}{_text(line.required)}" if line.required is not None else "",
+                _text(line.aim),
+                mark,
+                *(_text(self.peer(name, line)) for name in self.others),
+                _times(self.best_peer(line)),
+            )
+            before = line.workload
+        console.print(table)
+        unmet = self.unmet()
+        console.print(f"not met: {', '.join(unmet)}" if unmet else "All requirements are met.")
+
+
+def measure(names: list[str], scale: Scale, *, quick: bool = False) -> Findings:
+    """Measures some workloads, on the engine and on the peers that are installed."""
+    findings = Findings(scale, quick)
+    rivals: dict[str, dict[str, Workload]] = peers()
+    for name in names:
+        print(f"{name}: engine", file=sys.stderr)
+        findings.figures[name] = MEASURES[name](scale)
+        for peer, workloads in rivals.items():
+            if name in workloads:
+                print(f"{name}: {peer}", file=sys.stderr)
+                findings.others.setdefault(peer, {})[name] = workloads[name](scale)
+    return findings
+
+
+def chosen(only: str | None) -> list[str]:
+    """The names in ``--only``; all without it. Raises SocialbotError for one that is none."""
+    if only is None:
+        return list(MEASURES)
+    known = {name.lower(): name for name in MEASURES}
+    names = [name.strip() for name in only.split(",") if name.strip()]
+    strange = [name for name in names if name.lower() not in known]
+    if strange or not names:
+        what = f"there is no workload {', '.join(strange)}" if strange else "no workload is named"
+        raise SocialbotError(what, where="--only", remedy=f"name some of {', '.join(MEASURES)}")
+    return [known[name.lower()] for name in names]
+
+
+def main(json: JsonOption = None, quick: QuickOption = False, only: OnlyOption = None) -> None:
+    """Measure the engine beside a hand-written loop and other engines, workload by workload."""
+    findings = measure(chosen(only), QUICK if quick else Scale(), quick=quick)
+    if json is not None:
+        write(findings, json)
+    findings.show(Console(highlight=False, width=None if sys.stdout.isatty() else PAGE_WIDTH))
+
+
+def write(findings: Findings, file: Path) -> None:
+    """Writes the figures as JSON. Raises SocialbotError if it cannot."""
+    try:
+        file.write_bytes(msgspec.json.format(msgspec.json.encode(findings.content()), indent=2) + b"\n")
+    except OSError as error:
+        raise SocialbotError(f"cannot be written: {error.strerror}", where=str(file)) from error
+
+
+def _times(factor: float | None) -> str:
+    return "" if factor is None else f"{factor:.0f}" if factor >= 10 else f"{factor:.2g}"
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, (int, float)):
+        return ""
+    if abs(value) >= 1_000_000:
+        return f"{value / 1e6:.2f} M"
+    if abs(value) >= 10_000:
+        return f"{value / 1e3:.0f} k"
+    return f"{value:.0f}" if abs(value) >= 1_000 or value == 0 else f"{value:.3g}"
+
+
+if __name__ == "__main__":
+    run(main)

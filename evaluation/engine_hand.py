@@ -1,0 +1,169 @@
+"""What a person would write by hand, had he one fixed agent: the plainest loop that does the same, as a yardstick.
+
+It has a set of beliefs, a queue of events, plans found by name and first argument, an index where a condition joins,
+a stack of goals and mailboxes; none of the engine's sources, stamps, failures, waits or traces.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+Fact = tuple[Any, ...]
+Guard = Callable[["Hand", Fact], "Fact | None"]
+Body = Callable[["Hand", Fact], None]
+
+
+class Hand:
+    """One agent, hand-written."""
+
+    __slots__ = ("beliefs", "count", "index", "indexed", "mail", "name", "next", "plans", "queue")
+
+    def __init__(self, name: str = "hand", indexed: tuple[str, ...] = ()) -> None:
+        self.name = name
+        self.beliefs: set[Fact] = set()
+        self.index: dict[Fact, set[Fact]] = {}
+        self.indexed = indexed
+        self.plans: dict[tuple[str, str, Any], list[tuple[Guard, Body]]] = {}
+        self.queue: deque[tuple[str, Fact]] = deque()
+        self.mail: deque[tuple[str, Fact]] = deque()
+        self.next: Hand | None = None
+        self.count = 0
+
+    def add(self, fact: Fact) -> None:
+        """Holds a fact; that is an event."""
+        if fact not in self.beliefs:
+            self.beliefs.add(fact)
+            if fact[0] in self.indexed:
+                self.index.setdefault(fact[:2], set()).add(fact)
+            self.queue.append(("+", fact))
+
+    def remove(self, fact: Fact) -> None:
+        """Holds a fact no longer; no plan listens to that."""
+        if fact in self.beliefs:
+            self.beliefs.discard(fact)
+            if fact[0] in self.indexed:
+                self.index[fact[:2]].discard(fact)
+
+    def run(self) -> None:
+        """Handles the events."""
+        queue, plans = self.queue, self.plans
+        while queue:
+            sign, fact = queue.popleft()
+            found = plans.get((sign, fact[0], fact[1])) or plans.get((sign, fact[0], None))
+            if found:
+                for guard, body in found:
+                    env = guard(self, fact)
+                    if env is not None:
+                        body(self, env)
+                        break
+
+
+def is_ready(agent: Hand, fact: Fact) -> Fact | None:
+    """The condition ``ready(yes)``."""
+    return fact if ("ready", "yes") in agent.beliefs else None
+
+
+def forget_and_count(agent: Hand, fact: Fact) -> None:
+    """The body ``-event; tick``."""
+    agent.remove(fact)
+    agent.count += 1
+
+
+def reacting(events: list[Fact]) -> Hand:
+    """A plan for each of some events, under the condition ``ready(yes)``."""
+    agent = Hand()
+    agent.add(("ready", "yes"))
+    agent.run()
+    agent.plans = {("+", name, arg): [(is_ready, forget_and_count)] for name, arg in events}
+    return agent
+
+
+def joining(facts: int) -> Hand:
+    """``+ev(K) : at(K, R) & light(R, on)``, half of the facts ``at``, half ``light``."""
+    agent = Hand(indexed=("at",))
+    for i in range(facts // 2):
+        agent.add(("at", i, f"r{i}"))
+        agent.add(("light", f"r{i}", "on"))
+    agent.queue.clear()
+
+    def lit(agent: Hand, fact: Fact) -> Fact | None:
+        for at in agent.index.get(("at", fact[1]), ()):
+            if ("light", at[2], "on") in agent.beliefs:
+                return fact
+        return None
+
+    agent.plans = {("+", "ev", None): [(lit, forget_and_count)]}
+    return agent
+
+
+def react(agent: Hand, events: list[Fact]) -> None:
+    """Lets it react to one event after the other."""
+    for fact in events:
+        agent.add(fact)
+        agent.run()
+
+
+def descend(depth: int) -> int:
+    """``+!count(N) : N > 0 <- !count(N-1); tick`` with a stack of plan, step and argument; counts the ticks."""
+    ticks = 0
+
+    def last(_env: int, _step: int) -> None:
+        return None
+
+    def down(env: int, step: int) -> tuple[str, int] | None:
+        nonlocal ticks
+        if step == 0:
+            return ("count", env - 1)
+        ticks += 1
+        return None
+
+    plans = {"count": lambda number: last if number == 0 else down}
+    stack: list[list[Any]] = [[plans["count"](depth), 0, depth]]
+    while stack:
+        frame = stack[-1]
+        goal = frame[0](frame[2], frame[1])
+        frame[1] += 1
+        if goal is None:
+            stack.pop()
+        else:
+            stack.append([plans[goal[0]](goal[1]), 0, goal[1]])
+    return ticks
+
+
+class Ring:
+    """Agents in a ring, who hand tokens on to the next one."""
+
+    def __init__(self, size: int) -> None:
+        self.agents = [Hand(f"a{i}") for i in range(size)]
+        self.ready: deque[Hand] = deque()
+        self.hops = 0
+        for i, agent in enumerate(self.agents):
+            agent.next = self.agents[(i + 1) % size]
+            agent.plans = {("+", "token", None): [(self._going, self._hand_on)]}
+
+    def run(self, tokens: int, hops: int) -> None:
+        """Has each token handed on so many times."""
+        ready, size = self.ready, len(self.agents)
+        for k in range(tokens):
+            self.agents[k % size].mail.append(("env", ("token", k, hops)))
+            ready.append(self.agents[k % size])
+        while ready:
+            agent = ready.popleft()
+            if agent.mail:
+                _sender, fact = agent.mail.popleft()
+                agent.add(fact)
+                agent.run()
+
+    @staticmethod
+    def _going(_agent: Hand, fact: Fact) -> Fact | None:
+        return fact if fact[2] > 0 else None
+
+    def _hand_on(self, agent: Hand, fact: Fact) -> None:
+        agent.remove(fact)
+        self.hops += 1
+        receiver = agent.next
+        assert receiver is not None
+        receiver.mail.append((agent.name, ("token", fact[1], fact[2] - 1)))
+        self.ready.append(receiver)

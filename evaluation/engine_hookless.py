@@ -1,0 +1,122 @@
+"""The same engine without the hook for a trace, to tell what its presence costs while no trace is wanted.
+
+The modules of `socialbot.bdi` are imported a second time, and every ``sink is None`` in them, and in the code
+they generate, is replaced by what it is without a sink.
+"""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import importlib
+import importlib.machinery
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from types import CodeType, ModuleType
+from typing import Any
+
+import evaluation.engine_programs
+import socialbot
+
+PACKAGE = "socialbot.bdi"
+PROGRAMS = "evaluation.engine_programs"
+
+
+@contextmanager
+def hookless() -> Iterator[Any]:
+    """Within it, importing gives the engine without the hook; afterwards the usual one again.
+
+    Yields `evaluation.engine_programs` for that engine.
+    """
+    usual = _modules()
+    package = socialbot.bdi  # type: ignore[attr-defined]
+    programs = sys.modules.pop(PROGRAMS)
+    for name in usual:
+        del sys.modules[name]
+    finder = _Finder()
+    sys.meta_path.insert(0, finder)
+    try:
+        yield importlib.import_module(PROGRAMS)
+    finally:
+        sys.meta_path.remove(finder)
+        for name in _modules():
+            del sys.modules[name]
+        sys.modules.update({**usual, PROGRAMS: programs})
+        socialbot.bdi = package  # type: ignore[attr-defined]
+        evaluation.engine_programs = programs  # type: ignore[assignment]
+
+
+def without_hook(source: str) -> ast.Module:
+    """The syntax tree of a module in which nobody asks for the sink."""
+    return ast.fix_missing_locations(_Strip().visit(ast.parse(source)))
+
+
+def _modules() -> dict[str, ModuleType]:
+    return {name: module for name, module in sys.modules.items() if name == PACKAGE or name.startswith(f"{PACKAGE}.")}
+
+
+class _Finder:
+    """Finds the modules of the package, to be loaded without the hook."""
+
+    def find_spec(self, name: str, path: Sequence[str] | None, target: Any = None) -> Any:
+        if name != PACKAGE and not name.startswith(f"{PACKAGE}."):
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(name, path, target)
+        if spec is not None and spec.origin is not None:
+            spec.loader = _Loader(name, spec.origin)
+        return spec
+
+
+class _Loader(importlib.machinery.SourceFileLoader):
+    def get_code(self, fullname: str) -> CodeType:
+        return compile(without_hook(self.get_data(self.path).decode()), self.path, "exec", dont_inherit=True)
+
+    def exec_module(self, module: ModuleType) -> None:
+        if module.__name__ == f"{PACKAGE}.compiler.source":
+            module.__dict__["compile"] = _compile
+        super().exec_module(module)
+
+
+def _compile(source: str, filename: str, mode: str) -> CodeType:
+    return builtins.compile(without_hook(source), filename, mode, dont_inherit=True)
+
+
+class _Strip(ast.NodeTransformer):
+    """Decides every question for the sink, and what follows from it."""
+
+    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        self.generic_visit(node)
+        if isinstance(node.left, ast.Attribute) and node.left.attr == "sink" and _is_none(node.comparators[0]):
+            return ast.Constant(isinstance(node.ops[0], ast.Is))
+        return node
+
+    def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
+        self.generic_visit(node)
+        deciding = isinstance(node.op, ast.Or)
+        kept: list[ast.expr] = []
+        for value in node.values:
+            known = _known(value)
+            if known is None or known is deciding:
+                kept.append(value)
+            if known is deciding:
+                break
+        return ast.Constant(not deciding) if not kept else kept[0] if len(kept) == 1 else ast.BoolOp(node.op, kept)
+
+    def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
+        self.generic_visit(node)
+        known = _known(node.test)
+        return node if known is None else node.body if known else node.orelse
+
+    def visit_If(self, node: ast.If) -> ast.stmt | list[ast.stmt]:
+        self.generic_visit(node)
+        known = _known(node.test)
+        return node if known is None else (node.body if known else node.orelse) or ast.Pass()
+
+
+def _is_none(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and node.value is None
+
+
+def _known(node: ast.expr) -> bool | None:
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, bool) else None

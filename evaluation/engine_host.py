@@ -1,0 +1,202 @@
+"""What the engine costs its host: latencies on the wall clock, memory, the import, an agent that has nothing to do.
+
+Memory and import are measured in processes of their own: ``python -m evaluation.engine_host 1000`` prints the KiB
+that each of 1000 agents takes.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+from evaluation import engine_programs as programs
+from evaluation.engine_workloads import Figures, Scale
+from evaluation.report import percentile
+from socialbot.bdi import Engine, Library
+from socialbot.clock import WallClock
+from socialbot.errors import SocialbotError
+
+PAUSE_S = 0.0002
+"""Between two events from another thread, so that the engine rests in between."""
+
+IMPORTS = 25
+"""So many fresh interpreters import the engine; the quickest counts."""
+
+IMPORT = "import time; begun = time.process_time_ns(); import {0}; print(time.process_time_ns() - begun)"
+
+
+def latency(scale: Scale) -> Figures:
+    """Wall time from the post to the action: in the engine's thread, and from another one.
+
+    ``wake_p50_us`` is what the system takes to wake a thread that reads from a pipe, without any engine.
+    """
+    gc.collect()
+    gc.freeze()
+    try:
+        own = own_latencies(scale.latencies)
+        posted, woken = posted_latencies(scale.latencies // 4), wakes(scale.latencies // 4)
+    finally:
+        gc.unfreeze()
+    return {
+        "p50_us": _us(own, 0.5),
+        "p99_us": _us(own, 0.99),
+        "thread_p50_us": _us(posted, 0.5),
+        "thread_p99_us": _us(posted, 0.99),
+        "wake_p50_us": _us(woken, 0.5),
+        "wake_p99_us": _us(woken, 0.99),
+    }
+
+
+def own_latencies(number: int) -> list[int]:
+    """Nanoseconds from the post to the action, in one thread."""
+    engine = programs.ready_agent(programs.react_rule(programs.stop_watch), robot=programs.Stopwatch())
+    watch, person = engine.robot, programs.person("yes")
+    for _ in range(number):
+        watch.posted = time.perf_counter_ns()
+        engine.believe(person)
+        engine.run_until_idle()
+    return watch.took
+
+
+def posted_latencies(number: int) -> list[int]:
+    """Nanoseconds from the post in one thread to the action in another, where the engine rests in `Engine.run`."""
+    engine = programs.ready_agent(programs.react_rule(programs.stop_watch), robot=programs.Stopwatch())
+    watch, person = engine.robot, programs.person("yes")
+    thread = threading.Thread(target=engine.run)
+    thread.start()
+    try:
+        for i in range(number):
+            time.sleep(PAUSE_S)
+            watch.posted = time.perf_counter_ns()
+            engine.believe(person)
+            _await(watch.took, i + 1)
+    finally:
+        engine.stop()
+        thread.join()
+    return watch.took
+
+
+def wakes(number: int) -> list[int]:
+    """Nanoseconds from a word written to a pipe in one thread to the moment when another one has read it."""
+    (reader, writer), took, watch = os.pipe(), [], programs.Stopwatch()
+
+    def wait() -> None:
+        for _ in range(number):
+            os.read(reader, 1)
+            took.append(time.perf_counter_ns() - watch.posted)
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    for i in range(number):
+        time.sleep(PAUSE_S)
+        watch.posted = time.perf_counter_ns()
+        os.write(writer, b"!")
+        _await(took, i + 1)
+    thread.join()
+    os.close(reader)
+    os.close(writer)
+    return took
+
+
+def host(scale: Scale) -> Figures:
+    """W6: memory of an agent, processor time of the import and of an agent with nothing to do.
+
+    The import of asyncio, of about the same size, tells how quick the machine is just now with code it has not run yet.
+    """
+    return {
+        "kib_per_agent": float(fresh("-m", "evaluation.engine_host", str(scale.agents))),
+        "import_ms": import_ms("socialbot.bdi"),
+        "asyncio_ms": import_ms("asyncio"),
+        "idle_share": idle_share(scale.idle_s),
+    }
+
+
+def import_ms(module: str) -> float:
+    """Processor time of an import in a fresh interpreter, beyond that interpreter's own start."""
+    return min(int(fresh("-c", IMPORT.format(module))) for _ in range(IMPORTS)) / 1e6
+
+
+def idle_share(seconds: float) -> float:
+    """The share of a processor that an agent uses in `Engine.run` while nothing happens."""
+    engine = programs.ready_agent(programs.react_rule())
+    thread = threading.Thread(target=engine.run)
+    thread.start()
+    time.sleep(0.1)
+    begun, used = time.monotonic(), time.process_time()
+    time.sleep(seconds)
+    used = time.process_time() - used
+    share = used / (time.monotonic() - begun)
+    engine.stop()
+    thread.join()
+    return round(share, 3)
+
+
+def kib_per_agent(number: int) -> float:
+    """The memory of the process for each of many agents with the same plans, each of which has reacted once."""
+    clock, library = WallClock(), Library(programs.react_rule())
+
+    def make(name: str) -> Engine:
+        engine = Engine(name, clock, robot=None, library=library)
+        engine.believe(programs.ready("yes"))
+        engine.run_until_idle()
+        return engine
+
+    first = [make("first") for _ in range(10)]
+    for engine in first:
+        engine.robot = programs.Counter()
+        engine.believe(programs.person("yes"))
+        engine.run_until_idle()
+    gc.collect()
+    before = rss_kib()
+    robot, agents = programs.Counter(), []
+    for i in range(number):
+        engine = make(f"a{i}")
+        engine.robot = robot
+        engine.believe(programs.person("yes"))
+        engine.run_until_idle()
+        agents.append(engine)
+    gc.collect()
+    assert robot.count == number
+    return (rss_kib() - before) / len(agents)
+
+
+def rss_kib() -> int:
+    """The memory of this process. Raises SocialbotError where the system does not tell."""
+    try:
+        lines = Path("/proc/self/status").read_text("ascii").splitlines()
+    except OSError as error:
+        raise SocialbotError(
+            "the memory of a process is not known on this system", where="/proc/self/status"
+        ) from error
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS:"))
+
+
+def _await(took: list[int], number: int) -> None:
+    """Waits until so many events were acted upon. Raises SocialbotError when one is lost."""
+    deadline = time.monotonic() + 5
+    while len(took) < number:
+        time.sleep(PAUSE_S / 4)
+        if time.monotonic() > deadline:
+            raise SocialbotError("an event posted from another thread was not acted upon", where="latency")
+
+
+def _us(times: list[int], share: float) -> float | None:
+    found = percentile([time_ns / 1000 for time_ns in times], share)
+    return None if found is None else round(found, 3)
+
+
+def fresh(*arguments: str) -> str:
+    """What a fresh interpreter prints. Raises SocialbotError when it fails."""
+    done = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SocialbotError(f"a fresh interpreter failed: {done.stderr.strip()}", where=" ".join(arguments))
+    return done.stdout.strip()
+
+
+if __name__ == "__main__":
+    print(kib_per_agent(int(sys.argv[1])))

@@ -1,0 +1,124 @@
+"""The agents that the engine is measured with, each in Python's notation and, where it is compared, in AgentSpeak.
+
+A counter stands for the robot; ``tick`` is its only action.
+"""
+# ruff: noqa: D101, N801 - beliefs, goals and actions are written as agents write them
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from typing import Any
+
+from socialbot.bdi import Action, Belief, Engine, Goal, Plan, action, send, variables
+from socialbot.clock import WallClock
+
+A, K, N, R, T = variables("A K N R T")
+
+
+class person(Belief): ...
+
+
+class ready(Belief): ...
+
+
+class ev(Belief): ...
+
+
+class at(Belief): ...
+
+
+class light(Belief): ...
+
+
+class token(Belief): ...
+
+
+class nxt(Belief): ...
+
+
+class count(Goal): ...
+
+
+class Counter:
+    """What the agents act upon."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+
+class Stopwatch:
+    """Acted upon, it notes the time (ns) since an event was posted."""
+
+    def __init__(self) -> None:
+        self.posted = 0
+        self.took: list[int] = []
+
+
+@action
+def tick(engine: Any) -> None:
+    """Counts."""
+    engine.robot.count += 1
+
+
+@action
+def stop_watch(engine: Any) -> None:
+    """Takes the time."""
+    engine.robot.took.append(time.perf_counter_ns() - engine.robot.posted)
+
+
+REACT_TEXT = "ready(yes). +person(yes) : ready(yes) <- -person(yes); tick."
+COUNT_TEXT = "+!count(0). +!count(N) : N > 0 <- !count(N-1)."
+STACKED_TEXT = "+!count(0). +!count(N) : N > 0 <- !count(N-1); tick."
+RING_TEXT = "+token(T,N) : N > 0 & nxt(A) <- -token(T,N)[source(_)]; .send(A, tell, token(T,N-1))."
+
+
+def react_rule(then: type[Action] = tick) -> Plan:
+    """A person comes: the belief goes and something is done."""
+    return +person("yes") / ready("yes") >> [-person("yes"), then()]
+
+
+def plan_for_each(events: Iterable[str]) -> list[Plan]:
+    """A plan for each constant."""
+    return [+ev(name) / ready("yes") >> [-ev(name), tick()] for name in events]
+
+
+def join_rule() -> Plan:
+    """An event whose condition joins two kinds of facts."""
+    return +ev(K) / (at(K, R) & light(R, "on")) >> [-ev(K), tick()]
+
+
+def count_rules(*, stacked: bool) -> list[Plan]:
+    """Counts down, goal by goal; ``stacked`` has an action left to do after each."""
+    then = [tick()] if stacked else []
+    return [count(0) >> [], count(N) / (N > 0) >> [count(N - 1), *then]]
+
+
+def ring_rule() -> Plan:
+    """Hands a token on to the next agent."""
+    return +token(T, N) / ((N > 0) & nxt(A)) >> [-token(T, N), send(A, token(T, N - 1))]
+
+
+def plan_texts(number: int, start: int = 0) -> list[str]:
+    """AgentSpeak plans of which no two are alike."""
+    return [f"+!g{i}(X) : c{i}(X) <- a(X); !h{i}(X)." for i in range(start, start + number)]
+
+
+def agent(*rules: Plan | list[Plan], text: str = "", name: str = "agent", **options: Any) -> Engine:
+    """An agent with a counter, of rules or of AgentSpeak text; idle."""
+    options.setdefault("robot", Counter())
+    engine = Engine(name, WallClock(), **options)
+    engine.add_action(tick)
+    engine.add_rules(*rules)
+    if text:
+        engine.add_text(text)
+    engine.run_until_idle()
+    return engine
+
+
+def ready_agent(*rules: Plan | list[Plan], **options: Any) -> Engine:
+    """An agent that believes ``ready("yes")``."""
+    engine = agent(*rules, **options)
+    engine.believe(ready("yes"))
+    engine.run_until_idle()
+    return engine
