@@ -119,11 +119,13 @@ class Relation:
         return literal_of(self.key, args, annotations)
 
 
-class Relations(dict[str, Relation]):
-    """The relations of an agent by key, such as ``at/2``; one that is asked for is made."""
+class Relations:
+    """The relations of an agent by key, such as ``at/2``; one that is asked for is made. ``made`` are those so far."""
+
+    __slots__ = ("_equip", "known", "made")
 
     def __init__(self, equip: Any) -> None:
-        super().__init__()
+        self.made: dict[str, Relation] = {}
         self._equip = equip
         self.known: dict[tuple[type[Literal], int], Relation] = _NONE
 
@@ -133,10 +135,13 @@ class Relations(dict[str, Relation]):
             self.known = {}
         self.known[kind, arity] = relation
 
-    def __missing__(self, key: str) -> Relation:
-        relation = Relation(key, self)
-        self._equip(relation)
-        return self.setdefault(key, relation)
+    def __getitem__(self, key: str) -> Relation:
+        relation = self.made.get(key)
+        if relation is None:
+            relation = Relation(key, self)
+            self._equip(relation)
+            relation = self.made.setdefault(key, relation)
+        return relation
 
 
 class BeliefBase:
@@ -148,19 +153,19 @@ class BeliefBase:
         self._relations = relations
 
     def __iter__(self) -> Iterator[Held]:
-        for relation in list(self._relations.values()):
+        for relation in list(self._relations.made.values()):
             for args in list(relation.facts):
                 yield self._held(relation, args)
 
     def __len__(self) -> int:
-        return sum(len(relation.facts) for relation in self._relations.values())
+        return sum(len(relation.facts) for relation in self._relations.made.values())
 
     def __contains__(self, belief: Literal) -> bool:
         return self.get(belief) is not None
 
     def get(self, belief: Literal) -> Held | None:
         """What is held of exactly this belief, whatever its annotations."""
-        relation = self._relations.get(belief.key)
+        relation = self._relations.made.get(belief.key)
         return self._held(relation, belief.args) if relation and belief.args in relation.facts else None
 
     def _held(self, relation: Relation, args: Args) -> Held:

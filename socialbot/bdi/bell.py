@@ -1,25 +1,32 @@
-"""A bell that wakes a sleeping thread: a pipe, as the kernel wakes its reader in half the time a lock takes."""
+"""A bell that wakes a sleeping thread: a counter in the kernel, which does it in half the time that a lock takes."""
 
 from __future__ import annotations
 
-import contextlib
 import os
 import select
+
+_ONE = (1).to_bytes(8, "little")
 
 
 class Bell:
     """Rings from any thread; one thread waits for it. Rings while nobody waits are remembered as one."""
 
     def __init__(self) -> None:
-        self._reader, self._writer = os.pipe()
-        os.set_blocking(self._writer, False)
+        if hasattr(os, "eventfd"):
+            self._reader = self._writer = os.eventfd(0)
+        else:
+            self._reader, self._writer = os.pipe()
+            os.set_blocking(self._writer, False)
         self._poll = select.poll()
         self._poll.register(self._reader, select.POLLIN)
 
     def ring(self) -> None:
         """Wakes the thread that waits, or the next one that would."""
-        with contextlib.suppress(BlockingIOError):  # it rings already, and nobody has heard it yet
-            os.write(self._writer, b"!")
+        # Nothing but the call of the system: who rings still runs when the sleeper wakes, and stands in its way.
+        try:  # noqa: SIM105
+            os.write(self._writer, _ONE)
+        except BlockingIOError:
+            pass  # A full pipe: it rings already, and nobody has heard it yet.
 
     def wait(self, seconds: float | None = None) -> None:
         """Sleeps until it rings, for ``seconds`` at most."""
@@ -27,6 +34,6 @@ class Bell:
             os.read(self._reader, 65536)
 
     def __del__(self) -> None:
-        # Not before: while somebody may still ring, the number of the pipe must not become that of another file.
-        os.close(self._reader)
-        os.close(self._writer)
+        # Not before: while somebody may still ring, the number must not become that of another file.
+        for number in {self._reader, self._writer}:
+            os.close(number)

@@ -48,7 +48,7 @@ class Engine(Acting):
         *,
         robot: Any = None,
         sink: Sink | None = None,
-        wake: Callable[[], None] | None = None,
+        wake: Callable[[], object] | None = None,
         library: Library | None = None,
         seed: int | str | None = None,
     ) -> None:
@@ -152,12 +152,12 @@ class Engine(Acting):
         """Runs until `stop`, asleep while there is nothing to do. The clock has to run by itself."""
         bell, host = Bell(), self.wake
 
-        def ring() -> None:
+        def ring_both() -> None:
             bell.ring()
             if host is not None:
                 host()
 
-        self.wake = ring
+        self.wake = bell.ring if host is None else ring_both
         try:
             while not self._stopping:
                 if not self.run_until_idle(16):

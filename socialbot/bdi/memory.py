@@ -30,8 +30,8 @@ class Memory:
     """What an agent believes. The methods that generated code calls take relations and tuples instead of literals."""
 
     __slots__ = (
-        "_most_timers", "_now", "_records", "_sequence", "_sink_failed", "_timers", "beliefs", "clock", "events",
-        "library", "name", "relations", "sink", "stage", "triggers",
+        "_most_timers", "_now", "_records", "_sequence", "_sink_failed", "_timers", "base", "beliefs", "clock",
+        "events", "library", "name", "relations", "sink", "stage", "triggers",
     )  # fmt: skip
 
     def __init__(self, name: str, clock: Clock, sink: Sink | None, library: Library) -> None:
@@ -42,6 +42,7 @@ class Memory:
         library.users += 1
         self.triggers = library.triggers
         self.relations = Relations(self._equip)
+        self.base = self.relations.made
         self.beliefs = BeliefBase(self.relations)
         self.stage: str | None = None
         self.events: deque[tuple[Trigger, Args, Notes, Any]] = deque()
@@ -168,7 +169,7 @@ class Memory:
         if args in relation.facts:
             return self._merge(relation, args, notes, cause)
         before = next(iter(relation.facts), None)
-        for other in list(self.relations.values()):
+        for other in list(self.base.values()):
             if other.kind is kind:
                 for found in list(other.facts):
                     self.forget_one(other, found, cause)
@@ -291,7 +292,7 @@ class Memory:
             self.library = self.library.copy()
             self.library.users = 1
             self.triggers = self.library.triggers
-            for relation in self.relations.values():
+            for relation in self.base.values():
                 self._equip(relation)
         return self.library
 
@@ -299,12 +300,12 @@ class Memory:
         """Has the events of a key announced, now that somebody reacts to them."""
         self.triggers[key]
         name = key[5:] if key.startswith("held ") else key[1:]
-        if name in self.relations:
+        if name in self.base:
             self._equip(self.relations[name])
 
     def equip(self, kind: type[Literal]) -> None:
         """Has beliefs of a class treated as it asks for: held, one at a time, or only an event."""
-        for relation in list(self.relations.values()):
+        for relation in list(self.base.values()):
             if relation.key.startswith(f"{kind.functor}/"):
                 self._equip(relation)
 

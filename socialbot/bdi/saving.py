@@ -71,7 +71,7 @@ def save(engine: Engine) -> dict[str, Any]:
         "stage": engine.stage,
         "random": _random_state(engine),
         "records": _next_record(engine),
-        "beliefs": [_belief(relation, args) for relation in list(engine.relations.values()) for args in relation.facts],
+        "beliefs": [_belief(relation, args) for relation in list(engine.base.values()) for args in relation.facts],
         "pursuits": [
             _pursuit(request, suspended=intention.suspended)
             for intention in engine.intentions
@@ -311,7 +311,7 @@ def _clear(engine: Engine) -> None:
     for timer in list(engine._timers):
         if _ripens(engine, timer[2]) or engine._over(timer[2]):
             engine.not_at(timer[2])
-    for relation in engine.relations.values():
+    for relation in engine.base.values():
         relation.facts.clear()
         relation.lives.clear()
         for index in relation.indexes.values():

@@ -37,7 +37,7 @@ LISTENING = "+message/3"
 class Society:
     """Agents by name. ``wake`` is called, from any thread, when something was posted to one of them."""
 
-    def __init__(self, clock: Clock, *, wake: Callable[[], None] | None = None) -> None:
+    def __init__(self, clock: Clock, *, wake: Callable[[], object] | None = None) -> None:
         self.clock = clock
         self.wake = wake
         self.agents: dict[str, Engine] = {}
@@ -95,7 +95,8 @@ class Society:
 
             tell(sender, agent, key, args, cause)
         else:
-            agent.inbox.append((agent.relations[key], args, notes, cause, None))
+            relation = agent.base.get(key) or agent.relations[key]
+            agent.inbox.append((relation, args, notes, cause, None))
             if not agent.signalled:
                 agent.signalled = True
                 self._ready.append(agent)

@@ -39,7 +39,7 @@ def mind(engine: Engine) -> tuple[object, ...]:
     """All that makes two minds the same."""
     facts = {
         key: [(args, since, set(map(str, notes))) for args, (since, notes, _) in relation.facts.items()]
-        for key, relation in sorted(engine.relations.items())
+        for key, relation in sorted(engine.base.items())
         if relation.facts
     }
     return facts, engine.stage, engine.random.getstate(), list(map(str, engine.mind().desires))

@@ -72,7 +72,7 @@ def belief(f: Function, pattern: Literal, rest: Rest) -> None:
         solve(f, pattern, rest)
         return
     known = [i for i, arg in enumerate(pattern.args) if "_" not in names_in(arg) and has_value(f, arg)]
-    relation = f"ag.relations[{pattern.key!r}]"
+    relation = f.relation(pattern.key)
     if len(known) == len(pattern.args):
         with f.block(f"if {values(f, pattern.args)} in {relation}.facts"):
             rest()
@@ -148,7 +148,7 @@ def negation(f: Function, inner: Condition, rest: Rest) -> None:
     """Writes the test that something has no solution."""
     if isinstance(inner, Literal) and "." not in inner.functor and not inner.annotations and _plain(f, inner):
         known = [i for i, arg in enumerate(inner.args) if "_" not in names_in(arg) and has_value(f, arg)]
-        relation = f"ag.relations[{inner.key!r}]"
+        relation = f.relation(inner.key)
         if len(known) == len(inner.args):
             test = f"{values(f, inner.args)} not in {relation}.facts"
         else:

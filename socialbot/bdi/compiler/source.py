@@ -117,6 +117,14 @@ class Function:
             self.line("pass")
         self.depth -= 1
 
+    def relation(self, key: str) -> str:
+        """Looks up the relation of that key; the local that then holds it."""
+        name = self.unit.name("r")
+        # A plain dictionary is twice as quick to ask as one that makes what is missing.
+        self.line(f"try: {name} = ag.base[{key!r}]")
+        self.line(f"except KeyError: {name} = ag.relations[{key!r}]")
+        return name
+
     def local(self, variable: str) -> str:
         """The Python name of a variable."""
         return f"v_{variable}"

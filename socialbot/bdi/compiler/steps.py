@@ -227,7 +227,7 @@ class Body:
         if isinstance(literal, Variable):
             f.line(f"r = ag.update_of({sign!r}, {value(f, literal)}, c)", step)
             return
-        relation = f"ag.relations[{literal.key!r}]"
+        relation = f.relation(literal.key)
         if sign in ("-", "--"):
             before = set(f.scope)
             known = "_" not in names_in(literal.args) and has_value(f, literal.args)
@@ -251,14 +251,13 @@ class Body:
 
     def forget(self, f: Function, step: Forget) -> None:
         literal = step.literal
-        relation = f"ag.relations[{literal.key!r}]"
+        relation = f.relation(literal.key)
         if "_" not in names_in(literal) and has_value(f, literal) and not literal.annotations:
             args = values(f, literal.args)
-            f.line(f"r = {relation}")
             # Nobody has to know: no call.
-            f.line("if r.quiet and ag.sink is None:")
-            f.line(f"    r.facts.pop({args}, None)", step)
-            f.line(f"else: ag.forget_one(r, {args}, c)", step)
+            f.line(f"if {relation}.quiet and ag.sink is None:")
+            f.line(f"    {relation}.facts.pop({args}, None)", step)
+            f.line(f"else: ag.forget_one({relation}, {args}, c)", step)
         else:
             args = tuple_of([build(f, arg) for arg in literal.args])
             notes = tuple_of([build(f, note) for note in literal.annotations])
