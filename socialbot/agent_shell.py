@@ -396,7 +396,7 @@ class Shell:
         """What a word that was begun may become."""
         commands = [name[3:].replace("_", "-") for name in dir(self) if name.startswith("do_")]
         sign = text[: len(text) - len(text.lstrip("+-!?"))]
-        known = {key.rpartition("/")[0] for key in self.engine.relations}
+        known = {key.rpartition("/")[0] for key in self.engine.base}
         known |= {key[2:].rpartition("/")[0] for key in self.engine.triggers if key[1:2] in ("!", "?")}
         names = [sign + name for name in sorted(known)] if sign else [*commands, "quit", *sorted(known)]
         return [name for name in names if name.startswith(text)]

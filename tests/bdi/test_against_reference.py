@@ -5,10 +5,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Plan, wait
+from socialbot.bdi.conditions import conjunction
+from socialbot.bdi.events import Change, Event
 from socialbot.bdi.literals import Literal
-from socialbot.bdi.steps import Update
+from socialbot.bdi.steps import Do, For, Forget, If, Update, While
 from socialbot.clock import SECOND
-from tests.bdi.lab import Lab, X, Y, crash, do, go, mood, nap, p, ping, q, sub
+from tests.bdi.lab import Lab, X, Y, Z, crash, do, go, mood, nap, p, ping, q, sub
 from tests.bdi.programs import PROGRAMS, STIMULI, can_be_spoken, spoken
 from tests.bdi.reference import Reference
 
@@ -85,6 +87,25 @@ def test_the_engine_does_what_the_reference_does(program, stimuli):
     compare(Both(program), stimuli)
     if can_be_spoken(program):
         compare(Both(program, Speaking(program)), stimuli)
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        If(p(0), (), (Do(do("in", X)),)),
+        If(p(0), (Do(do("in", X)),), (Do(do("not", X)), Do(do("in", X)))),
+        For(q(Y, Z), (Do(do("in", Y)),)),
+        While(q(0, Z), (Forget(q(0, Z)), Do(do("in", X)))),
+    ],
+    ids=lambda block: type(block).__name__,
+)
+def test_a_step_in_a_block_takes_one_turn_like_any_other(block):
+    walk = (Do(do("a", X)), block, Do(do("b", X)), Do(do("c", X)), Do(do("d", X)))
+    clock = Plan(+ping(0), conjunction(), (Do(do("tick")), Do(do("tock")), Update("++", ping(0))))
+    both = Both([Plan(Event(Change.WANTED, go(X)), conjunction(), walk), clock])
+    compare(
+        both, [("believe", q(0, 0)), ("believe", q(1, 1)), ("achieve", go(0)), ("achieve", go(1)), ("believe", ping(0))]
+    )
 
 
 @pytest.mark.slow

@@ -104,7 +104,8 @@ class Body:
         for i, step in enumerate(body):
             if not rested:
                 f.line("yield")
-            rested = self.write(f, step, last=i == len(body) - 1 and not nested)
+            last = i == len(body) - 1
+            rested = self.write(f, step, last=last and not nested, closes=last)
 
     def write_inline(self, f: Function, step: Step, *, last: bool, rest: Rest) -> None:
         """Writes a step of a body that runs in place."""
@@ -123,8 +124,11 @@ class Body:
         else:
             self.write(f, step, last=last)
 
-    def write(self, f: Function, step: Step, *, last: bool = False) -> bool:
-        """Writes a step of a generator; returns whether others have had a turn when it has ended."""
+    def write(self, f: Function, step: Step, *, last: bool = False, closes: bool = False) -> bool:
+        """Writes a step of a generator; returns whether others have had a turn when it has ended.
+
+        ``last`` is the last step of the plan, ``closes`` that of a block: who comes after a block lets others go first.
+        """
         if isinstance(step, Achieve):
             self.achieve(f, step, last=last)
         elif isinstance(step, Do):
@@ -135,7 +139,7 @@ class Body:
                     f.line(f"{pause} = ag.outcome({pause})", step)
                 if limited != pause:
                     f.line(f"if {pause} is not None: {pause} = {limited}", step)
-                f.line(f"if {pause} is not None: yield {pause}" if last else f"yield {pause}")
+                f.line(f"if {pause} is not None: yield {pause}" if last or closes else f"yield {pause}")
                 return True
             return rests(step)
         elif isinstance(step, Update):
