@@ -34,9 +34,17 @@ class SocialbotError(Exception):
         self.where = where
         self.remedy = remedy
 
+    def __reduce__(self) -> tuple[object, ...]:
+        # An exception is made anew from its arguments by position; these are given by name.
+        return _made_again, (type(self), self.args), self.__dict__
+
     def __str__(self) -> str:
         text = f"{self.where}: {self.what}" if self.where else self.what
         return f"{text}\n  remedy: {self.remedy}" if self.remedy else text
+
+
+def _made_again(kind: type[SocialbotError], args: tuple[object, ...]) -> SocialbotError:
+    return kind.__new__(kind, *args)
 
 
 class BagError(SocialbotError):
