@@ -85,6 +85,18 @@ def opencv() -> Finding:
     return Finding(name, "ok", f"{cv2.__version__}, with the HOG detector")
 
 
+def network() -> Finding:
+    """Whether the neural network that finds people runs."""
+    name = "person detector"
+    try:
+        from socialbot.vision.nanodet import nanodet
+
+        nanodet(0.5)
+    except SocialbotError as error:
+        return Finding(name, "error", error.what, f"{error.remedy}; or set person_detector.detector=hog")
+    return Finding(name, "ok", f"NanoDet runs on onnxruntime {_version('onnxruntime')}")
+
+
 def speech() -> Finding:
     """Whether espeak-ng makes a sound of a word."""
     name = "speech"
@@ -150,7 +162,7 @@ def runs_folder(folder: Path = Path("runs")) -> Finding:
 
 
 FIRST_CHECKS: tuple[Check, ...] = (python, packages)
-LAST_CHECKS: tuple[Check, ...] = (opencv, speech, sound_device, cameras, runs_folder)
+LAST_CHECKS: tuple[Check, ...] = (opencv, network, speech, sound_device, cameras, runs_folder)
 
 
 def _version(distribution: str) -> str | None:

@@ -16,6 +16,7 @@ from socialbot.bridge import environment, ros_checks
 from socialbot.bridge.round_trip import Trial, cause
 from socialbot.errors import NodeError
 from socialbot.findings import Finding
+from socialbot.vision import nanodet as nanodet_module
 
 ROOT = Path(__file__).parents[1]
 
@@ -255,3 +256,11 @@ class TestOtherChecks:
         cv2 = pytest.importorskip("cv2")
         monkeypatch.setattr(cv2, "__version__", "5.0.0")
         assert doctor_module.opencv().state == "error"
+
+    def test_a_network_that_is_not_the_one_that_belongs_here(self, monkeypatch):
+        assert doctor_module.network().state == "ok"
+        monkeypatch.setattr(nanodet_module, "SHA256", "0" * 64)
+        finding = doctor_module.network()
+        assert finding.state == "error"
+        assert "sha256" in finding.text
+        assert "detector=hog" in finding.remedy

@@ -39,14 +39,21 @@ class Detector(Protocol):
     """The least score of a detection; may change between two pictures."""
     box_width_m: float
     """How wide its boxes are round somebody of 1.70 m seen from the front, m."""
+    horizon: float
+    """Where the horizon runs, as a share of the picture's height: 0 top, 1 bottom; may change between two pictures.
+
+    Far people stand there and are looked for there more closely. 0.5 until somebody knows better.
+    """
 
     def detect(self, image: np.ndarray) -> Detections:
         """The people in ``image``, shape (height, width, 3), uint8, blue first."""
         ...
 
 
-def select(boxes: np.ndarray, scores: np.ndarray, *, width: int, height: int, overlap: float) -> Detections:
-    """Detections from raw ``boxes`` (n, 4) and ``scores`` (n,): suppressed by ``overlap`` (IoU), then clipped.
+def select(
+    boxes: np.ndarray, scores: np.ndarray, *, width: int, height: int, overlap: float, within: float = 1.0
+) -> Detections:
+    """Detections from raw ``boxes`` (n, 4) and ``scores`` (n,): suppressed (see `suppress`), then clipped.
 
     What lies outside the picture of ``width`` x ``height`` pixels is left out.
     """
@@ -54,7 +61,7 @@ def select(boxes: np.ndarray, scores: np.ndarray, *, width: int, height: int, ov
         return Detections.none()
     boxes = np.asarray(boxes, dtype=np.float64)
     scores = np.asarray(scores, dtype=np.float64)
-    kept = suppress(boxes, scores, overlap)
+    kept = suppress(boxes, scores, overlap, within)
     boxes = clip(boxes[kept], width, height)
     visible = (boxes[:, 2] > 0) & (boxes[:, 3] > 0)
     return Detections(boxes[visible], scores[kept][visible])

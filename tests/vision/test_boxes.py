@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.boxes import clip, iou, suppress
+from socialbot.vision.boxes import clip, iou, same_head, suppress
 from socialbot.vision.detector import select
 
 coordinate = st.integers(0, 60)
@@ -47,6 +48,50 @@ def test_suppression_keeps_the_best_of_what_overlaps_in_any_order(items, random,
     random.shuffle(order)
     again = suppress(boxes[order], scores[order], overlap)
     np.testing.assert_array_equal(boxes[order][again], boxes[kept])
+
+
+PERSON = (100, 100, 60, 180)
+
+
+@pytest.mark.parametrize(
+    ("other", "same"),
+    [
+        pytest.param((105, 102, 50, 80), True, id="upper body"),
+        pytest.param((95, 98, 110, 184), True, id="with a neighbour"),
+        pytest.param((130, 100, 90, 180), False, id="mostly the neighbour"),
+        pytest.param((105, 170, 40, 110), False, id="child before somebody"),
+        pytest.param((105, 200, 50, 80), False, id="legs"),
+        pytest.param((110, 105, 20, 60), False, id="somebody far behind"),
+        pytest.param((300, 100, 60, 180), False, id="elsewhere"),
+        pytest.param((100, 100, 0, 0), False, id="empty"),
+    ],
+)
+def test_boxes_with_one_head(other, same):
+    one, two = np.array(PERSON, float), np.array(other, float)
+    assert same_head(one, two[None], 0.65).tolist() == same_head(two, one[None], 0.65).tolist() == [same]
+
+
+def test_of_boxes_with_one_head_the_better_stays():
+    part, group = (105, 102, 50, 80), (95, 98, 110, 184)
+    boxes = np.array([PERSON, part, group], float)
+    assert suppress(boxes, np.array([0.9, 0.5, 0.5]), 0.6, 0.65).tolist() == [0]
+    assert sorted(suppress(boxes, np.array([0.9, 0.5, 0.5]), 0.6).tolist()) == [0, 1, 2]
+    assert suppress(boxes, np.array([0.5, 0.4, 0.9]), 0.6, 0.65).tolist() == [2]
+
+
+def test_a_better_part_does_not_drive_out_the_whole():
+    boxes = np.array([PERSON, (105, 102, 50, 80)], float)
+    assert suppress(boxes, np.array([0.5, 0.9]), 0.6, 0.65).tolist() == [1, 0]
+
+
+@settings(max_examples=60, deadline=None)
+@given(scored)
+def test_who_is_kept_above_a_score_does_not_depend_on_what_is_below(items):
+    boxes = np.array([item[0] for item in items], float).reshape(-1, 4)
+    scores = np.array([item[1] for item in items], float)
+    good = np.flatnonzero(scores >= 0.5)
+    kept = suppress(boxes, scores, 0.5, 0.65)
+    np.testing.assert_array_equal(good[suppress(boxes[good], scores[good], 0.5, 0.65)], kept[scores[kept] >= 0.5])
 
 
 def test_equal_scores_are_ranked_from_left_to_right():

