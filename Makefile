@@ -1,5 +1,6 @@
 # make demo   Waldo on the committed bag, through real ROS 2 nodes
 # make test   the tests that take minutes; make test-all adds the slow ones
+# make evaluate   how well people are seen, by HOG and by the network, beside the paper's tables
 # make check  style and types
 # Both set up .venv first, from the pinned and hashed requirements.lock.
 
@@ -7,9 +8,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 BAG := data/synthetic/corridor
+SCENES := $(addprefix data/synthetic/,scene1_tune scene1_heldback scene2_tune scene2_heldback)
 JOBS ?= 2
 
-.PHONY: setup demo test test-all check lock clean
+.PHONY: setup demo evaluate test test-all check lock clean
 
 setup: $(VENV)/installed
 
@@ -24,6 +26,9 @@ $(VENV)/installed: requirements.lock pyproject.toml
 
 demo: setup
 	$(BIN)/socialbot replay $(BAG) $(if $(OUT),--out $(OUT))
+
+evaluate: setup
+	$(BIN)/socialbot evaluate $(SCENES) --split held-back --detector nanodet,hog --jobs $(JOBS) $(if $(OUT),--out $(OUT))
 
 test: setup
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m "not slow"

@@ -175,12 +175,14 @@ def _add_commands() -> None:
     from socialbot.bridge.player_cli import play
     from socialbot.bridge.topic_cli import topic
     from socialbot.doctor_cli import doctor
+    from socialbot.evaluate_cli import evaluate
 
     bag.command()(play)
     app.add_typer(bag, name="bag")
     app.add_typer(topic, name="topic")
     app.add_typer(asl, name="asl")
     app.add_typer(agent, name="agent")
+    app.command()(evaluate)
     app.command()(doctor)
 
 

@@ -10,6 +10,7 @@ People of whom less than a quarter is visible are neither asked for nor held aga
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -19,7 +20,10 @@ from socialbot.messages import PersonDetection, PersonDetections
 from socialbot.vision.boxes import iou
 from socialbot.vision.truth import Truth, TruthFrame, TruthPerson
 
-__all__ = ["BANDS", "OUTSIDE", "UNKNOWN", "Score", "Scores", "band_name", "score"]
+__all__ = [
+    "BANDS", "FALSE", "LEAST_IOU", "LEAST_VISIBLE", "OUTSIDE", "SPARED", "UNKNOWN", "Band", "Score", "Scores",
+    "band_name", "pair", "ranked", "score",
+]  # fmt: skip
 
 Band = tuple[float, float]
 """From (included) and to (excluded), m."""
@@ -29,6 +33,8 @@ OUTSIDE = "outside"
 UNKNOWN = "unknown"
 LEAST_IOU = 0.5
 LEAST_VISIBLE = 0.25
+FALSE, SPARED = -1, -2
+"""What `pair` says of a detection that finds nobody, and of one that is not held against the detector."""
 
 
 @dataclass
@@ -105,32 +111,54 @@ def score(truth: Truth, detections: Iterable[PersonDetections], bands: Sequence[
     return result
 
 
+def pair(found: np.ndarray, people: np.ndarray, spared: np.ndarray, least_iou: float = LEAST_IOU) -> list[int]:
+    """Whom each detection finds: an index into ``people``, or `FALSE`, or `SPARED`.
+
+    ``found``, best first, ``people`` and ``spared`` are boxes of shape (n, 4), x, y, w, h. Each detection takes the
+    free person it overlaps most, given an IoU of at least ``least_iou``; where there is none, it is spared if it
+    overlaps one of ``spared`` as much.
+    """
+    free = np.ones(len(people), dtype=bool)
+    result = []
+    for box in found:
+        overlaps = np.where(free, iou(box, people), -1.0)
+        best = int(np.argmax(overlaps)) if len(people) else -1
+        if best >= 0 and overlaps[best] >= least_iou:
+            free[best] = False
+            result.append(best)
+        else:
+            result.append(SPARED if len(spared) and iou(box, spared).max() >= least_iou else FALSE)
+    return result
+
+
+def ranked(found: Iterable[PersonDetection]) -> list[PersonDetection]:
+    """``found``, best first; of equal scores box, distance and track decide, so that their order does not matter."""
+
+    def key(person: PersonDetection) -> tuple[float | str, ...]:
+        distance = math.inf if person.distance_m is None else person.distance_m
+        return -person.score, person.x, person.y, person.w, person.h, distance, person.track_id
+
+    return sorted(found, key=key)
+
+
 def _score_frame(frame: TruthFrame, found: Sequence[PersonDetection], bands: Sequence[Band], result: Scores) -> None:
     counted = [person for person in frame.persons if person.visible >= LEAST_VISIBLE]
     ignored = [person for person in frame.persons if person.visible < LEAST_VISIBLE]
     result.ignored += len(ignored)
-    for detection in sorted(found, key=lambda person: (-person.score, person.x, person.y, person.w, person.h)):
-        match = _best(detection, counted)
-        if match is not None:
-            counted.remove(match)
-            result.bands[_band_of(match.distance_m, bands)].tp += 1
-        elif _best(detection, ignored) is None:
+    detections = ranked(found)
+    pairs = pair(_boxes(detections), _boxes(counted), _boxes(ignored))
+    for detection, who in zip(detections, pairs, strict=True):
+        if who >= 0:
+            result.bands[_band_of(counted[who].distance_m, bands)].tp += 1
+        elif who == FALSE:
             result.bands[_band_of(detection.distance_m, bands)].fp += 1
-    for person in counted:
-        result.bands[_band_of(person.distance_m, bands)].fn += 1
+    for number, person in enumerate(counted):
+        if number not in pairs:
+            result.bands[_band_of(person.distance_m, bands)].fn += 1
 
 
-def _best(detection: PersonDetection, persons: Sequence[TruthPerson]) -> TruthPerson | None:
-    """The one of ``persons`` that ``detection`` overlaps most, if it does so enough."""
-    if not persons:
-        return None
-    overlaps = iou(_box(detection), np.array([_box(person) for person in persons]))
-    best = int(np.argmax(overlaps))
-    return persons[best] if overlaps[best] >= LEAST_IOU else None
-
-
-def _box(person: PersonDetection | TruthPerson) -> np.ndarray:
-    return np.array([person.x, person.y, person.w, person.h])
+def _boxes(persons: Sequence[PersonDetection | TruthPerson]) -> np.ndarray:
+    return np.array([(person.x, person.y, person.w, person.h) for person in persons]).reshape(-1, 4)
 
 
 def _band_of(distance: float | None, bands: Sequence[Band]) -> str:

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.messages import PersonDetection, PersonDetections
-from socialbot.vision.scoring import Score, score
+from socialbot.vision.scoring import FALSE, SPARED, Score, pair, score
 from socialbot.vision.truth import Truth, TruthFrame, TruthPerson
 
 
@@ -114,6 +115,22 @@ def test_other_bands():
     result = judge([true(distance=3)], [], bands=[(0, 2.5), (2.5, 4)])
     assert counts(result.bands["2.5-4 m"]) == (0, 0, 1)
     assert list(result.bands) == ["0-2.5 m", "2.5-4 m", "outside", "unknown"]
+
+
+def boxes(*places):
+    return np.array([(x, 0.0, 10.0, 20.0) for x in places]).reshape(-1, 4)
+
+
+def test_who_is_found_by_which_detection():
+    assert pair(boxes(52, 1, 0, 99, 300), boxes(0, 50), boxes(100)) == [1, 0, FALSE, SPARED, FALSE]
+    assert pair(boxes(0), boxes(), boxes()) == [FALSE]
+    assert pair(boxes(), boxes(0), boxes()) == []
+
+
+def test_how_much_overlap_pairs():
+    assert pair(boxes(3), boxes(0), boxes(), 0.6) == [FALSE]
+    assert pair(boxes(3), boxes(0), boxes(), 0.5) == [0]
+    assert pair(boxes(3), boxes(), boxes(0), 0.6) == [FALSE]
 
 
 truths = st.builds(

@@ -1,0 +1,1 @@
+"""How well people are seen: detectors and tracking judged by ground truth, beside the figures of the paper."""

@@ -1,0 +1,336 @@
+"""An evaluation as one HTML page that needs nothing else: tables, curves, causes, behaviour, the worst frames."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from socialbot.clock import SECOND
+from socialbot.errors import SocialbotError
+from socialbot.evaluate.behaviour import GREET_S, OUTCOMES, Deed
+from socialbot.evaluate.chart import Mark, Track, timeline
+from socialbot.evaluate.evaluation import ClipResult, Evaluation
+from socialbot.evaluate.figures import (
+    all_causes,
+    asked,
+    colours,
+    curve_charts,
+    followed,
+    metres,
+    paper_rows,
+    paper_score,
+    rate,
+    scene_columns,
+    told_bands,
+)
+from socialbot.evaluate.markup import STYLE, bar, cell, interval, key, row, table
+from socialbot.evaluate.scores import DRAWS, BandScore
+from socialbot.evaluate.snapshots import STYLES, Pictures, drawn, worst
+from socialbot.evaluate.sources import BLOCK_S
+from socialbot.evaluate.verdicts import CAUSES
+from socialbot.replay import versions
+
+__all__ = ["page", "write_page"]
+
+WORST = 6
+"""So many frames of each detector and scene are shown."""
+
+GOOD, POOR, BAD = "#2f8f4e", "#b37a00", "#c0392b"
+_COLOUR_OF = {"in time": GOOD, "late": POOR}
+
+
+def write_page(evaluation: Evaluation, path: Path) -> None:
+    """Writes `page` to ``path``. Raises SocialbotError when that is not possible."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(page(evaluation), "utf-8")
+    except OSError as error:
+        raise SocialbotError(f"cannot be written: {error.strerror}", where=str(path)) from error
+
+
+def page(evaluation: Evaluation) -> str:
+    """The page as text. Reads the sources once more for the pictures of the worst frames."""
+    parts = [
+        "<h1>Seeing people</h1>",
+        _introduction(evaluation),
+        "<h2>F1 by distance</h2>",
+        _summary(evaluation),
+        *([] if evaluation.plan.rules.presence else ["<h2>Beside the paper</h2>", _paper(evaluation)]),
+        "<h2>In full</h2>",
+        *(_full(evaluation, name) for name in evaluation.detectors),
+        "<h2>Precision and recall</h2>",
+        _curves(evaluation),
+        "<h2>Where false alarms come from</h2>",
+        _causes(evaluation),
+        *_behaviour(evaluation),
+        "<h2>The worst frames</h2>",
+        _worst(evaluation),
+        "<h2>How this was measured</h2>",
+        _method(evaluation),
+    ]
+    head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>Seeing people</title>'
+    return (
+        f'<!doctype html>\n<html lang="en"><head>{head}<style>{STYLE}</style></head>\n<body>\n'
+        + "\n".join(parts)
+        + "\n</body></html>\n"
+    )
+
+
+def _introduction(evaluation: Evaluation) -> str:
+    sources = evaluation.plan.sources
+    listed = ", ".join(
+        f"{source.name} ({len(source.frames)} frames{', ' + source.split if source.split else ''})"
+        for source in sources
+    )
+    speeds = {name: result.speed for name, result in evaluation.detectors.items()}
+    told = [f"{name} {speed}" for name, speed in speeds.items() if speed is not None]
+    pace = f"<p>{escape('; '.join(told))}.</p>" if told else ""
+    return f"<p>{escape(', '.join(evaluation.detectors))} on {escape(listed)}.</p>{pace}{_key(evaluation)}"
+
+
+def _key(evaluation: Evaluation) -> str:
+    return key(colours(evaluation))
+
+
+def _summary(evaluation: Evaluation) -> str:
+    """F1 with its interval: a row for each scene and band, a column for each detector and for the paper."""
+    rows = []
+    for scene in evaluation.scenes:
+        results = {name: result.scenes[scene].score for name, result in evaluation.detectors.items()}
+        first = next(iter(evaluation.detectors.values())).scenes[scene]
+        for number, (band, _) in enumerate([*told_bands(first), ("all", None)]):
+            scores = {name: score.overall if band == "all" else score.bands[band] for name, score in results.items()}
+            best = max((each.score.f1 for each in scores.values() if each.score.f1 is not None), default=None)
+            people = max(each.score.tp + each.score.fn for each in scores.values())
+            cells = [
+                _f1_cell(each, colour, best)
+                for each, (_, colour) in zip(scores.values(), colours(evaluation), strict=True)
+            ]
+            printed = paper_score(evaluation, scene, band)
+            label = scene if not number else ""
+            cells = [
+                cell(label, "l"),
+                cell(metres(band), "l"),
+                cell(str(people)),
+                *cells,
+                cell(rate(printed.f1) if printed else ""),
+            ]
+            rows.append(row(cells, "first" if not number else ""))
+    heads = ["scene", "distance", asked(evaluation), *evaluation.detectors, "paper"]
+    return table(heads, rows, left={0, 1, *range(3, 3 + len(evaluation.detectors))})
+
+
+def _f1_cell(band: BandScore, colour: str, best: float | None) -> str:
+    value = band.score.f1
+    kind = "best" if value is not None and value == best else ""
+    length = bar(60 * (value or 0), colour, 60)
+    told = f"{rate(value)} <small>{interval(band.intervals.get('f1'))}</small>"
+    return f'<td class="l {kind}">{length}{told}</td>'
+
+
+def _paper(evaluation: Evaluation) -> str:
+    scenes = scene_columns(evaluation)
+    heads = ["distance", "", *("TP", "FP", "FN", "P", "R", "F1") * len(scenes)]
+    groups = [("", 2), *((scene, 6) for scene in scenes)]
+    rows, before = [], ""
+    for band, who, scores in paper_rows(evaluation):
+        cells = [cell(metres(band) if band != before else "", "l"), cell(who, "l")]
+        for scene in scenes:
+            score = scores.get(scene)
+            counts = ("", "", "") if score is None else (score.tp, score.fp, score.fn)
+            rates = ("", "", "") if score is None else map(rate, (score.precision, score.recall, score.f1))
+            cells += [cell(str(value), "" if n else "n") for n, value in enumerate((*counts, *rates))]
+        rows.append(
+            row(cells, " ".join(filter(None, ("first" if band != before else "", "paper" if who == "paper" else ""))))
+        )
+        before = band
+    note = (
+        "The paper's rows are its Tables 2 and 3: other people, other pictures, and another rule for what is a hit. "
+        "Compare the detectors with each other; the paper's rows show where its detector was weak."
+    )
+    return f'<p class="note">{note}</p><div class="wide">{table(heads, rows, left=range(2), groups=groups)}</div>'
+
+
+def _full(evaluation: Evaluation, name: str) -> str:
+    result = evaluation.detectors[name]
+    rows = []
+    for scene, scored in result.scenes.items():
+        for number, (band, score) in enumerate([*told_bands(scored), ("all", scored.score.overall)]):
+            each = score.score
+            cells = [cell(scene if not number else "", "l"), cell(metres(band), "l")]
+            cells += [cell(str(value)) for value in (each.tp + each.fn, each.tp, each.fp, each.fn)]
+            cells += [
+                f"<td>{rate(value)} <small>{interval(score.intervals.get(key))}</small></td>"
+                for key, value in (
+                    ("precision", each.precision),
+                    ("recall", each.recall),
+                    ("f1", each.f1),
+                    ("ap", score.ap),
+                )
+            ]
+            rows.append(row(cells, "first" if not number else ""))
+    heads = [
+        "scene",
+        "distance",
+        asked(evaluation),
+        "found",
+        "false",
+        "missed",
+        "precision",
+        "recall",
+        "F1",
+        "AP of the detector alone",
+    ]
+    return f"<h3>{escape(name)}, {followed(evaluation, result)}</h3>{table(heads, rows, left=range(2))}"
+
+
+def _curves(evaluation: Evaluation) -> str:
+    note = (
+        "Lines: the detector alone, at every threshold. Dots: the pipeline as it runs, with tracking and its own "
+        "threshold, which may lie off the line. Diamonds: the paper."
+    )
+    return f'<p class="note">{note}</p>{_key(evaluation)}<div class="charts">{"".join(curve_charts(evaluation))}</div>'
+
+
+def _causes(evaluation: Evaluation) -> str:
+    columns, causes = all_causes(evaluation)
+    if not causes:
+        return '<p class="note">There are none.</p>'
+    largest = max(max(counts.values(), default=0) for _, _, counts in columns)
+    colour = dict(colours(evaluation))
+    rows = []
+    for cause in causes:
+        bars = [
+            f'<td class="l">{bar(90 * counts[cause] / largest, colour[name], 90)}{counts[cause]}</td>'
+            for name, _, counts in columns
+        ]
+        rows.append(row([cell(cause, "l"), *bars, cell(CAUSES.get(cause, "a thing of this kind stands there"), "l")]))
+    heads = ["cause", *(f"{name}, {scene}" for name, scene, _ in columns), ""]
+    return table(heads, rows, left=range(len(columns) + 2))
+
+
+def _behaviour(evaluation: Evaluation) -> list[str]:
+    clips = [
+        (name, clip)
+        for name, result in evaluation.detectors.items()
+        for scene in result.scenes.values()
+        for clip in scene.clips
+        if clip.behaviour is not None
+    ]
+    if not clips:
+        return []
+    heads = ["detector", "clip", *(outcome for outcomes in OUTCOMES.values() for outcome in outcomes)]
+    groups = [("", 2), *((f"{deed}s", len(outcomes)) for deed, outcomes in OUTCOMES.items())]
+    rows = []
+    for name, clip in clips:
+        assert clip.behaviour is not None
+        counts = [
+            cell(str(count), "" if number else "n")
+            for deed in OUTCOMES
+            for number, count in enumerate(clip.behaviour.count(deed).values())
+        ]
+        rows.append(row([cell(name, "l"), cell(clip.source.name, "l"), *counts]))
+    note = (
+        "Waldo's own mind runs on the detections, and beside it on the truth: what he does there is due. In time is "
+        f"within {GREET_S:g} s of somebody being there. G greeting, H offer of help; green in time, amber late, red "
+        "wrong; ? is what was due and never came. Grey bars are people within his range."
+    )
+    by_clip: dict[str, list[tuple[str, ClipResult]]] = {}
+    for name, clip in clips:
+        by_clip.setdefault(clip.source.name, []).append((name, clip))
+    lines = [f"<h3>{escape(clip)}</h3>{_timeline(results)}" for clip, results in by_clip.items()]
+    return [
+        "<h2>What Waldo does with it</h2>",
+        f'<p class="note">{note}</p>',
+        f'<div class="wide">{table(heads, rows, left=range(2), groups=groups)}</div>',
+        *lines,
+    ]
+
+
+def _timeline(results: Sequence[tuple[str, ClipResult]]) -> str:
+    first = results[0][1]
+    frames = first.source.frames
+    start = frames[0].stamp if frames else 0
+    seconds = (frames[-1].stamp - start) / SECOND if frames else 0.0
+    assert first.behaviour is not None
+    people: dict[str, list[tuple[float, float, str]]] = {}
+    for visit in first.behaviour.visits:
+        begin, end = (visit.begin - start) / SECOND, (visit.end - start) / SECOND
+        people.setdefault(visit.person, []).append((begin, end, f"{visit.person}: {begin:.1f} to {end:.1f} s"))
+    tracks = [Track(person, tuple(bars)) for person, bars in people.items()]
+    for name, clip in results:
+        acts = clip.behaviour.acts if clip.behaviour is not None else ()
+        marks = tuple(
+            Mark(
+                (act.time - start) / SECOND,
+                "?" if act.outcome == "missed" else _letter(act.deed),
+                _COLOUR_OF.get(act.outcome, BAD),
+                f"{act.deed} {act.outcome}" + (f" after {act.delay_s:.1f} s" if act.delay_s is not None else ""),
+            )
+            for act in acts
+        )
+        tracks.append(Track(name, (), marks))
+    return timeline(seconds, tracks)
+
+
+def _letter(deed: Deed) -> str:
+    return {"greeting": "G", "offer": "H"}[deed]
+
+
+def _worst(evaluation: Evaluation) -> str:
+    shots = {
+        (name, scene): worst(scored.clips, WORST)
+        for name, result in evaluation.detectors.items()
+        for scene, scored in result.scenes.items()
+    }
+    pictures = Pictures([shot for each in shots.values() for shot in each])
+    names = {"hit": "found", "false": "false alarm, and why", "missed": "missed", "spared": "not judged"}
+    parts = [key([(name, STYLES[kind][0]) for kind, name in names.items()], "dotted white: the truth")]
+    for (name, scene), chosen in shots.items():
+        figures = []
+        for shot in chosen:
+            jpeg = pictures.of(shot)
+            if jpeg is not None:
+                frame = shot.judged.frame
+                light = f", light: {escape(frame.light)}" if frame.light else ""
+                errors = Counter(verdict.kind for verdict in shot.judged.verdicts)
+                caption = f"{escape(shot.source.name)}, {escape(frame.name)}{light}"
+                caption += f": {errors['false']} false, {errors['missed']} missed"
+                figures.append(f"<figure>{drawn(shot, jpeg)}<figcaption>{caption}</figcaption></figure>")
+        shown = f'<div class="shots">{"".join(figures)}</div>' if figures else '<p class="note">No errors.</p>'
+        parts.append(f"<h3>{escape(name)}, {escape(scene)}</h3>{shown}")
+    return "\n".join(parts)
+
+
+def _method(evaluation: Evaluation) -> str:
+    rules = evaluation.plan.rules
+    matching = (
+        "In each frame and band: is somebody there? By the distance that the detector gives."
+        if rules.presence
+        else f"Greedy matching, best score first, from an IoU of {rules.least_iou:g} on. Hits and misses belong to the "
+        "band of the true distance, false alarms to that of the distance which the detector gives."
+    )
+    items = [
+        matching,
+        "People of whom less than a quarter is visible are neither asked for nor held against a detector.",
+        f"Intervals: 95 %, bootstrap of {DRAWS} draws over blocks of {BLOCK_S:g} s, or single pictures, since frames "
+        "that follow each other show nearly the same.",
+        "AP: area under the curve of the detector alone, all-point interpolation.",
+    ]
+    for name, result in evaluation.detectors.items():
+        changed = ", ".join(f"{key} {value}" for key, value in result.pipeline.changes.items())
+        items.append(
+            f"{name}: believed from a score of {result.pipeline.sure:g}, tracks kept from {result.pipeline.spec.weak:g}"
+            + (f"; {changed}" if changed else "")
+        )
+        items += [
+            f"{name}, {clip.source.name}: {clip.missing_frames} frames without a picture, {clip.damaged} damaged "
+            f"{clip.first_damage}"
+            for scene in result.scenes.values()
+            for clip in scene.clips
+            if clip.missing_frames or clip.damaged
+        ]
+    items.append(", ".join(f"{name} {version}" for name, version in versions().items()))
+    return "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>"

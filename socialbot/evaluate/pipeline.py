@@ -1,0 +1,184 @@
+"""The pipeline that is judged: what runs on the robot, and beside it every box that its detector saw on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from socialbot.errors import ParameterError
+from socialbot.graph import check_parameters, suggestion
+from socialbot.messages import CameraInfo, PersonDetection
+from socialbot.vision.camera import CameraModel
+from socialbot.vision.detector import Detections, Detector
+from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
+from socialbot.vision.finder import PersonFinder, make_finder
+from socialbot.vision.person_detector import PersonDetector
+
+__all__ = ["Pipeline", "PipelineSettings", "Recorder", "with_changes"]
+
+FLOOR_SHARE = 0.2
+"""Curves begin at this share of the score that a detector is believed from."""
+
+_NOT_SET = ("detector", "threads")
+"""Parameters of the node that have options of their own."""
+
+Persons = tuple[PersonDetection, ...]
+
+
+@dataclass(frozen=True)
+class PipelineSettings:
+    """A detector by name, one of `DETECTORS`, and what differs from the defaults of the node `PersonDetector`."""
+
+    detector: str
+    changes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def spec(self) -> DetectorSpec:
+        """The detector's description. Raises ParameterError when there is none of that name."""
+        if self.detector not in DETECTORS:
+            remedy = suggestion(self.detector, DETECTORS)
+            raise ParameterError(f"no detector {self.detector!r}", where="--detector", remedy=remedy)
+        return DETECTORS[self.detector]
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Every parameter of the node. Raises ParameterError for one that does not fit."""
+        return check_parameters(PersonDetector, {**self.changes, "detector": self.detector}, where="--set")
+
+    @property
+    def tracked(self) -> bool:
+        """Whether people are followed from frame to frame."""
+        return self.values["tracker"] != "none"
+
+    @property
+    def sure(self) -> float:
+        """The score from which a detection alone is believed."""
+        threshold = self.values["threshold"]
+        return self.spec.sure if threshold < 0 else threshold
+
+    @property
+    def floor(self) -> float:
+        """The least score of the boxes that curves are drawn from."""
+        return min(self.spec.weak, FLOOR_SHARE * self.spec.sure, self.sure)
+
+
+def with_changes(pipeline: PipelineSettings, changes: Sequence[str]) -> PipelineSettings:
+    """``pipeline`` with changes written as NAME=VALUE, or DETECTOR.NAME=VALUE for that detector only.
+
+    Raises ParameterError for what cannot be read, or does not fit.
+    """
+    changed = dict(pipeline.changes)
+    for change in changes:
+        target, equals, text = change.partition("=")
+        detector, dot, name = target.rpartition(".")
+        if not equals:
+            raise ParameterError(f"cannot read {change!r}", where="--set", remedy="write NAME=VALUE")
+        if dot and detector not in DETECTORS:
+            raise ParameterError(f"no detector {detector!r}", where="--set", remedy=suggestion(detector, DETECTORS))
+        value = _value(name, text)
+        if not dot or detector == pipeline.detector:
+            changed[name] = value
+    return PipelineSettings(pipeline.detector, changed)
+
+
+def _value(name: str, text: str) -> Any:
+    declared = {key: each for key, each in PersonDetector.parameters().items() if key not in _NOT_SET}
+    if name not in declared:
+        raise ParameterError(f"no setting {name!r}", where="--set", remedy=suggestion(name, declared))
+    kind = type(declared[name].default)
+    try:
+        value = {"true": True, "false": False}.get(text.lower(), text) if kind is bool else kind(text)
+    except ValueError as error:
+        raise ParameterError(f"{text!r} is not of type {kind.__name__}", where=f"--set {name}") from error
+    return declared[name].check(value, where=f"--set {name}")
+
+
+class Recorder:
+    """A detector that shows another's boxes, and keeps those that it holds back in ``seen``.
+
+    ``threshold`` is what the pipeline asks for; the other detector is asked for everything above ``floor``. Greedy
+    suppression makes both the same: the boxes above a higher threshold do not depend on those below it.
+    """
+
+    def __init__(self, detector: Detector, floor: float) -> None:
+        self._detector = detector
+        self._floor = floor
+        self.threshold = detector.threshold
+        self.box_width_m = detector.box_width_m
+        self.horizon = detector.horizon
+        self.seen = Detections.none()
+
+    def detect(self, image: np.ndarray) -> Detections:
+        """The people in ``image`` that reach the threshold."""
+        self._detector.threshold = min(self._floor, self.threshold)
+        self._detector.horizon = self.horizon
+        self.seen = self._detector.detect(image)
+        return _above(self.seen, self.threshold)
+
+
+class _Again:
+    """A detector that says again what a recorder saw in the last picture."""
+
+    def __init__(self, recorder: Recorder, floor: float) -> None:
+        self._recorder = recorder
+        self.threshold = floor
+        self.box_width_m = recorder.box_width_m
+        self.horizon = recorder.horizon
+
+    def detect(self, image: np.ndarray) -> Detections:
+        return _above(self._recorder.seen, self.threshold)
+
+
+class Pipeline:
+    """A detector with what follows it. With ``recording`` it also gives every box down to a low score."""
+
+    def __init__(
+        self, settings: PipelineSettings, *, threads: int = 1, consecutive: bool = True, recording: bool = True
+    ) -> None:
+        """Pictures that are not ``consecutive`` are not tracked.
+
+        Raises InstallationError or ParameterError when the detector cannot be made.
+        """
+        spec, floor, values = settings.spec, settings.floor, settings.values
+        own = {each.name: values[each.name] for each in fields(DetectorSettings) if each.name != "threads"}
+        detector = spec.make(DetectorSettings(threads=threads, **own))
+        tall = values["person_height_m"]
+        self._values = values
+        self._all: PersonFinder | None = None
+        if recording:
+            detector = Recorder(detector, floor)
+            self._all = PersonFinder(_Again(detector, floor), sure=floor, weak=floor, person_height_m=tall)
+        self._finder = make_finder(
+            spec,
+            detector,
+            tracker=values["tracker"] if consecutive else "none",
+            threshold=settings.sure,
+            bridge_s=values["bridge_s"],
+            person_height_m=tall,
+            hide_still=values["hide_still"],
+        )
+
+    def find(self, image: np.ndarray, stamp: int, info: CameraInfo | None = None) -> tuple[Persons, Persons]:
+        """The people in ``image``, and every box that the detector saw (none without ``recording``).
+
+        Raises MessageError for an uncalibrated camera.
+        """
+        camera = self._camera(info, image.shape[1], image.shape[0])
+        persons = self._finder.find(image, stamp, camera)
+        return persons, self._all.find(image, stamp, camera) if self._all is not None else ()
+
+    def _camera(self, info: CameraInfo | None, width: int, height: int) -> CameraModel:
+        """The camera of pictures of ``width`` x ``height`` pixels, as the node has it."""
+        pose = {"mount_height_m": self._values["mount_height_m"], "pitch_rad": self._values["pitch_rad"]}
+        if info is None:
+            return CameraModel.from_field_of_view(width, height, self._values["hfov_rad"], **pose)
+        camera = CameraModel.from_info(info, **pose)
+        return camera if (camera.width, camera.height) == (width, height) else camera.scaled(width, height)
+
+
+def _above(found: Detections, threshold: float) -> Detections:
+    good = found.scores >= threshold
+    return Detections(found.boxes[good], found.scores[good])
