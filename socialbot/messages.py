@@ -114,7 +114,9 @@ class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
 
     The box is x, y, w, h in pixels with the origin at the top left. ``bearing_rad`` counts to the
     left and ``elevation_rad`` up, from the camera's forward direction in the horizontal plane
-    (REP-103); they point to the person's head. ``distance_m`` is horizontal.
+    (REP-103); they point to the person's head. ``distance_m`` is horizontal, ``distance_std_m`` its
+    standard error. A person keeps their ``track_id`` from frame to frame; it is empty where nobody tracks.
+    With ``unseen_s`` above 0 the detector last saw this person so long ago, and the box is a prediction.
     """
 
     x: float
@@ -124,8 +126,10 @@ class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
     score: float
     track_id: str = ""
     distance_m: float | None = None
+    distance_std_m: Share | None = None
     bearing_rad: float | None = None
     elevation_rad: float | None = None
+    unseen_s: Share = 0.0
 
 
 class PersonDetections(Structured, frozen=True, kw_only=True):

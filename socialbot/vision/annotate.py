@@ -34,19 +34,22 @@ def draw(
 ) -> np.ndarray:
     """A copy of ``image_bgr``, shape (height, width, 3), uint8, with boxes and lines of text.
 
-    Detections are framed and labelled with track id, distance and score; true persons have dashed
-    white frames. ``caption`` stands on a dark strip at the bottom, its letters in
-    their plainest form (ASCII).
+    Detections are framed and labelled with track id, distance with its standard error, and score; the frames
+    of those that are only predicted are dashed. True persons have dashed white frames. ``caption`` stands on a
+    dark strip at the bottom, its letters in their plainest form (ASCII).
     """
     picture = image_bgr.copy()
     unit = max(picture.shape[0] / 480, 0.5)
     for person in truth:
-        _dashed(picture, person, unit)
-    persons = detections.persons if detections else ()
-    for index, person in enumerate(persons):
-        _framed(picture, person, _colour(person, index), unit)
-    for index, person in enumerate(persons):
-        _labelled(picture, person, _colour(person, index), unit)
+        _dashed(picture, person, _TRUTH, 1, unit)
+    coloured = [
+        (person, _colour(person, index)) for index, person in enumerate(detections.persons if detections else ())
+    ]
+    coloured.sort(key=lambda pair: -(pair[0].distance_m or 0.0))  # the nearest on top
+    for person, colour in coloured:
+        _framed(picture, person, colour, unit)
+    for person, colour in coloured:
+        _labelled(picture, person, colour, unit)
     if caption:
         _captioned(picture, caption, unit)
     return picture
@@ -63,26 +66,32 @@ def _corners(person: PersonDetection | TruthPerson) -> tuple[Point, Point]:
 
 def _framed(picture: np.ndarray, person: PersonDetection, colour: Colour, unit: float) -> None:
     corner, opposite = _corners(person)
+    thick = max(1, round(2 * unit))
+    if person.unseen_s > 0:
+        _dashed(picture, person, colour, thick, unit)
+        return
     # The dark outline keeps the frame visible on a background of its own colour.
     cv2.rectangle(picture, corner, opposite, _DARK, round(4 * unit), cv2.LINE_AA)
-    cv2.rectangle(picture, corner, opposite, colour, max(1, round(2 * unit)), cv2.LINE_AA)
+    cv2.rectangle(picture, corner, opposite, colour, thick, cv2.LINE_AA)
 
 
-def _dashed(picture: np.ndarray, person: TruthPerson, unit: float) -> None:
+def _dashed(
+    picture: np.ndarray, person: PersonDetection | TruthPerson, colour: Colour, thick: int, unit: float
+) -> None:
     (left, top), (right, bottom) = _corners(person)
     dash = max(2, round(6 * unit))
     for x in range(left, right, 2 * dash):
         for y in (top, bottom):
-            cv2.line(picture, (x, y), (min(x + dash, right), y), _TRUTH, 1)
+            cv2.line(picture, (x, y), (min(x + dash, right), y), colour, thick)
     for y in range(top, bottom, 2 * dash):
         for x in (left, right):
-            cv2.line(picture, (x, y), (x, min(y + dash, bottom)), _TRUTH, 1)
+            cv2.line(picture, (x, y), (x, min(y + dash, bottom)), colour, thick)
 
 
 def _labelled(picture: np.ndarray, person: PersonDetection, colour: Colour, unit: float) -> None:
     """The label above the box, or inside it where there is no room above."""
-    distance = "" if person.distance_m is None else f"{person.distance_m:.1f} m"
-    text = "  ".join(word for word in (_plain(person.track_id), distance, f"{person.score:.2f}") if word)
+    score = "" if person.unseen_s > 0 else f"{person.score:.2f}"
+    text = "  ".join(word for word in (_plain(person.track_id), _distance(person), score) if word)
     scale, margin = 0.45 * unit, round(4 * unit)
     (width, height), base = cv2.getTextSize(text, _FONT, scale, 1)
     (left, top), _ = _corners(person)
@@ -91,6 +100,13 @@ def _labelled(picture: np.ndarray, person: PersonDetection, colour: Colour, unit
     top = top - tall if top >= tall else max(top, 0)
     cv2.rectangle(picture, (left, top), (left + width + 2 * margin, top + tall), colour, cv2.FILLED)
     cv2.putText(picture, text, (left + margin, top + height + margin // 2), _FONT, scale, _DARK, 1, cv2.LINE_AA)
+
+
+def _distance(person: PersonDetection) -> str:
+    if person.distance_m is None:
+        return ""
+    error = "" if person.distance_std_m is None else f"+-{person.distance_std_m:.1f}"
+    return f"{person.distance_m:.1f}{error} m"
 
 
 def _captioned(picture: np.ndarray, lines: Sequence[str], unit: float) -> None:

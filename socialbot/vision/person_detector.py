@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import fields
 
 import cv2
 
 from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter
-from socialbot.messages import BoxMarkers, CameraInfo, Image, PersonDetection, PersonDetections
+from socialbot.messages import BoxMarkers, CameraInfo, Image, PersonDetections
 from socialbot.vision.camera import CameraModel
-from socialbot.vision.detector import Detector
-from socialbot.vision.hog import HogDetector
+from socialbot.vision.detectors import DETECTORS, DetectorSettings
+from socialbot.vision.finder import BRIDGE_S, TRACKERS, make_finder
+from socialbot.vision.layouts import LAYOUTS
 
-__all__ = ["DETECTORS", "PersonDetector"]
-
-DETECTORS: Mapping[str, Callable[[float, int], Detector]] = {
-    "hog": lambda threshold, threads: HogDetector(threshold, threads=threads),
-}
-"""The detectors by name; each is made from a threshold and a number of threads."""
+__all__ = ["PersonDetector"]
 
 _GEOMETRY = frozenset({"mount_height_m", "pitch_rad", "hfov_rad"})
+_USUAL = DetectorSettings()
 
 
 class PersonDetector(Node):
     """Publishes the people in each picture, with distance and direction, and their boxes for viewers.
 
     Every picture is answered, also one without people. Until a camera_info arrives the camera's
-    field of view is taken from ``hfov_rad``.
+    field of view is taken from ``hfov_rad``. While one picture is looked at, the newest of those that come waits; the
+    others are skipped.
     """
 
     image = Input(Image, "/camera/image_color", Delivery.NEWEST)
@@ -34,20 +33,59 @@ class PersonDetector(Node):
     detections = Output(PersonDetections, "/humans/bodies/detections")
     annotations = Output(BoxMarkers, "/humans/bodies/annotations", Delivery.NEWEST)
 
-    detector = Parameter("hog", "how people are found", choices=tuple(DETECTORS), fixed=True)
+    detector = Parameter("nanodet", "how people are found", choices=tuple(DETECTORS), fixed=True)
     threshold = Parameter(
-        0.5, "least score of a detection, in the detector's scale: hog 0 to about 3", minimum=-1.0, maximum=10.0
+        -1.0,
+        "score from which a detection alone is believed, in the detector's scale: hog 0 to about 3, networks 0 to 1; "
+        "below 0: the detector's own",
+        minimum=-1.0,
+        maximum=10.0,
     )
+    tracker = Parameter("kalman", "how people are followed from frame to frame", choices=TRACKERS, fixed=True)
+    bridge_s = Parameter(BRIDGE_S, "so long somebody who is not seen is still shown, s", minimum=0.0, maximum=2.0)
+    hide_still = Parameter(True, "whether what never moves is left out: coat stands, posters; needs a tracker")
     threads = Parameter(1, "processor threads for OpenCV and the detector", minimum=1, maximum=64, fixed=True)
     mount_height_m = Parameter(1.62, "height of the camera above the floor, m", minimum=0.05, maximum=10.0)
     pitch_rad = Parameter(0.052, "how far the camera looks down, rad", minimum=-1.0, maximum=1.0)
     person_height_m = Parameter(1.70, "how tall people are taken to be, m", minimum=0.5, maximum=2.5)
     hfov_rad = Parameter(1.09, "horizontal field of view until a camera_info arrives, rad", minimum=0.1, maximum=3.0)
+    model = Parameter(_USUAL.model, "onnx: path of the model's file", fixed=True)
+    layout = Parameter(_USUAL.layout, "onnx: how its answers are laid out", choices=tuple(LAYOUTS), fixed=True)
+    input_width = Parameter(
+        _USUAL.input_width, "onnx: pixels; 0: what the model says", minimum=0, maximum=8192, fixed=True
+    )
+    input_height = Parameter(
+        _USUAL.input_height, "onnx: pixels; 0: what the model says", minimum=0, maximum=8192, fixed=True
+    )
+    channels = Parameter(
+        _USUAL.channels,
+        "onnx: order of colours; empty: as usual for layout",
+        choices=("", "bgr", "rgb"),
+        fixed=True,
+    )
+    pixels = Parameter(
+        _USUAL.pixels,
+        "onnx: range of the pixels' values; empty: as usual for the layout",
+        choices=("", "0-255", "0-1", "imagenet"),
+        fixed=True,
+    )
+    classes = Parameter(
+        _USUAL.classes, "onnx: how many kinds of things it knows", minimum=1, maximum=100000, fixed=True
+    )
+    person_class = Parameter(
+        _USUAL.person_class, "onnx: which of them people are, from 0", minimum=0, maximum=99999, fixed=True
+    )
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        """Raises InstallationError when the detector is not installed."""
+        """Raises InstallationError when the detector is not installed, ParameterError when its settings do not fit."""
         super().__init__(name, context, parameters)
-        self._detector = DETECTORS[self.detector](self.threshold, self.threads)
+        self._spec = DETECTORS[self.detector]
+        settings = {field.name: self.parameter_values[field.name] for field in fields(DetectorSettings)}
+        self._finder = make_finder(
+            self._spec, self._spec.make(DetectorSettings(**settings)), tracker=self.tracker, bridge_s=self.bridge_s
+        )
+        for parameter in ("threshold", "person_height_m", "hide_still"):
+            self.on_parameter(parameter)
         self._info: CameraInfo | None = None
         self._camera: CameraModel | None = None
         self._told: set[str] = set()
@@ -57,7 +95,13 @@ class PersonDetector(Node):
 
     def on_parameter(self, name: str) -> None:
         if name == "threshold":
-            self._detector.threshold = self.threshold
+            self._finder.believe(self._spec.sure if self.threshold < 0 else self.threshold, self._spec.weak)
+        elif name == "bridge_s" and self._finder.tracker is not None:
+            self._finder.tracker.bridge_s = self.bridge_s
+        elif name == "hide_still":
+            self._finder.hide_still = self.hide_still
+        elif name == "person_height_m":
+            self._finder.person_height_m = self.person_height_m
         elif name in _GEOMETRY:
             self._camera = None
 
@@ -69,12 +113,7 @@ class PersonDetector(Node):
 
     @image
     def on_image(self, image: Image) -> None:
-        found = self._detector.detect(image.bgr())
-        camera = self._camera_of(image)
-        persons = tuple(
-            self._person(camera, tuple(box), score)
-            for box, score in zip(found.boxes.tolist(), found.scores.tolist(), strict=True)
-        )
+        persons = self._finder.find(image.bgr(), image.stamp, self._camera_of(image))
         self.detections.publish(
             PersonDetections(
                 stamp=image.stamp, frame_id=image.frame_id, width=image.width, height=image.height, persons=persons
@@ -82,21 +121,6 @@ class PersonDetector(Node):
         )
         boxes = tuple((person.x, person.y, person.w, person.h) for person in persons)
         self.annotations.publish(BoxMarkers(stamp=image.stamp, frame_id=image.frame_id, boxes=boxes))
-
-    def _person(self, camera: CameraModel, box: tuple[float, ...], score: float) -> PersonDetection:
-        x, y, w, h = box
-        size = {"person_height_m": self.person_height_m, "person_width_m": self._detector.box_width_m}
-        bearing, elevation = camera.head(box, **size)
-        return PersonDetection(
-            x=x,
-            y=y,
-            w=w,
-            h=h,
-            score=score,
-            distance_m=camera.distance(box, **size),
-            bearing_rad=bearing,
-            elevation_rad=elevation,
-        )
 
     def _camera_of(self, image: Image) -> CameraModel:
         """The camera that took ``image``, its intrinsics fitted to the size of the picture."""

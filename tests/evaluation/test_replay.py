@@ -2,13 +2,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from evaluation.replay import add_faith, add_speed, bare_pass, inline_pass, metered_detector, shortened
+from evaluation.replay import add_faith, add_speed, bare_pass, inline_pass, metered_detector, shortened, usual_detector
 from evaluation.report import Report
 from socialbot.bridge.bag_writer import BagWriter
 from socialbot.bridge.bags import open_bag
 from socialbot.clock import SECOND
 from socialbot.messages import Image
-from socialbot.vision.hog import HogDetector
 
 PERIOD = SECOND // 5
 
@@ -28,9 +27,9 @@ def bag(tmp_path_factory):
 def test_the_meter_knows_what_passes_in_the_detector():
     picture = np.zeros((240, 320, 3), np.uint8)
     with metered_detector() as meter:
-        HogDetector().detect(picture)
+        usual_detector().detect(picture)
     measured = meter.wall_s
-    HogDetector().detect(picture)
+    usual_detector().detect(picture)
     assert 0 < measured == meter.wall_s
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
+import time
+from pathlib import Path
 
-from socialbot.graph import Delivery, Input, Node, Output
+from socialbot.clock import SECOND
+from socialbot.graph import Delivery, Input, Node, Output, Parameter
 from socialbot.messages import Image, PersonDetections
 
 
@@ -55,3 +59,24 @@ class StillbornDetector(Node):
 
     @image
     def on_image(self, image: Image) -> None: ...
+
+
+class SlowDetector(Node):
+    """Takes ``look_s`` for each picture, and writes down which it looked at and how old they were by then (s)."""
+
+    image = Input(Image, "/camera/image_color", Delivery.NEWEST)
+    detections = Output(PersonDetections, "/humans/bodies/detections")
+    look_s = Parameter(0.35, "how long a picture takes, s")
+    record = Parameter("", "file to write to, a line a picture")
+
+    @image
+    def on_image(self, image: Image) -> None:
+        age_s = (self.clock.now() - image.stamp) / SECOND
+        with Path(self.record).open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"stamp": image.stamp, "age_s": age_s}) + "\n")
+        time.sleep(self.look_s)
+        self.detections.publish(
+            PersonDetections(
+                stamp=image.stamp, frame_id=image.frame_id, width=image.width, height=image.height, persons=()
+            )
+        )

@@ -14,8 +14,12 @@ def detections(*persons: PersonDetection) -> PersonDetections:
     return PersonDetections(stamp=0, frame_id="c", width=640, height=480, persons=persons)
 
 
-def person(x=200.0, y=100.0, w=100.0, h=250.0, *, track="", distance: float | None = 3.4) -> PersonDetection:
-    return PersonDetection(x=x, y=y, w=w, h=h, score=0.87, track_id=track, distance_m=distance)
+def person(
+    x=200.0, y=100.0, w=100.0, h=250.0, *, track="", distance: float | None = 3.4, std: float | None = None, unseen=0.0
+) -> PersonDetection:
+    return PersonDetection(
+        x=x, y=y, w=w, h=h, score=0.87, track_id=track, distance_m=distance, distance_std_m=std, unseen_s=unseen
+    )
 
 
 def touched(picture: np.ndarray) -> np.ndarray:
@@ -56,7 +60,15 @@ def test_the_label_stays_in_the_picture(box):
 def test_the_label_says_who_and_how_far():
     pictures = [
         draw(GREY, detections(item))
-        for item in (person(), person(distance=4.4), person(distance=None), person(track="t1"), person(track="t2"))
+        for item in (
+            person(),
+            person(distance=4.4),
+            person(distance=None),
+            person(track="t1"),
+            person(track="t2"),
+            person(std=0.3),
+            person(std=0.4),
+        )
     ]
     for index, one in enumerate(pictures):
         for other in pictures[index + 1 :]:
@@ -67,6 +79,14 @@ def test_a_track_keeps_its_colour_whatever_its_place():
     first = draw(GREY, detections(person(track="t7")))[200, 200]
     second = draw(GREY, detections(person(400, track="t1"), person(track="t7")))[200, 200]
     assert first.tolist() == second.tolist()
+
+
+def test_who_is_only_predicted_is_dashed_in_the_same_colour():
+    seen, predicted = (draw(GREY, detections(person(track="t1", unseen=unseen))) for unseen in (0.0, 0.2))
+    column = touched(predicted)[100:350, 200]
+    assert 0.3 < column.mean() < 0.8
+    assert touched(seen)[100:350, 200].all()
+    assert (predicted[100:350, 200][column] == seen[225, 200]).all()
 
 
 def test_truth_is_dashed_and_white():

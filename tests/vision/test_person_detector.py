@@ -7,13 +7,19 @@ import cv2
 import numpy as np
 import pytest
 
-from socialbot.errors import GraphError, ParameterError
+from socialbot.bridge.inbox import Inbox
+from socialbot.clock import SECOND
+from socialbot.errors import GraphError, ParameterError, SocialbotError
 from socialbot.graph import Graph, Placement
 from socialbot.inline import InlineRunner
 from socialbot.messages import BoxMarkers, CameraInfo, Image, PersonDetections
 from socialbot.vision import person_detector
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detections
+from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
+from socialbot.vision.distance import Estimate, Stature, measure
+from socialbot.vision.layouts import LAYOUTS
+from socialbot.vision.motion import cut_off
 from socialbot.vision.person_detector import PersonDetector
 from tests.vision.drawn import add_person, corridor
 
@@ -25,10 +31,12 @@ class Stub:
     """A detector that always gives the same."""
 
     box_width_m = 0.6
+    horizon = 0.5
+    threshold = 0.5
     boxes = BOXES
 
-    def __init__(self, threshold: float, threads: int) -> None:
-        self.threshold, self.threads = threshold, threads
+    def __init__(self, settings: DetectorSettings) -> None:
+        self.settings = settings
 
     def detect(self, image: np.ndarray) -> Detections:
         scores = np.array([0.9, 0.5])
@@ -37,10 +45,10 @@ class Stub:
 
 
 class Rig:
-    """The node in an inline runner, and what it has said."""
+    """The node in an inline runner, and what it has said. It is shown pictures in which nothing moves."""
 
     def __init__(self, **parameters) -> None:
-        placement = Placement("person_detector", PersonDetector, parameters)
+        placement = Placement("person_detector", PersonDetector, {"hide_still": False, **parameters})
         self.runner = InlineRunner(Graph("g", (placement,), inputs=frozenset({COLOR, INFO})))
         self.detections: list[Any] = []
         self.markers: list[Any] = []
@@ -61,7 +69,7 @@ class Rig:
 
 @pytest.fixture
 def stub(monkeypatch):
-    monkeypatch.setattr(person_detector, "DETECTORS", {"hog": Stub})
+    monkeypatch.setattr(person_detector, "DETECTORS", {"nanodet": DetectorSpec("nanodet", 0.5, 0.2, Stub)})
 
 
 @pytest.fixture(autouse=True)
@@ -74,8 +82,16 @@ def opencv_threads():
 BLANK = np.zeros((480, 640, 3), np.uint8)
 
 
-def test_somebody_drawn_is_found_with_distance_and_direction():
-    rig = Rig()
+def distance_of(camera: CameraModel, box: np.ndarray, *, height_m: float = 1.70, width_m: float = 0.6) -> float:
+    stature = Stature.of_people(height_m, width_m)
+    found = measure(camera, box.tolist(), stature, cut_off(box, camera.width, camera.height))
+    assert isinstance(found, Estimate)
+    return found.value
+
+
+@pytest.mark.parametrize("tracker", ["kalman", "none"])
+def test_somebody_drawn_is_found_with_distance_and_direction(tracker):
+    rig = Rig(detector="hog", tracker=tracker)
     rig.info()
     picture = corridor()
     # 1.70 m at 5 m, camera 1.62 m high and 0.052 rad down: 178 pixels, feet at row 383.
@@ -87,12 +103,14 @@ def test_somebody_drawn_is_found_with_distance_and_direction():
     assert person.distance_m == pytest.approx(5.0, rel=0.15)
     assert person.bearing_rad == pytest.approx(-np.arctan(80 / 525), abs=0.03)
     assert person.elevation_rad == pytest.approx(-0.01, abs=0.05)
-    assert person.track_id == ""
+    assert person.distance_std_m is not None
+    assert 0.1 < person.distance_std_m < 1.0
+    assert person.track_id == ("t1" if tracker == "kalman" else "")
     assert y + h < 480
 
 
 def test_an_empty_picture_is_answered_too():
-    rig = Rig()
+    rig = Rig(detector="hog")
     assert rig.show(corridor(320, 240)).persons == ()
     assert rig.markers[-1].boxes == ()
 
@@ -111,8 +129,9 @@ def test_geometry_comes_from_camera_info_and_parameters(stub):
     rig.info(focal=400.0)
     person = rig.show(BLANK).persons[0]
     camera = CameraModel(400, 400, 320, 240, 640, 480, 1.2, 0.1)
-    assert person.distance_m == camera.distance(BOXES[0], person_height_m=1.8)
-    assert (person.bearing_rad, person.elevation_rad) == camera.head(BOXES[0], person_height_m=1.8)
+    width = 0.6 * 1.8 / 1.7
+    assert person.distance_m == pytest.approx(distance_of(camera, BOXES[0], height_m=1.8, width_m=width))
+    assert person.bearing_rad == camera.direction(320, 150)[0]
 
 
 def test_somebody_cut_off_is_as_wide_as_the_detector_s_boxes(stub, monkeypatch):
@@ -120,17 +139,18 @@ def test_somebody_cut_off_is_as_wide_as_the_detector_s_boxes(stub, monkeypatch):
     rig.info()
     monkeypatch.setattr(Stub, "boxes", np.array([[300.0, 150, 120, 330], [0, 0, 1, 1]]))
     camera = CameraModel(525, 525, 320, 240, 640, 480, 1.62, 0.052)
-    expected = camera.distance((300, 150, 120, 330), person_width_m=0.6)
-    assert rig.show(BLANK).persons[0].distance_m == expected != camera.distance((300, 150, 120, 330))
+    near = rig.show(BLANK).persons[0].distance_m
+    assert near == pytest.approx(distance_of(camera, Stub.boxes[0]))
+    assert near != pytest.approx(distance_of(camera, Stub.boxes[0], width_m=0.5))
 
 
 def test_without_camera_info_the_field_of_view_is_taken_and_said_once(stub, caplog):
     rig = Rig(hfov_rad=1.2)
     with caplog.at_level(logging.WARNING):
-        rig.show(BLANK, 1)
-        person = rig.show(BLANK, 2).persons[0]
+        person = rig.show(BLANK, 1).persons[0]
+        rig.show(BLANK, 2)
     camera = CameraModel.from_field_of_view(640, 480, 1.2, pitch_rad=0.052)
-    assert person.distance_m == camera.distance(BOXES[0])
+    assert person.distance_m == pytest.approx(distance_of(camera, BOXES[0]))
     assert sum("no camera_info" in record.message for record in caplog.records) == 1
     rig.info()
     assert rig.show(BLANK, 3).persons[0].distance_m != person.distance_m
@@ -140,40 +160,98 @@ def test_pictures_of_another_size_than_camera_info_scale_it_with_one_warning(stu
     rig = Rig()
     rig.info(1280, 720, 900.0)
     with caplog.at_level(logging.WARNING):
-        rig.show(BLANK, 1)
-        person = rig.show(BLANK, 2).persons[0]
+        person = rig.show(BLANK, 1).persons[0]
+        rig.show(BLANK, 2)
     camera = CameraModel(450, 600, 320, 240, 640, 480, 1.62, 0.052)
-    assert person.distance_m == pytest.approx(camera.distance(BOXES[0]))
+    assert person.distance_m == pytest.approx(distance_of(camera, BOXES[0]))
     assert sum("1280x720" in record.message and "640x480" in record.message for record in caplog.records) == 1
 
 
 def test_an_uncalibrated_camera_info_is_refused_and_changes_nothing(stub):
-    rig = Rig()
+    rig = Rig(tracker="none")
     before = rig.show(BLANK, 1).persons
     rig.info(focal=0.0)
     assert (rig.faults.failures, "focal" in rig.faults.first) == (1, True)
     assert rig.show(BLANK, 2).persons == before
 
 
-def test_threshold_and_geometry_change_at_run_time(stub):
-    rig = Rig(threshold=0.3)
+@pytest.mark.parametrize("tracker", ["kalman", "none"])
+def test_threshold_and_geometry_change_at_run_time(stub, tracker):
+    rig = Rig(threshold=0.3, tracker=tracker)
     rig.info()
     first = rig.show(BLANK, 1).persons
-    rig.node.set_parameter("threshold", 0.7)
-    assert [p.score for p in rig.show(BLANK, 2).persons] == [0.9]
+    assert [p.score for p in first] == [0.9, 0.5]
     distances = [first[0].distance_m]
-    for stamp, (name, value) in enumerate([("mount_height_m", 1.0), ("pitch_rad", 0.2), ("person_height_m", 1.5)], 3):
+    for number, (name, value) in enumerate([("mount_height_m", 1.0), ("pitch_rad", 0.2), ("person_height_m", 1.5)], 1):
         rig.node.set_parameter(name, value)
-        distances.append(rig.show(BLANK, stamp).persons[0].distance_m)
+        distances.append(rig.show(BLANK, 60 * number * SECOND).persons[0].distance_m)
     assert len(set(distances)) == 4
+    rig.node.set_parameter("threshold", 0.7)
+    assert [p.score for p in rig.show(BLANK, 600 * SECOND).persons] == [0.9]
+
+
+def test_below_zero_the_threshold_is_the_detector_s_own(stub, monkeypatch):
+    assert [p.score for p in Rig().show(BLANK).persons] == [0.9, 0.5]
+    monkeypatch.setattr(person_detector, "DETECTORS", {"nanodet": DetectorSpec("nanodet", 0.6, 0.2, Stub)})
+    rig = Rig()
+    assert [p.score for p in rig.show(BLANK).persons] == [0.9]
+    rig.node.set_parameter("threshold", 0.4)
+    assert [p.score for p in rig.show(BLANK, 60 * SECOND).persons] == [0.9, 0.5]
+    rig.node.set_parameter("threshold", -1.0)
+    assert [p.score for p in rig.show(BLANK, 120 * SECOND).persons] == [0.9]
+
+
+def test_people_keep_their_ids_and_flicker_is_bridged_as_long_as_asked_for(stub, monkeypatch):
+    rig = Rig(bridge_s=0.25)
+    for tenth in range(5):
+        named = [p.track_id for p in rig.show(BLANK, tenth * SECOND // 10).persons]
+        assert sorted(named) == ["t1", "t2"]
+    monkeypatch.setattr(Stub, "boxes", np.empty((0, 4)))
+    monkeypatch.setattr(Stub, "detect", lambda *_: Detections.none())
+    bridged = rig.show(BLANK, 5 * SECOND // 10)
+    assert [p.unseen_s for p in bridged.persons] == [pytest.approx(0.1)] * 2
+    assert len(rig.markers[-1].boxes) == 2
+    rig.node.set_parameter("bridge_s", 0.1)
+    assert rig.show(BLANK, 6 * SECOND // 10).persons == ()
+
+
+def test_without_a_tracker_nobody_has_an_id(stub):
+    rig = Rig(tracker="none")
+    rig.node.set_parameter("bridge_s", 1.0)
+    assert {p.track_id for p in rig.show(BLANK).persons} == {""}
 
 
 def test_threads_reach_opencv_and_the_detector_and_are_fixed(stub):
     rig = Rig(threads=2)
     assert cv2.getNumThreads() == 2
-    assert rig.node._detector.threads == 2  # type: ignore[attr-defined]
+    assert rig.node._finder._detector.settings.threads == 2  # type: ignore[attr-defined]
     with pytest.raises(ParameterError, match="before the node starts"):
         rig.node.set_parameter("threads", 1)
+
+
+def test_a_slow_detector_is_handed_the_newest_picture():
+    inbox, port = Inbox(lambda: 0, simulated=True), PersonDetector.inputs()["image"]
+    taken = []
+    for stamp in range(0, 30):
+        inbox.put(port, Image.from_bgr(BLANK, stamp=stamp * SECOND // 10, frame_id="eye"))
+        if stamp % 4 == 0:  # A look takes four pictures' time.
+            line, image = inbox.take()  # type: ignore[misc]
+            line.charge(0.4)
+            taken.append(image.stamp * 10 // SECOND)
+    assert taken[2:] == [8, 12, 16, 20, 24, 28]
+
+
+def test_the_settings_of_the_detector_are_parameters(stub):
+    given = {"model": "m.onnx", "layout": "yolox", "input_width": 320, "channels": "rgb", "person_class": 3}
+    settings = Rig(**given).node._finder._detector.settings  # type: ignore[attr-defined]
+    assert settings == DetectorSettings(**given)
+    assert PersonDetector.layout.choices == tuple(LAYOUTS)
+    assert PersonDetector.detector.choices == tuple(DETECTORS)
+
+
+def test_an_onnx_model_that_is_not_there_is_named():
+    with pytest.raises(SocialbotError, match=r"nowhere\.onnx"):
+        Rig(detector="onnx", model="nowhere.onnx")
 
 
 def test_an_unknown_detector_is_refused():
@@ -186,3 +264,12 @@ def test_a_picture_that_is_not_bgr8_is_counted(stub):
     image = Image(stamp=1, frame_id="eye", height=2, width=2, encoding="rgb8", step=6, data=np.zeros(12, np.uint8))
     rig.runner.feed(COLOR, image)
     assert (rig.faults.failures, rig.detections) == (1, [])
+
+
+def test_what_never_moves_is_left_out_unless_the_parameter_says_no(stub):
+    rig = Rig(hide_still=True)
+    still = [rig.show(BLANK, stamp=step * SECOND // 10) for step in range(10)]
+    assert still[0].persons
+    assert not still[-1].persons
+    rig.node.set_parameter("hide_still", False)
+    assert rig.show(BLANK, stamp=SECOND).persons

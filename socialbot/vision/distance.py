@@ -1,0 +1,308 @@
+"""How far away people stand, and how sure that is.
+
+What the picture tells of the distance, with elevations e of the box's top and bottom in its middle column, camera
+height c, person height p and width q:
+
+* the ground, c / -tan(e_bottom): where the feet are in view, below the horizon, on the camera's own floor;
+* the height, p / (tan(e_top) - tan(e_bottom)): where the whole person is in view, upright. As wrong as p is;
+  both meet the foot that is nearest to the camera, and the person stands a little farther;
+* the head, (p - c) / tan(e_top): of use where the camera is much lower, or higher, than heads are;
+* the width, q / (2 tan(b / 2)) with b the box's angle at the shoulders: where the feet are cut off or hidden. Rough:
+  somebody seen from the side is half as wide.
+
+Each is an estimate of the distance's logarithm with a standard error; they are combined by inverse variance.
+What is cut off leaves bounds: feet below the picture are nearer than the floor at its edge, and what can be seen of
+somebody is no higher than they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from socialbot.vision.camera import Box, CameraModel
+from socialbot.vision.motion import Cut
+
+__all__ = ["Estimate", "Figure", "Range", "Stature", "head_direction", "measure"]
+
+HEAD_CENTRE_M = 0.12
+"""How far the middle of the head lies below its top."""
+
+_EDGE_PX, _EDGE_SHARE = 1.0, 0.03
+"""Standard error of a box's top or bottom: pixels, and share of its height."""
+_WIDE_SHARE = 0.06
+"""Standard error of a box's width, as a share."""
+_MOUNT_RAD = 0.010
+"""Standard error of the camera's pitch and of the floor's slope together."""
+_HEIGHTS_M, _WIDTHS = 0.09, 0.22
+"""How much people differ: in height, and in width as a share (build, arms, and how far they are turned)."""
+_POSTURE = 0.02
+"""How much one person's height changes (gait, stoop), as a share."""
+_TOES_M = 0.12
+"""How far the foot that is nearest to the camera stands before the body."""
+_TURNING = 0.15
+"""How much the width of one person changes, as a share."""
+_LIKE_S = 0.5
+"""So long the errors of one cue are alike: frames that follow closer tell little new."""
+_POSE_S = 5.0
+"""So long a person's pose, and with it the error of a cue, lasts."""
+_JITTER = 0.03
+"""How much a distance changes from frame to frame although nothing has, as a share."""
+_PACE, _WALK_S = 1.0, 2.0
+"""Usual speed towards the camera or away from it, m/s, and how long it lasts."""
+_NEAREST_M = 0.1
+
+
+class Estimate(NamedTuple):
+    """A length in metres and its standard error."""
+
+    value: float
+    std: float
+
+
+class Stature(NamedTuple):
+    """How tall a person is, and how wide their box from shoulder to shoulder."""
+
+    height: Estimate
+    width: Estimate
+
+    @classmethod
+    def of_people(cls, height_m: float = 1.70, width_m: float = 0.5) -> Stature:
+        """What is known of somebody who was never seen: people in general."""
+        return cls(Estimate(height_m, _HEIGHTS_M), Estimate(width_m, _WIDTHS * width_m))
+
+
+class _Cue(NamedTuple):
+    """The logarithm of a distance and its standard error."""
+
+    log: float
+    std: float
+
+
+@dataclass(frozen=True)
+class _View:
+    """A box as the camera sees it: tangents of the elevations of top and bottom, and of half its width."""
+
+    top: float
+    bottom: float
+    half: float
+    edge: float
+    """Standard error of top and bottom."""
+
+
+def measure(
+    camera: CameraModel, box: Box, stature: Stature, cut: Cut | None = None, *, feet_hidden: bool = False
+) -> Estimate | None:
+    """Horizontal distance from the camera to the person in ``box`` (x, y, w, h); None for an empty box.
+
+    ``cut`` tells which sides the picture cuts off; with ``feet_hidden`` something stands before the feet.
+    """
+    view = _view(camera, box)
+    if view is None:
+        return None
+    cut = cut or Cut()
+    feet, head, sides = not (cut.bottom or feet_hidden), not cut.top, not (cut.left or cut.right)
+    cues = [
+        *(_ground(camera, view) if feet else ()),
+        *(_height(camera, view, stature.height) if feet and head else ()),
+        *(_head(camera, view, stature.height) if head and not feet else ()),
+        *(_width(view, stature.width) if sides and not (feet and head) else ()),
+    ]
+    bounds = [_height_log(camera, view, stature.height.value + stature.height.std)]
+    if not feet and view.bottom < 0:
+        bounds.append(math.log(camera.mount_height_m / -view.bottom))
+    if not sides:
+        bounds.append(math.log(stature.width.value / 2 / view.half))
+    if not cues:
+        # Somewhere below the nearest bound.
+        return _metres(_Cue(min(bounds) - _WIDTHS, _WIDTHS))
+    cue = _combined(cues)
+    return _metres(cue if feet and head and sides else _below(cue, min(bounds)))
+
+
+def _view(camera: CameraModel, box: Box) -> _View | None:
+    x, y, w, h = box
+    if not (w > 0 and h > 0 and all(map(math.isfinite, box))):
+        return None
+    left, _ = camera.direction(x, y + h / 8)
+    right, _ = camera.direction(x + w, y + h / 8)
+    _, top = camera.direction(x + w / 2, y)
+    _, bottom = camera.direction(x + w / 2, y + h)
+    half = math.tan((left - right) / 2) if 0 < left - right < math.pi else 0.0
+    if half <= 0 or top <= bottom:
+        return None  # The point straight below or above the camera lies in the box.
+    return _View(math.tan(top), math.tan(bottom), half, (_EDGE_PX + _EDGE_SHARE * h) / camera.fy)
+
+
+def _ground(camera: CameraModel, view: _View) -> list[_Cue]:
+    if view.bottom >= 0:
+        return []
+    distance = camera.mount_height_m / -view.bottom
+    # An angle d too small moves the point where the ray meets the floor by d (z2 + c2) / c.
+    stretch = (distance**2 + camera.mount_height_m**2) / camera.mount_height_m / distance
+    return [_Cue(math.log(distance + _TOES_M), stretch * math.hypot(view.edge, _MOUNT_RAD))]
+
+
+def _height_log(camera: CameraModel, view: _View, height: float) -> float:
+    return math.log(height / (view.top - view.bottom) + _TOES_M * camera.mount_height_m / height)
+
+
+def _height(camera: CameraModel, view: _View, height: Estimate) -> list[_Cue]:
+    span = view.top - view.bottom
+    box = math.sqrt(2) * view.edge * (1 + view.bottom**2) / span
+    return [_Cue(_height_log(camera, view, height.value), math.hypot(height.std / height.value, box, _POSTURE))]
+
+
+def _head(camera: CameraModel, view: _View, height: Estimate) -> list[_Cue]:
+    above = height.value - camera.mount_height_m
+    if above * view.top <= 0:
+        return []
+    edge = math.hypot(view.edge, _MOUNT_RAD) * (1 + view.top**2)
+    std = math.hypot(height.std / above, edge / view.top)
+    return [_Cue(math.log(above / view.top), std)] if std < 0.5 else []
+
+
+def _width(view: _View, width: Estimate) -> list[_Cue]:
+    return [_Cue(math.log(width.value / 2 / view.half), math.hypot(width.std / width.value, _WIDE_SHARE))]
+
+
+def _combined(cues: Sequence[_Cue]) -> _Cue:
+    weights = [cue.std**-2 for cue in cues]
+    whole = sum(weights)
+    log = sum(weight * cue.log for weight, cue in zip(weights, cues, strict=True)) / whole
+    # Cues that disagree more than they should are surer of themselves than they are right.
+    strain = sum(weight * (cue.log - log) ** 2 for weight, cue in zip(weights, cues, strict=True))
+    return _Cue(log, math.sqrt(max(1.0, strain / max(len(cues) - 1, 1)) / whole))
+
+
+def _below(cue: _Cue, bound: float) -> _Cue:
+    """The cue, given that the truth is not above ``bound``: the likeliest value, and the error round it.
+
+    What is left of a normal distribution has the mean -slope and the variance 1 - room * slope - slope ** 2.
+    """
+    room = max((bound - cue.log) / cue.std, -3.0)
+    density = math.exp(-(room**2) / 2) / math.sqrt(2 * math.pi)
+    slope = density / (0.5 * math.erfc(-room / math.sqrt(2)))
+    likeliest = min(room, 0.0)
+    square = (1 - room * slope - slope**2) + (likeliest + slope) ** 2
+    return _Cue(min(cue.log, bound), cue.std * math.sqrt(max(square, 0.05)))
+
+
+def _metres(cue: _Cue) -> Estimate:
+    value = math.exp(cue.log)
+    return Estimate(value, value * cue.std)
+
+
+@dataclass
+class Figure:
+    """What has been learnt of one person's stature, from ``stature`` on, while all of them was in view.
+
+    The ground tells where they stand whatever their size, and so their size. Frames that follow each other closely are
+    alike: they count by the time between them.
+    """
+
+    stature: Stature
+    _learnt_s: float = field(default=0.0, init=False)
+
+    def learn(self, camera: CameraModel, box: Box, seconds: float) -> None:
+        """Looks at a ``box`` that shows the whole person, ``seconds`` after the last one."""
+        view = _view(camera, box)
+        ground = _ground(camera, view) if view else []
+        if view is None or not ground:
+            return
+        distance, std = math.exp(ground[0].log), ground[0].std
+        tall, wide = camera.mount_height_m + distance * view.top, 2 * distance * view.half
+        news = min(seconds / _LIKE_S, 1.0)
+        self._learnt_s += seconds
+        height = _learnt(self.stature.height, Estimate(tall, tall * math.hypot(std, _POSTURE)), news, 0.5 * std * tall)
+        width = _learnt(
+            self.stature.width, Estimate(wide, wide * math.hypot(std, _WIDE_SHARE, 0.2)), news, _TURNING * wide
+        )
+        self.stature = Stature(height, width)
+
+
+def _learnt(known: Estimate, seen: Estimate, news: float, least: float) -> Estimate:
+    """``known`` after ``seen``, which counts as the share ``news`` of an independent look.
+
+    The error does not fall below ``least``: what all looks have in common, and what changes.
+    """
+    if known.std <= least:
+        weight = 0.1 * news
+    else:
+        weight = news * known.std**2 / (news * known.std**2 + seen.std**2)
+    value = known.value + weight * (seen.value - known.value)
+    return Estimate(value, known.std if known.std <= least else max(math.sqrt(1 - weight) * known.std, least))
+
+
+class Range:
+    """The distance of one person over time: a Kalman filter of distance, speed, and what the cues are wrong by.
+
+    A cue is wrong by nearly the same share from frame to frame: it tells how the distance changes much better than
+    the distance itself. When other cues are used, as when the feet leave the picture, the error is another one.
+    """
+
+    def __init__(self, first: Estimate, kind: object = None) -> None:
+        """``kind`` tells which cues ``first`` is from."""
+        share = first.std / first.value
+        self._state = np.array([first.value, 0.0, 0.0])
+        self._variances = np.diag([first.std**2, _PACE**2, share**2])
+        # What the distance is wrong by is what the cues are wrong by.
+        self._variances[0, 2] = self._variances[2, 0] = -first.std * share
+        self._variances[0, 0] += (_JITTER * first.value) ** 2
+        self._kind = kind
+
+    @property
+    def estimate(self) -> Estimate:
+        """The distance now."""
+        return Estimate(float(self._state[0]), math.sqrt(self._variances[0, 0]))
+
+    def pass_(self, seconds: float) -> None:
+        """Lets time pass."""
+        keep = math.exp(-seconds / _WALK_S)
+        step = np.array([[1.0, _WALK_S * (1 - keep), 0.0], [0.0, keep, 0.0], [0.0, 0.0, 1.0]])
+        self._state = step @ self._state
+        self._state[0] = max(self._state[0], _NEAREST_M)
+        self._variances = step @ self._variances @ step.T
+        time = min(seconds, _WALK_S)
+        unrest = np.array([[time**3 / 3, time**2 / 2], [time**2 / 2, time]])
+        self._variances[:2, :2] += 2 * _PACE**2 / _WALK_S * unrest
+
+    def see(self, estimate: Estimate, kind: object = None, seconds: float = 0.0) -> None:
+        """Takes in a new ``estimate``, from the cues ``kind``, ``seconds`` after the last one."""
+        share = estimate.std / estimate.value
+        fade = math.exp(-seconds / _POSE_S) if kind == self._kind else 0.0
+        self._kind = kind
+        fading = np.array([1.0, 1.0, fade])
+        self._state *= fading
+        self._variances *= np.outer(fading, fading)
+        self._variances[2, 2] += (1 - fade**2) * share**2
+        distance, _, error = self._state
+        slope = np.array([1.0, 0.0, distance]) * math.exp(error)
+        spread = self._variances @ slope
+        gain = spread / (slope @ spread + (_JITTER * estimate.value) ** 2)
+        self._state = self._state + gain * (estimate.value - distance * math.exp(error))
+        self._state[0] = max(self._state[0], _NEAREST_M)
+        self._variances = self._variances - np.outer(gain, spread)
+        self._variances = (self._variances + self._variances.T) / 2
+
+
+def head_direction(
+    camera: CameraModel, box: Box, cut: Cut, distance: float | None, height_m: float
+) -> tuple[float, float]:
+    """Bearing and elevation (rad) of the middle of the head of the person in ``box``, ``distance`` m away.
+
+    Where the picture cuts the head off, its elevation follows from the person's height.
+    """
+    x, y, w, h = box
+    bearing, top = camera.direction(x + w / 2, y)
+    if distance is None:
+        return bearing, top
+    if cut.top:
+        return bearing, max(top, math.atan2(height_m - HEAD_CENTRE_M - camera.mount_height_m, distance))
+    _, bottom = camera.direction(x + w / 2, y + h)
+    middle = math.atan(math.tan(top) - HEAD_CENTRE_M / distance)
+    return bearing, max(middle, (top + bottom) / 2)

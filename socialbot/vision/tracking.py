@@ -1,0 +1,292 @@
+"""Who is who from frame to frame: tracks of people, made from the boxes of a detector.
+
+Each track predicts where its person is now (`motion`). Boxes that are *sure* go to the tracks they fit best; then
+weaker ones go to tracks that are still without a box, where they have to fit better. A box that is left begins a
+track, which waits to be seen again; one of its boxes has to be sure. A track without a box coasts on its prediction:
+for a moment it is still published, then only remembered, so that who comes out from behind somebody keeps their id.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from socialbot.clock import SECOND
+from socialbot.vision.assignment import assign
+from socialbot.vision.boxes import clip, iou, same_head
+from socialbot.vision.motion import Cut, Motion, cut_off
+
+__all__ = ["Track", "Tracker"]
+
+_LEAST_FIT = 0.2
+"""Overlap (IoU, widened by how unsure the prediction is) from which a sure box may belong to a track."""
+_LEAST_FIT_WEAK = 0.4
+"""The same for a weak box."""
+_ABSENCE_COSTS = 0.15
+"""How much better (in overlap) a track that was not seen for a second must fit than one that was."""
+_SAME = 0.5
+"""A predicted box that overlaps a seen one this much is hidden behind it, or is the same person twice; so is one that
+lies within it."""
+_WITHIN = 0.8
+"""A box that lies within a taken one by this share may be a part of that person, twice found."""
+_RECENT_S = 0.5
+"""So long a track that was not seen may go on with a weak box."""
+_HEADS_ALIKE = 0.1
+"""Tops that are this near, as a share of the height, are those of one head."""
+_GAP_S = 0.5
+"""After so long without a picture nothing can be waited for: what is sure is believed at once."""
+_DOUBT_S = 0.35
+"""So long a new track waits to be seen a second time."""
+_TRUSTED_HITS = 3
+_NEWS = 0.2
+"""The weight of the newest score in the usual one."""
+_DRIFT = 0.35
+"""A prediction is trusted while its standard error is below this share of the box's width."""
+_OUTWARD = 0.1
+"""Heights a second, from which somebody at the picture's edge is leaving."""
+_SUDDEN = 0.8
+"""When a box is suddenly shorter than this share of what was expected, and its top is not, something hides the feet."""
+_HIDDEN_S = 1.5
+"""So long hidden feet are believed in."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One person at one moment.
+
+    ``box`` is what the picture shows: x, y, w, h, shape (4,), in pixels; for ``unseen_s`` > 0, so long since
+    the detector last saw them, it is the prediction and ``score`` that of the last detection. ``cut`` tells which
+    sides the picture cuts off, ``feet_hidden`` that something stands before the lower part.
+    """
+
+    id: str
+    box: np.ndarray
+    score: float
+    unseen_s: float
+    cut: Cut
+    feet_hidden: bool = False
+
+
+@dataclass(eq=False)
+class _Person:
+    """A track from the inside; without ``id`` it is not confirmed yet."""
+
+    motion: Motion
+    box: np.ndarray
+    score: float
+    cut: Cut
+    id: str = ""
+    hits: int = 1
+    misses: int = 0
+    unseen_s: float = 0.0
+    usual_score: float = 0.0
+    best: float = 0.0
+    """The highest score."""
+    hidden_s: float = 0.0
+
+    @property
+    def feet_hidden(self) -> bool:
+        return self.hidden_s > 0
+
+
+class Tracker:
+    """Follows people through the frames of one recording.
+
+    ``sure`` is the score of a box without which there is no track; those from ``weak`` on only support it: they go on
+    tracks that are known and count as long as these usually score ``sure``, or are the first sign of somebody. A
+    track is published when it has been seen ``confirm`` times, or at once when its score is as far above ``sure`` as
+    that is above ``weak``, in a first picture, and after a gap; but never at once within somebody else. One that is
+    not seen is published, as predicted, for ``bridge_s`` at most, and only if it usually scores ``sure`` and did so
+    last, the prediction can be trusted, and the person is not leaving the picture or within somebody else. It is
+    remembered for ``keep_s``. Ids are never used again by the same tracker.
+
+    The same boxes give the same tracks, in whatever order they come.
+    """
+
+    def __init__(
+        self,
+        sure: float,
+        weak: float,
+        *,
+        confirm: int = 2,
+        bridge_s: float = 0.5,
+        keep_s: float = 2.0,
+    ) -> None:
+        self.sure = sure
+        self.weak = weak
+        self.confirm = confirm
+        self.bridge_s = bridge_s
+        self.keep_s = keep_s
+        self._persons: list[_Person] = []
+        self._stamp: int | None = None
+        self._count = 0
+
+    def update(
+        self, stamp_ns: int, boxes: np.ndarray, scores: np.ndarray, size: tuple[int, int] | None = None
+    ) -> tuple[Track, ...]:
+        """The people in the picture taken at ``stamp_ns``, best score first.
+
+        ``boxes`` is (n, 4) as x, y, w, h in pixels, ``scores`` (n,); ``size`` is the picture's width and height,
+        without which nothing counts as cut off. A stamp before the last one is a new recording.
+        """
+        seconds = self._pass_to(stamp_ns)
+        for person in self._persons:
+            person.motion.predict(seconds or 0.0)
+        order = np.lexsort((*np.asarray(boxes, np.float64).reshape(-1, 4).T[::-1], -np.asarray(scores, np.float64)))
+        boxes, scores = np.asarray(boxes, np.float64).reshape(-1, 4)[order], np.asarray(scores, np.float64)[order]
+        cuts = [cut_off(box, *size) if size else Cut() for box in boxes]
+        expected = self._expected(size)
+        taken = self._match(expected, boxes, scores)
+        for number, person in enumerate(self._persons):
+            if number in taken:
+                index = taken[number]
+                self._see(person, boxes[index], float(scores[index]), cuts[index], seconds or 0.0)
+            else:
+                person.misses += 1
+                person.unseen_s += seconds or 0.0
+        seen = list(taken.values())
+        # The largest first: a part is known by the whole.
+        left = [each for each in np.argsort(-np.prod(boxes[:, 2:], axis=1), kind="stable").tolist() if each not in seen]
+        for index in [index for index in left if scores[index] >= self.sure]:
+            at_once = self._after_gap(seconds) or bool(scores[index] >= 2 * self.sure - self.weak)
+            self._begin(boxes[index], float(scores[index]), cuts[index], boxes[seen], at_once=at_once)
+            seen.append(index)
+        for index in [index for index in left if self.weak <= scores[index] < self.sure]:
+            self._begin(boxes[index], float(scores[index]), cuts[index], boxes[seen], at_once=False)
+        self._persons = [person for person in self._persons if self._kept(person, size)]
+        return self._published(size)
+
+    def _pass_to(self, stamp_ns: int) -> float | None:
+        """Seconds since the last picture; None when there is none, or time has begun anew."""
+        before, self._stamp = self._stamp, stamp_ns
+        if before is None or stamp_ns < before:
+            self._persons = []
+            return None
+        seconds = (stamp_ns - before) / SECOND
+        self._persons = [person for person in self._persons if person.unseen_s + seconds <= max(self.keep_s, _GAP_S)]
+        return seconds
+
+    @staticmethod
+    def _after_gap(seconds: float | None) -> bool:
+        return seconds is None or seconds >= _GAP_S
+
+    def _expected(self, size: tuple[int, int] | None) -> np.ndarray:
+        """Where the picture should show each person: (n, 4)."""
+        boxes = np.array([person.motion.box for person in self._persons]).reshape(-1, 4)
+        return clip(boxes, *size) if size else boxes
+
+    def _match(self, expected: np.ndarray, boxes: np.ndarray, scores: np.ndarray) -> dict[int, int]:
+        """Which box each person gets: numbers of persons and of boxes."""
+        sure = np.flatnonzero(scores >= self.sure)
+        weak = np.flatnonzero((scores >= self.weak) & (scores < self.sure))
+        known = [number for number, person in enumerate(self._persons) if person.id]
+        new = [number for number, person in enumerate(self._persons) if not person.id]
+        taken = self._assigned(known, sure, expected, boxes, _LEAST_FIT)
+        near = [number for number in known if number not in taken and self._persons[number].unseen_s <= _RECENT_S]
+        weak = weak[~_within(boxes[weak], boxes[list(taken.values())]).any(axis=1)]
+        taken |= self._assigned(near, weak, expected, boxes, _LEAST_FIT_WEAK)
+        rest = np.array([index for index in (*sure, *weak) if index not in taken.values()], np.intp)
+        return taken | self._assigned(new, rest, expected, boxes, _LEAST_FIT)
+
+    def _assigned(
+        self, numbers: list[int], indices: np.ndarray, expected: np.ndarray, boxes: np.ndarray, least: float
+    ) -> dict[int, int]:
+        costs = np.ones((len(numbers), len(indices)))
+        for row, number in enumerate(numbers):
+            fit = _fit(self._persons[number].motion, expected[number], boxes[indices])
+            absence = _ABSENCE_COSTS * min(self._persons[number].unseen_s, 1.0)
+            costs[row] = np.where(fit >= least, 1 - fit + absence, np.inf)
+        return {numbers[row]: int(indices[column]) for row, column in assign(costs, 1.0)}
+
+    def _see(self, person: _Person, box: np.ndarray, score: float, cut: Cut, seconds: float) -> None:
+        """Takes in that ``person`` was seen in ``box``."""
+        _, top, height, _ = person.motion.value
+        short = box[3] < _SUDDEN * height and abs(box[1] - top) < _HEADS_ALIKE * height
+        hidden = short and not (cut.top or cut.bottom) and person.hits >= _TRUSTED_HITS
+        person.hidden_s = person.hidden_s + max(seconds, 1e-9) if hidden and person.hidden_s < _HIDDEN_S else 0.0
+        person.motion.correct(box, cut, feet_hidden=person.feet_hidden)
+        person.box, person.score, person.cut = box, score, cut
+        person.hits, person.misses, person.unseen_s = person.hits + 1, 0, 0.0
+        # Of a track that begins with weak boxes nothing is usual before the first sure one.
+        first = person.best < self.sure <= score
+        person.usual_score = score if first else person.usual_score + _NEWS * (score - person.usual_score)
+        person.best = max(person.best, score)
+        if not person.id and person.hits >= self.confirm and person.best >= self.sure:
+            self._confirm(person)
+
+    def _begin(self, box: np.ndarray, score: float, cut: Cut, others: np.ndarray, *, at_once: bool) -> None:
+        """Begins a track, unless ``box`` is a part of somebody in ``others`` (n, 4)."""
+        if same_head(box, others, _WITHIN).any():
+            return
+        within = _within(box[None], others)[0]
+        person = _Person(Motion(box), box, score, cut, usual_score=score, best=score)
+        self._persons.append(person)
+        if score >= self.sure and (self.confirm <= 1 or (at_once and not within.any())):
+            self._confirm(person)
+
+    def _confirm(self, person: _Person) -> None:
+        self._count += 1
+        person.id = f"t{self._count}"
+
+    def _kept(self, person: _Person, size: tuple[int, int] | None) -> bool:
+        """Whether ``person`` may still be in the picture."""
+        if not person.misses:
+            return True
+        if not person.id:
+            return person.misses < 2 or person.unseen_s <= _DOUBT_S
+        if person.unseen_s > self.keep_s:
+            return False
+        return size is None or bool((clip(person.motion.box[None], *size)[0, 2:] > 0).all())
+
+    def _published(self, size: tuple[int, int] | None) -> tuple[Track, ...]:
+        seen = [person for person in self._persons if person.id and not person.misses and self._likely(person)]
+        boxes = np.array([person.box for person in seen]).reshape(-1, 4)
+        tracks = [Track(person.id, person.box, person.score, 0.0, person.cut, person.feet_hidden) for person in seen]
+        for person in self._persons:
+            if person.id and person.misses and self._trusted(person, size):
+                box = clip(person.motion.box[None], *size)[0] if size else person.motion.box
+                if not ((iou(box, boxes) > _SAME) | _within(box[None], boxes)[0]).any():
+                    cut = cut_off(box, *size) if size else Cut()
+                    tracks.append(Track(person.id, box, person.score, person.unseen_s, cut))
+        return tuple(sorted(tracks, key=lambda track: (-track.score, int(track.id[1:]))))
+
+    def _likely(self, person: _Person) -> bool:
+        """Whether somebody is likely enough; a track of weak boxes fades away."""
+        return max(person.score, person.usual_score) >= self.sure
+
+    def _trusted(self, person: _Person, size: tuple[int, int] | None) -> bool:
+        """Whether the prediction of somebody who was not seen is good enough to be published."""
+        if not 0 < person.unseen_s <= self.bridge_s or person.hits < _TRUSTED_HITS:
+            return False
+        # Whoever goes round a corner gets weaker first; a flicker comes suddenly.
+        if min(person.score, person.usual_score) < self.sure:
+            return False
+        motion = person.motion
+        if motion.spread()[0] > _DRIFT * motion.value[3]:
+            return False
+        if size is None:
+            return True
+        cut = cut_off(motion.box, *size)
+        outward = _OUTWARD * motion.value[2]
+        return not ((cut.left and motion.speed[0] < -outward) or (cut.right and motion.speed[0] > outward))
+
+
+def _within(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Which of ``boxes`` (n, 4) lie, nearly all of them, within which of ``others`` (m, 4): bool, shape (n, m)."""
+    corner = np.maximum(boxes[:, None, :2], others[None, :, :2])
+    opposite = np.minimum(boxes[:, None, :2] + boxes[:, None, 2:], others[None, :, :2] + others[None, :, 2:])
+    shared = np.prod(np.clip(opposite - corner, 0, None), axis=2)
+    return shared > _WITHIN * np.prod(boxes[:, None, 2:], axis=2)
+
+
+def _fit(motion: Motion, expected: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+    """How well each of ``boxes`` (n, 4) fits the box ``expected`` (4,): 0 to 1, shape (n,).
+
+    It is their IoU, both widened by the standard error of the prediction: the less is known of the speed, the
+    farther somebody may have gone.
+    """
+    across, down = motion.spread()
+    across, down = min(across, motion.value[2] / 2), min(down, motion.value[2] / 4)
+    margin = np.array([-across, -down, 2 * across, 2 * down])
+    return iou(expected + margin, boxes + margin)

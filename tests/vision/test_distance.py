@@ -1,0 +1,322 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.vision.camera import CameraModel
+from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure
+from socialbot.vision.motion import Cut, cut_off
+from tests.vision.test_camera import PITCHES, camera, project
+
+DISTANCES = [1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0]
+PEOPLE = Stature.of_people()
+
+
+def box_of(model: CameraModel, distance: float, bearing: float, *, tall=1.70, wide=0.5, deep=0.24):
+    """The box, clipped to the picture, of an upright elliptic body, widest from hip to shoulders."""
+    angles = np.linspace(0, 2 * np.pi, 60)
+    c, s = math.cos(bearing), math.sin(bearing)
+    rings = []
+    for share in np.linspace(0, 1, 41):
+        size = 0.6 if share < 0.45 else 1.0 if share < 0.85 else 0.35
+        along, across = deep / 2 * np.cos(angles), size * wide / 2 * np.sin(angles)
+        x, y = c * (distance + along) - s * across, s * (distance + along) + c * across
+        rings.append(np.stack([x, y, np.full_like(x, share * tall)], axis=1))
+    pixels = project(model, np.concatenate(rings))
+    low = np.clip(pixels.min(axis=0), 0, (model.width, model.height))
+    high = np.clip(pixels.max(axis=0), 0, (model.width, model.height))
+    return (*low.tolist(), *(high - low).tolist())
+
+
+def measured(model: CameraModel, box, stature: Stature = PEOPLE, **more: bool) -> Estimate:
+    """The distance of ``box``, cut off where it touches the picture's edge."""
+    found = measure(model, box, stature, cut_off(np.array(box), model.width, model.height), **more)
+    assert found is not None
+    return found
+
+
+def stature(height: float, width: float = 0.5, std: float = 0.01) -> Stature:
+    return Stature(Estimate(height, std), Estimate(width, std))
+
+
+@pytest.mark.parametrize("pitch", PITCHES)
+@pytest.mark.parametrize("distance", DISTANCES)
+@pytest.mark.parametrize("bearing", [-0.25, 0.0, 0.3])
+def test_distance_of_a_person_of_usual_size(pitch, distance, bearing):
+    model = camera(pitch)
+    assert measured(model, box_of(model, distance, bearing)).value == pytest.approx(distance, rel=0.05)
+
+
+def test_the_ground_corrects_for_tall_and_small_people():
+    model = camera(0.052)
+    for tall in (1.5, 1.9):
+        box = box_of(model, 4.0, 0.0, tall=tall)
+        assert measured(model, box).value == pytest.approx(4.0, rel=0.06)
+        assert measured(model, box, stature(tall)).value == pytest.approx(4.0, rel=0.03)
+
+
+def test_the_height_corrects_for_a_wrong_pitch_more_the_farther():
+    seen, believed = camera(0.052), camera(0.04)
+    box = box_of(seen, 12.0, 0.0)
+    ground_only = believed.mount_height_m / -math.tan(believed.direction(box[0] + box[2] / 2, box[1] + box[3])[1])
+    assert abs(ground_only - 12) > 1.0
+    assert measured(believed, box).value == pytest.approx(12.0, rel=0.05)
+
+
+def test_a_head_cut_off_leaves_the_ground():
+    model = camera(0.5)
+    box = box_of(model, 2.0, 0.0, tall=1.9)
+    assert box[1] == 0
+    assert box[1] + box[3] < 470
+    assert measured(model, box).value == pytest.approx(2.0, rel=0.04)
+
+
+def test_feet_cut_off_leave_the_width():
+    model = camera()
+    box = box_of(model, 1.6, 0.0)
+    assert box[1] + box[3] == 480
+    found = measured(model, box)
+    assert found.value == pytest.approx(1.6, rel=0.05)
+    assert 0.15 < found.std / found.value < 0.35
+
+
+def test_feet_below_the_picture_are_nearer_than_the_floor_at_its_edge():
+    model = camera()
+    x, y, w, h = box_of(model, 2.9, 0.0, wide=0.2)
+    assert y + h == 480
+    by_width = 0.5 * model.fx / w
+    assert by_width > 7
+    found = measured(model, (x, y, w, h))
+    assert 2.5 < found.value <= 1.62 * model.fy / (480 - model.cy)
+    assert found.std < 0.6
+
+
+def test_a_low_camera_tells_the_distance_by_the_head():
+    model = camera(-0.3, height=0.8)
+    box = box_of(model, 1.8, 0.0, wide=0.3)
+    assert box[1] > 10
+    assert box[1] + box[3] == 480
+    by_width = 0.5 / 0.3 * 1.8
+    assert abs(measured(model, box).value - 1.8) < 0.4 * (by_width - 1.8)
+
+
+def test_feet_behind_something_leave_width_and_bounds():
+    model = camera(0.052)
+    x, y, w, h = box_of(model, 4.0, 0.0)
+    half = (x, y, w, h / 2)
+    assert measured(model, half).value > 5.5
+    assert measured(model, half, feet_hidden=True).value == pytest.approx(4.0, rel=0.1)
+
+
+def test_somebody_at_the_side_is_no_farther_than_what_is_seen_of_their_width():
+    model = camera()
+    box = (0.0, 100.0, 300.0, 380.0)
+    assert measured(model, box).value < 0.5 * model.fx / 300
+
+
+def test_somebody_who_fills_the_picture_is_near():
+    model = camera()
+    found = measured(model, (0.0, 0.0, 640.0, 480.0))
+    assert 0.1 < found.value < 0.5
+
+
+def test_feet_above_the_horizon_leave_the_height():
+    model = camera()
+    x, y, w, h = box_of(model, 6.0, 0.0)
+    assert measured(model, (x, y - 200, w, h)).value == pytest.approx(6.0, rel=0.1)
+
+
+def test_cues_that_disagree_make_unsure():
+    model = camera(0.052)
+    x, y, w, h = box_of(model, 6.0, 0.0)
+    assert measured(model, (x, y, w, 0.6 * h)).std > 2 * measured(model, (x, y, w, h)).std
+
+
+@pytest.mark.parametrize("box", [(1, 1, 0, 5), (1, 1, 5, 0), (1, 1, -2, 5), (math.nan, 1, 5, 5), (1, math.inf, 5, 5)])
+def test_an_empty_box_has_no_distance(box):
+    assert measure(camera(), box, PEOPLE) is None
+
+
+def test_a_speck_is_no_error():
+    assert measure(camera(), (100, 100, 1e-300, 1e-300), PEOPLE) is None
+
+
+cuts = st.builds(Cut, st.booleans(), st.booleans(), st.booleans(), st.booleans())
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.floats(0, 600), st.floats(0, 440), st.floats(0.5, 640), st.floats(0.5, 480), st.sampled_from(PITCHES), cuts,
+    st.booleans(),
+)  # fmt: skip
+def test_any_box_in_the_picture_has_a_distance_and_a_head(x, y, w, h, pitch, cut, hidden):
+    box = (x, y, min(w, 640 - x), min(h, 480 - y))
+    model = camera(pitch)
+    found = measure(model, box, PEOPLE, cut, feet_hidden=hidden)
+    assert found is not None
+    assert 0 < found.value < math.inf
+    assert 0 < found.std < math.inf
+    assert all(math.isfinite(angle) for angle in head_direction(model, box, cut, found.value, 1.7))
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(0, 600), st.floats(0, 440), st.floats(0.5, 640), st.floats(0.5, 480), st.floats(-1.5, 1.5), cuts)
+def test_no_pitch_makes_a_distance_negative(x, y, w, h, pitch, cut):
+    found = measure(camera(pitch), (x, y, min(w, 640 - x), min(h, 480 - y)), PEOPLE, cut)
+    assert found is None or 0 < found.value < math.inf
+
+
+# Is the error honest?
+
+
+def population(seed: int, count: int, low: float, high: float):
+    """People of any stature at any distance, a camera whose pitch is a little wrong, and boxes a little wrong."""
+    random = np.random.default_rng(seed)
+    for _ in range(count):
+        distance = random.uniform(low, high)
+        seen = camera(0.052 + random.normal(0, 0.008))
+        x, y, w, h = box_of(
+            seen, distance, random.uniform(-0.3, 0.3), tall=random.normal(1.70, 0.09), wide=random.normal(0.5, 0.11)
+        )
+        top, bottom = random.normal(0, 0.025 * h, 2) * [y > 0, y + h < 480]
+        left, right = random.normal(0, 0.03 * w, 2) * [x > 0, x + w < 640]
+        low_x, low_y = np.clip([x + left, y + top], 0, (640, 480))
+        high_x, high_y = np.clip([x + w + right, y + h + bottom], 0, (640, 480))
+        yield distance, (float(low_x), float(low_y), float(high_x - low_x), float(high_y - low_y))
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.8, 2.0), (2.0, 3.5), (3.5, 10.0), (10.0, 20.0)])
+def test_two_thirds_of_all_people_are_within_one_standard_error(low, high):
+    believed = camera(0.052)
+    errors = []
+    for distance, box in population(7, 400, low, high):
+        found = measured(believed, box)
+        errors.append(abs(found.value - distance) / found.std)
+    assert 0.58 < np.mean(np.array(errors) <= 1) < 0.85
+    assert np.mean(np.array(errors) <= 2) > 0.90
+
+
+# What is learnt of a person
+
+
+def test_who_was_seen_whole_is_measured_better_when_cut_off():
+    model, figure = camera(0.052), Figure(PEOPLE)
+    for distance in np.arange(8.0, 3.5, -0.13):
+        figure.learn(model, box_of(model, distance, 0.0, tall=1.85, wide=0.62), 0.1)
+    near = box_of(model, 1.5, 0.0, tall=1.85, wide=0.62)
+    before, after = measured(model, near), measured(model, near, figure.stature)
+    assert before.value < 1.35
+    assert after.value == pytest.approx(1.5, rel=0.06)
+    assert after.std < 0.8 * before.std
+
+
+def test_a_stature_is_learnt_and_never_quite_certain():
+    model, figure = camera(0.052), Figure(PEOPLE)
+    for _ in range(1000):
+        figure.learn(model, box_of(model, 4.0, 0.0, tall=1.85, wide=0.4), 0.1)
+    assert figure.stature.height.value == pytest.approx(1.85, abs=0.03)
+    assert figure.stature.width.value == pytest.approx(0.4, abs=0.03)
+    assert figure.stature.height.std > 0.02
+    assert figure.stature.width.std > 0.03
+
+
+def test_one_look_teaches_less_than_many_and_no_time_teaches_nothing():
+    model, box = camera(0.052), box_of(camera(0.052), 4.0, 0.0, tall=1.85)
+    none, one, many = Figure(PEOPLE), Figure(PEOPLE), Figure(PEOPLE)
+    none.learn(model, box, 0.0)
+    one.learn(model, box, 0.1)
+    for _ in range(10):
+        many.learn(model, box, 0.1)
+    assert none.stature == PEOPLE
+    assert 1.70 < one.stature.height.value < many.stature.height.value < 1.86
+
+
+def test_an_empty_box_teaches_nothing():
+    figure = Figure(PEOPLE)
+    figure.learn(camera(), (1, 1, 0, 0), 1.0)
+    assert figure.stature == PEOPLE
+
+
+# Over time
+
+
+def test_a_walk_is_followed_without_lag():
+    path = Range(Estimate(8.0, 0.4), "whole")
+    for step in range(1, 50):
+        path.pass_(0.1)
+        path.see(Estimate(8.0 - 0.13 * step, 0.3), "whole", 0.1)
+        assert path.estimate.value == pytest.approx(8.0 - 0.13 * step, abs=0.15)
+
+
+def test_a_standing_person_is_measured_better_with_time_and_worse_when_not_seen():
+    path = Range(Estimate(4.0, 0.4), "whole")
+    for _ in range(30):
+        path.pass_(0.1)
+        path.see(Estimate(4.0, 0.4), "whole", 0.1)
+    standing = path.estimate
+    path.pass_(1.0)
+    assert standing.value == pytest.approx(4.0, abs=0.01)
+    assert 0.1 < standing.std < 0.45
+    assert path.estimate.std > 1.5 * standing.std
+
+
+def test_other_cues_that_are_vague_do_not_make_forgotten_what_was_known():
+    path = Range(Estimate(3.2, 0.15), "whole")
+    for step in range(100):
+        path.pass_(0.1)
+        if step < 20:
+            path.see(Estimate(3.2, 0.15), "whole", 0.1)
+        else:
+            path.see(Estimate(2.4, 0.6), "cut", 0.1)
+        if step == 25:
+            assert path.estimate.value == pytest.approx(3.2, abs=0.2)
+    assert 2.4 < path.estimate.value < 3.0
+    assert 0.3 < path.estimate.std < 0.7
+
+
+def test_a_cue_that_is_wrong_by_a_share_tells_changes_all_the_same():
+    path = Range(Estimate(3.0, 0.1), "whole")
+    for step in range(1, 16):
+        path.pass_(0.1)
+        path.see(Estimate(0.8 * (3.0 - 0.1 * step), 0.6), "cut", 0.1)
+    assert path.estimate.value == pytest.approx(1.5, abs=0.2)
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.floats(0, 20), st.floats(0.05, 40), st.floats(0.01, 10)), max_size=20))
+def test_a_distance_stays_positive_and_its_error_too(steps):
+    path = Range(Estimate(3.0, 0.5), "whole")
+    for seconds, value, std in steps:
+        path.pass_(seconds)
+        path.see(Estimate(value, std), "whole", seconds)
+        assert path.estimate.value > 0
+        assert 0 < path.estimate.std < math.inf
+
+
+# The head
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.1])
+@pytest.mark.parametrize("distance", [2.0, 4.0, 9.0])
+def test_the_head_is_where_the_middle_of_the_head_is(pitch, distance):
+    model = camera(pitch)
+    bearing, elevation = head_direction(model, box_of(model, distance, 0.2), Cut(), distance, 1.70)
+    assert bearing == pytest.approx(0.2, abs=0.01)
+    assert elevation == pytest.approx(math.atan2(1.70 - 0.12 - 1.62, distance), abs=0.01)
+
+
+def test_a_head_out_of_the_picture_is_looked_for_above_it():
+    model = camera(0.3)
+    box = box_of(model, 0.8, 0.0, tall=1.9)
+    assert box[1] == 0
+    _, elevation = head_direction(model, box, Cut(top=True), 0.8, 1.9)
+    assert elevation == pytest.approx(math.atan2(1.9 - 0.12 - 1.62, 0.8), abs=0.05)
+
+
+def test_without_a_distance_the_head_is_the_top_of_the_box():
+    model = camera()
+    assert head_direction(model, (300, 100, 50, 100), Cut(), None, 1.7) == model.direction(325, 100)

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.vision.boxes import clip
+from socialbot.vision.motion import Cut, Motion, cut_off
+
+WIDTH, HEIGHT = 640, 480
+
+
+def box(middle: float, top: float, height: float, width: float) -> np.ndarray:
+    return np.array([middle - width / 2, top, width, height])
+
+
+def follow(motion: Motion, boxes: list[np.ndarray], seconds: float = 0.1) -> None:
+    """Shows ``motion`` what the picture shows of ``boxes``."""
+    for whole in boxes:
+        motion.predict(seconds)
+        seen = clip(whole[None], WIDTH, HEIGHT)[0]
+        motion.correct(seen, cut_off(seen, WIDTH, HEIGHT))
+
+
+def test_the_first_box_is_believed():
+    assert Motion(box(300, 100, 200, 80)).box == pytest.approx(box(300, 100, 200, 80))
+
+
+def test_a_steady_walk_is_predicted():
+    motion = Motion(box(100, 100, 200, 80))
+    follow(motion, [box(100 + 10 * step, 100, 200, 80) for step in range(1, 15)])
+    motion.predict(0.3)
+    assert motion.box == pytest.approx(box(270, 100, 200, 80), abs=7)
+
+
+def test_a_speed_wears_off_where_nobody_is_seen():
+    motion = Motion(box(100, 100, 200, 80))
+    follow(motion, [box(100 + 10 * step, 100, 200, 80) for step in range(1, 15)])
+    motion.predict(60.0)
+    assert 0 < abs(motion.value[0] - 240) < 200
+    assert abs(motion.speed[0]) < 1
+
+
+def test_without_being_seen_one_becomes_less_sure():
+    motion = Motion(box(100, 100, 200, 80))
+    spreads = [motion.spread()]
+    for _ in range(5):
+        motion.predict(0.2)
+        spreads.append(motion.spread())
+    assert spreads == sorted(spreads)
+    motion.correct(box(100, 100, 200, 80), Cut())
+    assert motion.spread()[0] < spreads[1][0]
+
+
+def test_many_short_steps_come_to_the_same_as_a_long_one():
+    one, many = Motion(box(100, 100, 200, 80)), Motion(box(100, 100, 200, 80))
+    for motion in (one, many):
+        follow(motion, [box(100 + 10 * step, 100, 200, 80) for step in range(1, 15)])
+    one.predict(0.5)
+    for _ in range(50):
+        many.predict(0.01)
+    assert many.box == pytest.approx(one.box, abs=1e-6)
+    assert many.spread() == pytest.approx(one.spread(), rel=0.25)
+
+
+def test_the_noise_is_relative_to_the_height():
+    near, far = Motion(box(300, 50, 400, 160)), Motion(box(300, 100, 40, 16))
+    for motion in (near, far):
+        motion.predict(0.4)
+    assert near.spread()[0] == pytest.approx(10 * far.spread()[0])
+
+
+def test_who_comes_close_keeps_their_legs_below_the_picture():
+    motion = Motion(box(300, 60, 300, 110))
+    # Whole until 420 pixels high, then cut off by the lower edge.
+    follow(motion, [box(300, 60, 300 + 15 * step, 110 + 5.5 * step) for step in range(1, 21)])
+    assert motion.value[2] > 450
+    assert motion.value[:2] == pytest.approx([300, 60], abs=10)
+    assert clip(motion.box[None], WIDTH, HEIGHT)[0] == pytest.approx(box(300, 60, 420, 220), abs=15)
+
+
+def test_who_leaves_to_the_left_keeps_their_width_and_moves_on():
+    motion = Motion(box(200, 100, 300, 110))
+    follow(motion, [box(200 - 20 * step, 100, 300, 110) for step in range(1, 11)])
+    assert motion.value[3] == pytest.approx(110, abs=8)
+    assert motion.value[0] == pytest.approx(0, abs=12)
+    assert motion.speed[0] == pytest.approx(-200, rel=0.25)
+
+
+def test_who_enters_grows_to_their_width():
+    motion = Motion(box(20, 100, 300, 40))
+    follow(motion, [box(-40 + 20 * step, 100, 300, 110) for step in range(1, 12)])
+    assert motion.box == pytest.approx(box(180, 100, 300, 110), abs=12)
+
+
+def test_hidden_feet_leave_the_height():
+    motion = Motion(box(300, 100, 200, 80))
+    follow(motion, [box(300, 100, 200, 80)] * 5)
+    motion.predict(0.1)
+    motion.correct(box(300, 100, 120, 80), Cut(), feet_hidden=True)
+    assert motion.value[2] == pytest.approx(200, abs=2)
+    motion.correct(box(300, 100, 120, 80), Cut())
+    assert motion.value[2] < 190
+
+
+@pytest.mark.parametrize(
+    ("seen", "expected"),
+    [
+        ((100, 100, 50, 50), Cut()),
+        ((0, 100, 50, 50), Cut(left=True)),
+        ((100, 1, 50, 477), Cut(top=True, bottom=True)),
+        ((590, 100, 49, 50), Cut(right=True)),
+        ((0, 0, 640, 480), Cut(True, True, True, True)),
+    ],
+)
+def test_edges_cut_boxes_off(seen, expected):
+    assert cut_off(np.array(seen, float), WIDTH, HEIGHT) == expected
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(0, 20), st.floats(-200, 600), st.floats(-200, 400), st.floats(1, 900), st.floats(1, 900),
+        ),
+        min_size=1,
+        max_size=12,
+    )
+)  # fmt: skip
+def test_whatever_is_seen_the_state_stays_sound(steps):
+    motion = Motion(np.array([300.0, 100, 50, 120]))
+    for seconds, *whole in steps:
+        motion.predict(seconds)
+        seen = clip(np.array([whole]), WIDTH, HEIGHT)[0]
+        if (seen[2:] > 0).all():
+            motion.correct(seen, cut_off(seen, WIDTH, HEIGHT))
+        assert np.isfinite(motion.box).all()
+        assert (motion.box[2:] > 0).all()
+        assert (motion.variance > 0).all()

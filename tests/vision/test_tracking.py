@@ -1,0 +1,492 @@
+from __future__ import annotations
+
+import itertools
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.clock import SECOND
+from socialbot.vision.boxes import clip, iou
+from socialbot.vision.tracking import Track, Tracker
+
+SIZE = (640, 480)
+STANDING = (300.0, 100.0, 80.0, 200.0)
+
+
+class Scene:
+    """A tracker, and pictures shown to it ten times a second."""
+
+    def __init__(self, **settings: float) -> None:
+        self.tracker = Tracker(0.5, 0.15, **settings)  # type: ignore[arg-type]
+        self.time_s = 0.0
+
+    def show(self, *found: tuple[float, ...], after_s: float = 0.1) -> tuple[Track, ...]:
+        """A picture with boxes x, y, w, h and perhaps a score."""
+        self.time_s += after_s
+        boxes = np.array([one[:4] for one in found], np.float64).reshape(-1, 4)
+        scores = np.array([one[4] if len(one) > 4 else 0.7 for one in found])
+        return self.tracker.update(round(self.time_s * SECOND), boxes, scores, SIZE)
+
+    def empty(self, count: int) -> None:
+        for _ in range(count):
+            self.show()
+
+
+def ids(tracks: tuple[Track, ...]) -> list[str]:
+    return [track.id for track in tracks]
+
+
+def started(**settings: float) -> Scene:
+    """A scene in which some time has passed without people: nothing is believed at once any more."""
+    scene = Scene(**settings)
+    scene.empty(3)
+    return scene
+
+
+# Beginning
+
+
+def test_who_is_seen_twice_is_a_track():
+    scene = started()
+    assert scene.show(STANDING) == ()
+    (track,) = scene.show(STANDING)
+    assert (track.id, track.score, track.unseen_s) == ("t1", 0.7, 0.0)
+    assert track.box.tolist() == list(STANDING)
+
+
+def test_a_single_false_box_is_nobody():
+    scene = started()
+    shown = [scene.show(STANDING), *(scene.show() for _ in range(10)), scene.show(STANDING)]
+    assert set(shown) == {()}
+
+
+def test_a_new_track_may_miss_a_frame():
+    scene = started()
+    assert [ids(scene.show(*found)) for found in ([STANDING], [], [STANDING])] == [[], [], ["t1"]]
+
+
+def test_who_is_certain_is_a_track_at_once():
+    assert ids(started().show((*STANDING, 0.9))) == ["t1"]
+
+
+def test_the_first_picture_and_one_after_a_gap_are_believed():
+    scene = Scene()
+    assert ids(scene.show(STANDING)) == ["t1"]
+    assert ids(scene.show((100, 100, 80, 200), after_s=30.0)) == ["t2"]
+
+
+def test_pictures_that_come_seldom_are_each_believed():
+    scene = Scene()
+    for number in range(5):
+        assert len(scene.show((50.0 + 100 * number, 100, 80, 200), after_s=1.0)) >= 1
+
+
+def test_weak_boxes_begin_nothing():
+    scene = Scene()
+    assert {scene.show((*STANDING, 0.4)) for _ in range(20)} == {()}
+
+
+def test_one_of_the_first_two_boxes_may_be_weak():
+    for scores, shown in [((0.4, 0.6), [0, 1]), ((0.6, 0.4), [0, 1]), ((0.4, 0.4, 0.4), [0, 0, 0])]:
+        scene = started()
+        assert [len(scene.show((*STANDING, score))) for score in scores] == shown
+
+
+def test_who_was_weak_at_first_is_then_known_like_anybody():
+    scene = started()
+    shown = [len(scene.show((*STANDING, score))) for score in (0.2, 0.2, 0.2, 0.7, 0.7, 0.3, 0.3)]
+    assert shown == [0, 0, 0, 1, 1, 1, 1]
+
+
+def test_a_weak_box_round_somebody_does_not_keep_them_from_being_believed():
+    around = (*STANDING[:3], 300.0, 0.4)
+    assert ids(started().show(around, (*STANDING, 0.9))) == ["t1"]
+
+
+def test_the_threshold_may_change():
+    scene = started()
+    scene.tracker.sure = 0.8
+    assert [scene.show(STANDING) for _ in range(3)] == [(), (), ()]
+    scene.tracker.sure = 0.6
+    assert ids(scene.show(STANDING)) == ["t1"]
+
+
+# Going on
+
+
+def test_weak_boxes_keep_a_track_that_is_usually_sure():
+    scene = Scene()
+    scene.show(STANDING)
+    for number in range(30):
+        score = 0.8 if number % 2 else 0.3
+        (track,) = scene.show((*STANDING, score))
+        assert (track.id, track.unseen_s, track.score) == ("t1", 0.0, score)
+
+
+def test_a_track_that_is_only_weak_fades_and_comes_back_when_it_is_sure():
+    scene = Scene()
+    scene.show(STANDING)
+    shown = [len(scene.show((*STANDING, 0.3))) for _ in range(30)]
+    assert shown == sorted(shown, reverse=True)
+    assert 2 <= sum(shown) < 10
+    assert ids(scene.show(STANDING)) == ["t1"]
+
+
+def test_what_scores_below_weak_is_not_looked_at():
+    scene = Scene()
+    for _ in range(5):
+        scene.show(STANDING)
+    (track,) = scene.show((*STANDING, 0.1))
+    assert track.unseen_s > 0
+
+
+def test_a_weak_box_elsewhere_belongs_to_nobody():
+    scene = Scene()
+    scene.show(STANDING)
+    assert [track.box[0] for track in scene.show(STANDING, (400, 100, 80, 200, 0.4))] == [300]
+
+
+def test_a_sure_box_goes_before_a_weak_one():
+    scene = Scene()
+    for _ in range(5):
+        scene.show(STANDING)
+    (track,) = scene.show((304, 100, 80, 200, 0.7), (301, 100, 80, 200, 0.3))
+    assert track.box[0] == 304
+
+
+def test_somebody_who_stands_still_keeps_their_id_for_ever():
+    scene, random = Scene(), np.random.default_rng(1)
+    for _ in range(600):
+        scene.show(tuple(np.array(STANDING) + random.normal(0, 4, 4)))
+    assert ids(scene.show(STANDING)) == ["t1"]
+
+
+@pytest.mark.parametrize("period_s", [0.033, 0.1, 0.2, 0.3, 0.45])
+def test_a_walk_across_the_picture_is_one_track_at_any_rate(period_s):
+    scene, seen = Scene(), set()
+    for step in range(int(4.0 / period_s)):
+        # 130 pixels a second at 180 pixels height: 1.2 m/s.
+        seen |= set(ids(scene.show((40 + 130 * step * period_s, 120, 70, 180), after_s=period_s)))
+    assert seen == {"t1"}
+
+
+def test_frames_that_come_at_any_time_make_no_difference_to_who_is_who():
+    scene, random, seen, now = Scene(), np.random.default_rng(2), set(), 0.0
+    while now < 4.0:
+        step = random.uniform(0.01, 0.4)
+        now += step
+        seen |= set(ids(scene.show((40 + 130 * now, 120, 70, 180), after_s=step)))
+    assert seen == {"t1"}
+
+
+def test_two_pictures_of_one_moment_are_no_error():
+    scene = Scene()
+    scene.show(STANDING)
+    assert ids(scene.show(STANDING, after_s=0.0)) == ["t1"]
+
+
+def test_who_walks_up_until_only_the_head_is_in_view_stays_the_same():
+    scene, seen = Scene(), set()
+    for distance in np.arange(8.0, 0.6, -0.13):
+        height, width = 525 * 1.75 / distance, 525 * 0.55 / distance
+        whole = np.array([[320 - width / 2, 235 - 525 * 0.1 / distance, width, height]])
+        seen |= set(ids(scene.show(tuple(clip(whole, *SIZE)[0]))))
+    assert seen == {"t1"}
+
+
+# Absence
+
+
+def test_flicker_is_bridged_with_a_prediction():
+    scene = Scene()
+    for step in range(10):
+        scene.show((100.0 + 10 * step, 100, 80, 200))
+    (track,) = scene.show()
+    assert (track.id, track.score, track.unseen_s) == ("t1", 0.7, pytest.approx(0.1))
+    assert track.box == pytest.approx([200, 100, 80, 200], abs=5)
+    assert ids(scene.show((210, 100, 80, 200))) == ["t1"]
+
+
+def test_a_bridge_is_no_longer_than_wanted():
+    scene = Scene(bridge_s=0.35)
+    for _ in range(10):
+        scene.show(STANDING)
+    assert [len(scene.show()) for _ in range(5)] == [1, 1, 1, 0, 0]
+
+
+def test_without_a_bridge_only_what_is_seen_is_published():
+    scene = Scene(bridge_s=0.0)
+    for _ in range(10):
+        scene.show(STANDING)
+    assert scene.show() == ()
+    assert ids(scene.show(STANDING)) == ["t1"]
+
+
+def test_who_comes_back_in_time_is_known_and_later_is_not():
+    for absent, expected in ((15, "t1"), (30, "t2")):
+        scene = Scene()
+        for _ in range(10):
+            scene.show(STANDING)
+        scene.empty(absent)
+        scene.show(STANDING)
+        assert ids(scene.show(STANDING)) == [expected]
+
+
+def test_who_walks_out_of_the_picture_is_not_predicted():
+    scene = Scene()
+    for x in range(300, -80, -20):
+        scene.show(tuple(clip(np.array([[float(x), 100, 80, 200]]), *SIZE)[0]))
+    assert scene.show() == ()
+
+
+def test_who_stands_at_the_edge_is():
+    scene = Scene()
+    for _ in range(10):
+        scene.show((0, 100, 50, 200))
+    assert len(scene.show()) == 1
+
+
+def test_who_was_weak_before_they_vanished_is_not_predicted():
+    for last, shown in [(0.7, 1), (0.3, 0)]:
+        scene = Scene()
+        for score in (*[0.8] * 10, last):
+            assert len(scene.show((*STANDING, score))) == 1
+        assert len(scene.show()) == shown
+
+
+def test_who_is_within_somebody_seen_is_not_predicted():
+    scene = Scene()
+    near, far = (260.0, 60.0, 200.0, 400.0), (300.0, 150.0, 50.0, 130.0)
+    shown = [len(scene.show(near, far)) for _ in range(10)]
+    assert shown[-1] == 2
+    assert [track.box.tolist() for track in scene.show(near)] == [list(near)]
+
+
+def test_predictions_stay_in_the_picture():
+    scene = Scene(bridge_s=2.0, keep_s=3.0)
+    for step in range(10):
+        scene.show((300.0, 100, 80 + 4 * step, min(200 + 20 * step, 380)))
+    shown = [track for _ in range(15) for track in scene.show()]
+    assert shown
+    for track in shown:
+        assert track.box == pytest.approx(clip(track.box[None], *SIZE)[0])
+
+
+def test_who_was_seen_too_seldom_is_not_predicted():
+    scene = Scene()
+    scene.show(STANDING)
+    scene.show(STANDING)
+    assert scene.show() == ()
+
+
+def test_a_clock_that_jumps_back_begins_anew_with_new_ids():
+    scene = Scene()
+    for _ in range(5):
+        scene.show(STANDING)
+    assert ids(scene.show(STANDING, after_s=-0.3)) == ["t2"]
+
+
+# Several
+
+
+def walkers(*people: tuple[float, float, float, float], seconds: float = 4.0, period_s: float = 0.1):
+    """Boxes of people (x at the begin, pixels a second, top, height) at each moment: lists of (n, 4)."""
+    for now in np.arange(0, seconds, period_s):
+        yield np.array([(x + speed * now, top, 0.4 * height, height) for x, speed, top, height in people])
+
+
+def followed(frames, seen, *, noise: float, seed: int) -> list[dict[int, str]]:
+    """Which track is nearest to each true person, frame by frame; boxes are noisy, and shown where ``seen`` says."""
+    scene, random, result = Scene(), np.random.default_rng(seed), []
+    for number, boxes in enumerate(frames):
+        visible = [index for index in range(len(boxes)) if seen(number, index, boxes)]
+        noisy = boxes + random.normal(0, noise, boxes.shape) * boxes[:, 3:]
+        tracks = [track for track in scene.show(*map(tuple, noisy[visible])) if not track.unseen_s]
+        result.append(
+            {
+                index: tracks[int(np.argmax(iou(boxes[index], np.array([track.box for track in tracks]))))].id
+                for index in visible
+                if tracks
+            }
+        )
+    return result
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 10**6), st.floats(100, 160), st.floats(100, 160), st.floats(0.7, 0.95), st.floats(0, 0.15))
+def test_who_cross_keep_their_ids(seed, right, left, share, missed):
+    """The farther is hidden behind the nearer while they overlap by half; both are missed now and then."""
+    random = np.random.default_rng(seed)
+
+    def seen(number: int, index: int, boxes: np.ndarray) -> bool:
+        hidden = index == 1 and iou(boxes[0], boxes[1:2])[0] > 0.35
+        return not hidden and (number < 4 or random.random() >= missed)
+
+    frames = list(walkers((60, right, 100, 220), (520, -left, 100, 220 * share), seconds=3.0))
+    who = followed(frames, seen, noise=0.01, seed=seed)
+    begin = {index: next(frame[index] for frame in who[2:] if index in frame) for index in (0, 1)}
+    end = {index: next(frame[index] for frame in reversed(who) if index in frame) for index in (0, 1)}
+    assert begin == end
+    assert begin[0] != begin[1]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_who_is_overtaken_keeps_their_id(seed):
+    def seen(number: int, index: int, boxes: np.ndarray) -> bool:
+        return index == 0 or iou(boxes[0], boxes[1:2])[0] < 0.35
+
+    frames = list(walkers((40, 140, 90, 230), (140, 70, 100, 200)))
+    who = followed(frames, seen, noise=0.01, seed=seed)
+    assert who[3] == who[-1]
+    assert len(set(who[-1].values())) == 2
+
+
+def test_who_is_hidden_for_a_second_by_somebody_who_passes_is_the_same_afterwards():
+    scene = Scene()
+    for x in np.arange(0, 640, 20.0):
+        hidden = abs(x - 300) < 90
+        found = [(x, 60.0, 120.0, 330.0), *([] if hidden else [STANDING])]
+        tracks = scene.show(*found)
+        if len(found) == 2 and x > 40:
+            assert next(track.id for track in tracks if track.box[0] == STANDING[0]) == "t2"
+
+
+def test_two_boxes_on_one_person_are_not_both_predicted():
+    scene = Scene()
+    for _ in range(10):
+        scene.show(STANDING, (305, 110, 80, 190))
+    assert len(scene.show(STANDING)) == 1
+
+
+def test_the_upper_half_of_somebody_is_nobody_else():
+    scene = Scene()
+    for _ in range(20):
+        assert len(scene.show((*STANDING, 0.7), (302, 102, 76, 90, 0.95))) == 1
+
+
+def test_a_child_before_somebody_is_somebody():
+    scene = Scene()
+    shown = [len(scene.show((*STANDING, 0.8), (320, 200, 40, 100, 0.7))) for _ in range(5)]
+    assert shown == [1, 2, 2, 2, 2]
+
+
+def test_somebody_far_away_is_no_part_of_who_stands_before_them():
+    scene = Scene()
+    near, far = (300.0, 100.0, 200.0, 380.0), (310.0, 120.0, 40.0, 120.0)
+    assert [len(scene.show(near, far)) for _ in range(4)] == [1, 2, 2, 2]
+
+
+def test_a_weak_part_of_somebody_feeds_no_other_track():
+    scene = Scene()
+    for x in range(120, 300, 10):  # Somebody walks behind the one who stands there.
+        scene.show(STANDING, (float(x), 100, 60, 150))
+    shown = [scene.show(STANDING, (302, 102, 60, 150, 0.3)) for _ in range(10)]
+    assert [len(tracks) for tracks in shown[-5:]] == [1] * 5
+
+
+def test_feet_behind_something_are_noticed():
+    scene = Scene()
+    for _ in range(10):
+        scene.show(STANDING)
+    (track,) = scene.show((300, 100, 80, 120))
+    assert track.feet_hidden
+    (track,) = scene.show(STANDING)
+    assert not track.feet_hidden
+
+
+def test_who_sits_down_has_no_hidden_feet():
+    scene = Scene()
+    for _ in range(10):
+        scene.show(STANDING)
+    (track,) = scene.show((300, 170, 80, 130))
+    assert not track.feet_hidden
+
+
+def test_ten_people_take_less_than_two_milliseconds():
+    scene, random = Scene(), np.random.default_rng(3)
+    people = np.stack([np.linspace(20, 560, 10), np.full(10, 100), np.full(10, 50), np.full(10, 130)], axis=1)
+    costs = []
+    for _ in range(60):
+        found = [tuple(box) for box in people + random.normal(0, 2, people.shape)]
+        begin = time.process_time()
+        assert len(scene.show(*found)) == 10
+        costs.append(time.process_time() - begin)
+    assert np.median(costs) < 0.002
+
+
+# Whatever comes
+
+boxes_strategy = st.tuples(
+    st.floats(-50, 600),
+    st.floats(-50, 440),
+    st.floats(5, 400),
+    st.floats(5, 470),
+    st.sampled_from((0.2, 0.5, 0.7, 0.95)),
+)
+frames_strategy = st.lists(
+    st.tuples(st.sampled_from((0.0, 0.03, 0.1, 0.3, 1.0, 5.0, -0.2)), st.lists(boxes_strategy, max_size=5)), max_size=12
+)
+
+
+@settings(deadline=None, max_examples=100)
+@given(frames_strategy, st.randoms(use_true_random=False))
+def test_the_order_of_the_boxes_changes_nothing(frames, random):
+    one, other = Scene(), Scene()
+    for after_s, found in frames:
+        shuffled = random.sample(found, len(found))
+        first, second = one.show(*found, after_s=after_s), other.show(*shuffled, after_s=after_s)
+        assert [(t.id, t.box.tolist(), t.score, t.unseen_s) for t in first] == [
+            (t.id, t.box.tolist(), t.score, t.unseen_s) for t in second
+        ]
+
+
+@settings(deadline=None, max_examples=100)
+@given(frames_strategy)
+def test_whatever_comes_each_id_is_one_unbroken_track_of_what_was_seen(frames):
+    scene, gone, before = Scene(bridge_s=0.5, keep_s=2.0), set[str](), set[str]()
+    last_seen: dict[str, float] = {}
+    for after_s, found in frames:
+        tracks = scene.show(*found, after_s=after_s)
+        names = ids(tracks)
+        assert len(set(names)) == len(names)
+        if after_s < 0:
+            gone |= before
+            last_seen.clear()
+        assert not gone & set(names)
+        for track in tracks:
+            assert (track.box[2:] > 0).all()
+            if track.unseen_s:
+                assert track.unseen_s <= 0.5 + 1e-9
+                assert scene.time_s - last_seen[track.id] == pytest.approx(track.unseen_s)
+            else:
+                assert (*track.box, track.score) in found
+                last_seen[track.id] = scene.time_s
+        scores = [track.score for track in tracks]
+        assert scores == sorted(scores, reverse=True)
+        gone |= {name for name, when in last_seen.items() if scene.time_s - when > 2.0 + 1e-9}
+        before |= set(names)
+        assert not gone & set(names)
+
+
+@settings(deadline=None, max_examples=50)
+@given(frames_strategy)
+def test_without_a_sure_box_no_track_begins(frames):
+    scene = Scene()
+    for after_s, found in frames:
+        assert scene.show(*(one for one in found if one[4] < 0.5), after_s=after_s) == ()
+
+
+@settings(deadline=None, max_examples=50)
+@given(frames_strategy)
+def test_ids_count_up(frames):
+    scene = Scene()
+    names = [name for after_s, found in frames for name in ids(scene.show(*found, after_s=after_s))]
+    first = list(dict.fromkeys(names))
+    numbers = [int(name[1:]) for name in first]
+    assert all(number >= 1 for number in numbers)
+    assert len(set(numbers)) == len(first)
+    for earlier, later in itertools.pairwise(sorted(numbers)):
+        assert later > earlier
