@@ -13,9 +13,11 @@ from socialbot.messages import HeadCommand, JointTrajectory, Message, PersonDete
 COMMAND, DETECTIONS = "/head/command", "/humans/bodies/detections"
 
 
-def person(bearing: float | None, distance: float | None = 2.0, elevation: float | None = 0.0) -> PersonDetection:
+def person(
+    bearing: float | None, distance: float | None = 2.0, elevation: float | None = 0.0, track: str = ""
+) -> PersonDetection:
     return PersonDetection(
-        x=0, y=0, w=1, h=1, score=1.0, distance_m=distance, bearing_rad=bearing, elevation_rad=elevation
+        x=0, y=0, w=1, h=1, score=1.0, track_id=track, distance_m=distance, bearing_rad=bearing, elevation_rad=elevation
     )
 
 
@@ -171,6 +173,36 @@ def test_when_the_followed_person_is_gone_the_nearest_of_the_others_is_next():
     stage.see(1.0, person(0.8, 1.0), person(0.0, 3.0), person(-0.8, 2.5))
     stage.see(2.0, person(0.0, 3.0), person(-0.8, 2.5))
     assert stage.positions == [(0.8, 0.0), (-0.8, 0.0)]
+
+
+def test_a_track_is_followed_past_somebody_else():
+    stage = Stage()
+    stage.see(1.0, person(0.3, 3.0, track="t1"), person(0.9, 3.2, track="t2"))
+    stage.see(2.0, person(0.6, 3.0, track="t1"), person(0.3, 3.2, track="t2"))
+    stage.see(3.0, person(0.9, 3.0, track="t1"), person(0.6, 3.2, track="t2"))
+    assert stage.positions == [(0.3, 0.0), (0.6, 0.0), (0.9, 0.0)]
+
+
+def test_a_track_is_followed_however_far_it_went_unseen():
+    stage = Stage(same_person_rad=0.2)
+    stage.see(1.0, person(-0.5, 3.0, track="t1"), person(0.0, 3.2, track="t2"))
+    stage.see(1.5, person(0.0, 3.2, track="t2"), person(0.7, 3.0, track="t1"))
+    assert stage.positions[-1] == (0.7, 0.0)
+
+
+def test_who_is_much_nearer_takes_over_from_a_track():
+    stage = Stage()
+    stage.see(1.0, person(0.3, 3.0, track="t1"))
+    stage.see(2.0, person(0.3, 3.0, track="t1"), person(-0.3, 2.6, track="t2"))
+    stage.see(3.0, person(0.3, 3.0, track="t1"), person(-0.3, 2.4, track="t2"))
+    assert stage.positions == [(0.3, 0.0), (-0.3, 0.0)]
+
+
+def test_a_track_that_got_a_new_id_is_known_by_its_direction():
+    stage = Stage()
+    stage.see(1.0, person(0.3, 3.0, track="t1"))
+    stage.see(2.0, person(0.35, 3.0, track="t3"), person(-0.3, 2.8, track="t2"))
+    assert stage.positions == [(0.3, 0.0), (0.35, 0.0)]
 
 
 @pytest.mark.parametrize("frames", [True, False], ids=["empty frames", "no frames"])

@@ -23,8 +23,11 @@ FAR = WaldoNode.range_m.default + 0.1
 """Too far away (m) to be Waldo's business."""
 
 
-def person(distance: float | None = 2.0) -> PersonDetection:
-    return PersonDetection(x=0, y=0, w=10, h=30, score=1.0, distance_m=distance)
+def person(distance: float | None = 2.0, track: str = "") -> PersonDetection:
+    return PersonDetection(x=0, y=0, w=10, h=30, score=1.0, track_id=track, distance_m=distance)
+
+
+ANNA, BEN, CARL = (person(track=name) for name in ("t1", "t2", "t3"))
 
 
 class Corridor:
@@ -39,6 +42,7 @@ class Corridor:
         self.trace: list[TraceRecord] = []
         self.minds: list[Mind] = []
         self.frame = 0
+        self.shown: list[int] = []
         self.runner.tap("/waldo/actions", self._act)
         self.runner.tap("/waldo/trace", lambda _, record: self.trace.append(record))  # type: ignore[arg-type]
         self.runner.tap("/waldo/mind", lambda _, mind: self.minds.append(mind))  # type: ignore[arg-type]
@@ -52,6 +56,8 @@ class Corridor:
     def see(self, *persons: PersonDetection, times: int = 1) -> None:
         for _ in range(times):
             stamp = self.frame * nanoseconds(PERIOD_S)
+            if any(p.distance_m is None or p.distance_m <= WaldoNode.range_m.default for p in persons):
+                self.shown.append(stamp)
             self.runner.feed(
                 DETECTIONS,
                 PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=persons),
@@ -195,6 +201,130 @@ def test_the_range_belongs_to_it():
     assert corridor.did == [(0.5, "greeting")]
 
 
+# Who is who
+
+
+def offers(corridor: Corridor) -> list[float]:
+    return [when for when, what in corridor.did if what == "offer"]
+
+
+def test_with_tracks_a_visit_is_the_same():
+    corridor = Corridor()
+    corridor.until(2)
+    corridor.until(20, ANNA)
+    corridor.until(30)
+    assert corridor.did == [(1.5, "stayIdle"), (2.2, "greeting"), (10.2, "offer"), (21.2, "stayIdle")]
+
+
+def test_who_joins_does_not_restart_the_time_of_who_is_there():
+    corridor = Corridor()
+    corridor.until(4, ANNA)
+    corridor.until(12, ANNA, BEN)
+    assert corridor.did == [(0.5, "greeting"), (8.5, "offer")]
+
+
+def test_who_joins_is_not_offered_help_for_the_time_that_another_was_there():
+    corridor = Corridor()
+    corridor.until(4, ANNA)
+    corridor.until(5, ANNA, BEN)
+    corridor.until(20, BEN)
+    assert corridor.did == [(0.5, "greeting"), (12.2, "offer")]
+
+
+def test_people_who_take_turns_are_offered_no_help():
+    corridor = Corridor()
+    for number in range(10):
+        corridor.until(4 * (number + 1), person(track=f"t{number}"))
+    assert corridor.did == [(0.5, "greeting")]
+    assert corridor.faults == 0
+
+
+def test_who_is_there_while_help_is_offered_to_another_has_heard_it():
+    corridor = Corridor()
+    corridor.until(5, ANNA)
+    corridor.until(30, ANNA, BEN)
+    assert offers(corridor) == [8.5]
+
+
+def test_who_comes_after_the_offer_and_stays_is_offered_help_as_well():
+    corridor = Corridor()
+    corridor.until(10, ANNA)
+    corridor.until(12, ANNA, BEN)
+    corridor.until(40, BEN)
+    assert offers(corridor) == [8.5, 18.2]
+
+
+def test_those_who_come_late_together_are_offered_help_once():
+    corridor = Corridor()
+    corridor.until(10, ANNA)
+    corridor.until(11, ANNA, BEN)
+    corridor.until(40, ANNA, BEN, CARL)
+    assert offers(corridor) == [8.5, 18.2]
+
+
+def test_who_comes_late_and_leaves_is_not_offered_help():
+    corridor = Corridor()
+    corridor.until(10, ANNA)
+    corridor.until(15, ANNA, BEN)
+    corridor.until(40, ANNA)
+    assert offers(corridor) == [8.5]
+
+
+def test_who_comes_when_another_leaves_is_nobody_new_to_greet():
+    corridor = Corridor()
+    corridor.until(5, ANNA)
+    corridor.until(12, BEN)
+    assert corridor.did == [(0.5, "greeting")]
+    corridor.until(14, BEN)
+    assert corridor.did[1:] == [(13.2, "offer")]
+
+
+def test_tracks_that_last_a_moment_are_nobody():
+    corridor = Corridor()
+    corridor.until(2)
+    for number in range(100):
+        corridor.see(person(track=f"t{number}"))
+    assert corridor.did == [(1.5, "stayIdle")]
+
+
+def test_people_with_tracks_are_greeted_together():
+    corridor = Corridor()
+    corridor.until(3, ANNA, BEN)
+    assert corridor.did == [(0.5, "greeting_several")]
+
+
+def test_who_is_near_is_greeted_and_who_is_far_is_not_waited_for():
+    corridor = Corridor()
+    corridor.until(9, ANNA, person(FAR, "t2"))
+    assert corridor.did == [(0.5, "greeting"), (8.5, "offer")]
+    corridor.until(12, person(FAR, "t1"), person(2.0, "t2"))
+    assert len(corridor.did) == 2
+
+
+def test_a_recording_that_begins_anew_is_another_visit_of_other_people():
+    sensor = PersonSensor(Manners(vanish_s=1.5))
+    told: list[str] = []
+    for begin, name in ((50, "t1"), (0, "t2")):
+        for tenth in range(40):
+            frame = PersonDetections(
+                stamp=begin * SECOND + tenth * SECOND // 10, frame_id="c", width=9, height=9,
+                persons=(person(track=name),),
+            )  # fmt: skip
+            sensed = sensor.sense(frame)
+            told += map(str, sensed if isinstance(sensed, list) else ())
+    assert told == ['+present("t1")', "+people(1)", '+personDetected("Yes")', '+present("t2")', '-present("t1")']
+
+
+def test_what_is_kept_of_people_does_not_pile_up():
+    sensor = PersonSensor(Manners())
+    for tenth in range(3000):
+        frame = PersonDetections(
+            stamp=tenth * SECOND // 10, frame_id="c", width=9, height=9, persons=(person(track=f"t{tenth // 10}"),)
+        )
+        sensor.sense(frame)
+    assert len(sensor._changed) < 20
+
+
 # Parameters
 
 
@@ -318,9 +448,9 @@ def test_the_mind_is_shown_when_it_changes_and_not_otherwise():
     corridor = Corridor()
     corridor.until(5, person())
     assert [[belief.text for belief in mind.beliefs] for mind in corridor.minds] == [
-        [], ['personDetected("Yes")', "people(1)", "greeted()"],
+        [], ['personDetected("Yes")', 'present("somebody")', "people(1)", "greeted()"],
     ]  # fmt: skip
-    assert [belief.since for belief in corridor.minds[-1].beliefs] == [SECOND // 2] * 3
+    assert [belief.since for belief in corridor.minds[-1].beliefs] == [SECOND // 2] * 4
 
 
 # Whatever comes
@@ -358,6 +488,7 @@ def test_whatever_comes_waldo_keeps_his_manners(scenes, manners):
     corridor = played(scenes, manners)
     assert corridor.faults == 0
     assert not [record for record in corridor.trace if record.kind in ("failure", "dropped")]
+    stamps = [frame * nanoseconds(PERIOD_S) for frame in range(corridor.frame)]
     believed = [
         (record.stamp, record.what.split('"')[1])
         for record in corridor.trace
@@ -384,9 +515,15 @@ def test_whatever_comes_waldo_keeps_his_manners(scenes, manners):
     for coming in came:
         earlier = [greeting for greeting in at["greeting"] if greeting < coming]
         assert (coming in at["greeting"]) == (not earlier or rested(earlier[-1], coming))
-        stayed = not any(coming < gone < coming + patience for gone in left)  # what is due goes first
-        over = coming + patience > corridor.runner.clock.now()
-        assert (coming + patience in at["offer"]) == (stayed and not over)
+        leaving = next((gone for gone in left if gone > coming), corridor.runner.clock.now() + 1)
+        recent = nanoseconds(manners["appear_s"])
+        due = [
+            stamp
+            for stamp in stamps
+            if coming + patience <= stamp < leaving and coming + recent <= stamp
+            if any(stamp - recent <= when <= stamp for when in corridor.shown)
+        ]
+        assert [offer for offer in at["offer"] if coming <= offer < leaving] == due[:1]
     assert len(at["offer"]) == len({stamp for stamp, what in believed if what == "Next"})
     assert set(at["greeting"]) <= set(came)
 
@@ -399,6 +536,40 @@ def test_the_same_frames_lead_to_the_same_trace(scenes, manners):
     assert first.did == second.did
 
 
+VISITORS = st.lists(
+    st.tuples(st.lists(st.sampled_from(("t1", "t2", "t3")), max_size=3, unique=True), st.integers(1, 60)), max_size=10
+)
+
+
+@settings(deadline=None, max_examples=60)
+@given(VISITORS, st.sampled_from((1.0, 4.0)))
+def test_whoever_stays_is_offered_help_and_nobody_else(scenes, help_after_s):
+    corridor = Corridor(help_after_s=help_after_s)
+    for names, frames in scenes:
+        corridor.see(*(person(track=name) for name in names), times=frames)
+    assert corridor.faults == 0
+    assert not [record for record in corridor.trace if record.kind in ("failure", "dropped")]
+    patience, end = nanoseconds(help_after_s), corridor.runner.clock.now()
+    came: dict[str, int] = {}
+    visits: list[tuple[int, int]] = []
+    for record in corridor.trace:
+        if record.kind in ("belief", "unbelief") and record.what.startswith("present"):
+            name = record.what.split('"')[1]
+            if record.kind == "belief":
+                came[name] = record.stamp
+            else:
+                visits.append((came.pop(name), record.stamp))
+    visits += [(since, end + 1) for since in came.values()]
+    offered = [round(when * SECOND) for when in offers(corridor)]
+    for at in offered:
+        assert any(since + patience <= at < until for since, until in visits)
+    # The longest that somebody can be there without being seen.
+    unseen = nanoseconds(1.5)
+    for since, until in visits:
+        if since + patience + unseen < min(until, end):
+            assert any(since <= at <= since + patience + unseen for at in offered)
+
+
 @settings(deadline=None, max_examples=150)
 @given(
     st.lists(st.tuples(st.integers(1, 9), st.sampled_from(("0", "1", "10", "100", "2"))), max_size=12),
@@ -407,7 +578,7 @@ def test_the_same_frames_lead_to_the_same_trace(scenes, manners):
 )
 def test_coming_and_going_are_told_by_the_shares_of_the_frames(scenes, appear_s, vanish_s):
     counts = [int(digit) for repeats, digits in scenes for digit in digits * repeats]
-    sensor = PersonSensor(Manners(appear_s=appear_s, vanish_s=vanish_s))
+    sensor = PersonSensor(Manners(appear_s=appear_s, vanish_s=vanish_s, help_after_s=600.0))
     present, changed = None, 0
     for newest, count in enumerate(counts):
         frame = PersonDetections(
@@ -421,12 +592,12 @@ def test_coming_and_going_are_told_by_the_shares_of_the_frames(scenes, appear_s,
         }
         somebody = any(shows[appear_s]) and 2 * sum(shows[appear_s]) >= len(shows[appear_s])
         nobody = 4 * sum(shows[vanish_s]) < len(shows[vanish_s])
-        if told == 'personDetected("Yes")':
+        if told == '+personDetected("Yes")':
             assert somebody
             assert not present
             assert present is None or any(counts[changed + 1 : newest + 1]), "nobody was seen since the last one left"
             present, changed = True, newest
-        elif told == 'personDetected("No")':
+        elif told == '+personDetected("No")':
             assert nobody
             assert present is not False
             assert present is None or newest - changed >= 10 * vanish_s - 1e-9, "has only just come"

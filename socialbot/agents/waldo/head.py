@@ -43,10 +43,11 @@ class Motion:
 
 
 class Seen(NamedTuple):
-    """A person: distance in m (infinite when unknown) and the head pose that looks at them."""
+    """A person: distance in m (infinite when unknown), the head pose that looks at them, and their track, if any."""
 
     distance_m: float
     pose: Pose
+    track_id: str
 
 
 class Head(Node):
@@ -57,8 +58,9 @@ class Head(Node):
     centred at the start. With ``camera_on_head`` a bearing is relative to the pose that the head had
     at the stamp of the frame.
 
-    The person being followed is the one nearest in direction to where they were last, as long as
-    that is within ``same_person_rad``; one who is nearer by more than ``switch_margin_m`` takes over.
+    The person being followed is the one of the same track or, where there is none, the one nearest in direction to
+    where they were last, as long as that is within ``same_person_rad``; one who is nearer by more than
+    ``switch_margin_m`` takes over.
     """
 
     command = Input(HeadCommand, "/head/command")
@@ -87,7 +89,7 @@ class Head(Node):
         self._earliest = now
         self._move_due = False
         self._tracking = True
-        self._followed: Pose | None = None
+        self._followed: Seen | None = None
         self._last_seen = now
         self._watching = False
 
@@ -112,7 +114,7 @@ class Head(Node):
         self._followed = self._choose(seen)
         self._last_seen = self.clock.now()
         self._watch()
-        self._aim(self._followed, slack=self.dead_band_rad)
+        self._aim(self._followed.pose, slack=self.dead_band_rad)
 
     def on_parameter(self, name: str) -> None:
         """Turns back within limits that have become narrower."""
@@ -129,20 +131,28 @@ class Head(Node):
             if person.bearing_rad is None or not math.isfinite(person.bearing_rad) or not math.isfinite(elevation):
                 continue
             distance = math.inf if person.distance_m is None or math.isnan(person.distance_m) else person.distance_m
-            found.append(Seen(distance, Pose(camera.pan + person.bearing_rad, camera.tilt + elevation)))
+            pose = Pose(camera.pan + person.bearing_rad, camera.tilt + elevation)
+            found.append(Seen(distance, pose, person.track_id))
         return found
 
-    def _choose(self, seen: list[Seen]) -> Pose:
-        """The pose that looks at the person to follow."""
+    def _choose(self, seen: list[Seen]) -> Seen:
+        """The person to follow."""
         nearest = min(seen, key=lambda person: (person.distance_m, abs(person.pose.pan)))
-        if self._followed is None:
-            return nearest.pose
-        last = self._followed.pan
-        present = min(seen, key=lambda person: abs(person.pose.pan - last))
-        lost = abs(present.pose.pan - last) > self.same_person_rad
-        if lost or nearest.distance_m < present.distance_m - self.switch_margin_m:
-            return nearest.pose
-        return present.pose
+        present = self._still_there(seen)
+        if present is None or nearest.distance_m < present.distance_m - self.switch_margin_m:
+            return nearest
+        return present
+
+    def _still_there(self, seen: list[Seen]) -> Seen | None:
+        """The person who was followed last."""
+        last = self._followed
+        if last is None:
+            return None
+        for person in seen:
+            if person.track_id and person.track_id == last.track_id:
+                return person
+        closest = min(seen, key=lambda person: abs(person.pose.pan - last.pose.pan))
+        return closest if abs(closest.pose.pan - last.pose.pan) <= self.same_person_rad else None
 
     def _watch(self) -> None:
         """Makes sure that somebody's absence is noticed, even when no more detections come."""

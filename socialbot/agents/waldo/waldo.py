@@ -7,12 +7,16 @@ the paper's names.
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
-from statistics import median_low
+from statistics import fmean, median_low
+from typing import NamedTuple
 
 # 1. Import what agents are made of
 from socialbot.bdi import Action, Belief, Engine, Goal, Sensed, Sensor, SingletonBelief, variables
+from socialbot.bdi.events import Event
 from socialbot.clock import Clock, nanoseconds
 from socialbot.messages import PersonDetections
 
@@ -22,12 +26,24 @@ class personDetected(SingletonBelief):
     """Whether somebody is there: "Yes", "No" (nobody for a while) or "Next" (still there, what next?)."""
 
 
+class present(Belief):
+    """One person is there: the id of their track, or `SOMEBODY`."""
+
+
+class stays(Belief):
+    """This person has been there for ``help_after_s``, and still is."""
+
+
 class people(SingletonBelief):
     """How many came together."""
 
 
 class greeted(Belief):
     """Those who are there have been greeted."""
+
+
+class late(Belief):
+    """This person came after help had been offered to those who were there."""
 
 
 class DoNothing(Goal):
@@ -69,52 +85,97 @@ class stayIdle(Action):
         self.engine.robot.act(self)
 
 
+SOMEBODY = "somebody"
+"""Where nobody tracks people, all of them together are one to Waldo."""
+
+
+class Frame(NamedTuple):
+    """One look at the world: when (ns), and an id for each person within range."""
+
+    stamp: int
+    near: tuple[str, ...]
+
+
 class PersonSensor(Sensor):
     """Turns detections, which flicker, into the coming and going of people.
 
-    Somebody is there when at least half of the frames of the last ``appear_s`` show a person within
-    ``range_m``; nobody is there when less than a quarter of the frames of the last ``vanish_s`` do.
+    A person is there when at least half of the frames of the last ``appear_s`` show them within
+    ``range_m``, and gone when less than a quarter of the frames of the last ``vanish_s`` do. Who is seen
+    after ``help_after_s`` stays.
     """
 
     def __init__(self, manners: Manners) -> None:
         self._manners = manners
-        self._present: bool | None = None
-        self._frames: deque[tuple[int, int]] = deque()
+        self._frames: deque[Frame] = deque()
+        self._there: dict[str, int | None] = {}  # until when they must be there to stay; None when they do
+        self._changed: dict[str, int] = {}  # when somebody came or left
+        self._alone: bool | None = None  # not known at first
 
     def sense(self, percept: PersonDetections) -> Sensed:
+        self._look(percept)
+        told = [*self._leave(percept.stamp), *self._stay(percept.stamp), *self._come(percept.stamp)]
+        if self._there and self._alone is not False:
+            told += [+people(self._company()), +personDetected("Yes")]
+            self._alone = False
+        elif not self._there and (
+            self._alone is False or (self._alone is None and self._share(self._manners.vanish_s) < 0.25)
+        ):
+            told += [+personDetected("No")]
+            self._alone = True
+            self._frames = deque([self._frames[-1]])  # who comes now has not been seen before
+        return told or None
+
+    def _leave(self, now: int) -> Iterator[Event]:
+        for who in [who for who in self._there if self._share(self._manners.vanish_s, who) < 0.25]:
+            if self._there.pop(who) is None:
+                yield -stays(who)
+            self._changed[who] = now
+            yield -present(who)
+
+    def _stay(self, now: int) -> Iterator[Event]:
+        for who, due in self._there.items():
+            if due is not None and now >= due and self._share(self._manners.appear_s, who) > 0:
+                self._there[who] = None
+                yield +stays(who)
+
+    def _come(self, now: int) -> Iterator[Event]:
+        for who in dict.fromkeys(who for frame in self._frames for who in frame.near):
+            if who not in self._there and self._share(self._manners.appear_s, who) >= 0.5:
+                self._there[who] = now + nanoseconds(self._manners.help_after_s)
+                self._changed[who] = now
+                yield +present(who)
+
+    def _look(self, percept: PersonDetections) -> None:
+        if self._frames and percept.stamp < self._frames[-1].stamp:
+            # Time has begun anew: another recording, or a clock that was set.
+            self._frames.clear()
+            self._changed.clear()
+            due = percept.stamp + nanoseconds(self._manners.help_after_s)
+            self._there = {who: until and due for who, until in self._there.items()}
         near = [p for p in percept.persons if p.distance_m is None or p.distance_m <= self._manners.range_m]
-        if self._frames and percept.stamp < self._frames[-1][0]:
-            self._frames.clear()  # Time has begun anew: another recording, or a clock that was set.
-        self._frames.append((percept.stamp, len(near)))
-        self._forget(max(self._manners.vanish_s, self._manners.appear_s))
-        recent = self._last(self._manners.appear_s)
-        if not self._present and any(recent) and 2 * seen(recent) >= len(recent):
-            self._present = True
-            self._forget(0.0)
-            return [people(median_low(filter(None, recent))), personDetected("Yes")]
-        recent = self._last(self._manners.vanish_s)
-        if self._present is not False and recent and 4 * seen(recent) < len(recent):
-            self._present = False
-            self._forget(0.0)
-            return personDetected("No")
-        return None
-
-    def _last(self, seconds: float) -> list[int]:
-        """How many people each frame of the last ``seconds`` showed; nothing as long as there are not so many."""
-        newest, oldest = self._frames[-1][0], self._frames[0][0]
-        if newest - oldest < nanoseconds(seconds):
-            return []
-        return [count for stamp, count in self._frames if stamp >= newest - nanoseconds(seconds)]
-
-    def _forget(self, seconds: float) -> None:
-        begin = self._frames[-1][0] - nanoseconds(seconds)
-        while len(self._frames) > 1 and self._frames[1][0] <= begin:
+        self._frames.append(Frame(percept.stamp, tuple(p.track_id or SOMEBODY for p in near)))
+        oldest = percept.stamp - nanoseconds(max(self._manners.vanish_s, self._manners.appear_s))
+        while len(self._frames) > 1 and self._frames[1].stamp <= oldest:
             self._frames.popleft()
+        self._changed = {who: at for who, at in self._changed.items() if who in self._there or at >= oldest}
 
+    def _recent(self, seconds: float) -> list[Frame]:
+        begin = self._frames[-1].stamp - nanoseconds(seconds)
+        return [frame for frame in self._frames if frame.stamp >= begin]
 
-def seen(frames: list[int]) -> int:
-    """How many of the frames show somebody."""
-    return sum(count > 0 for count in frames)
+    def _share(self, seconds: float, who: str = "") -> float:
+        """The share of the frames of the last ``seconds`` that show ``who`` (or anybody).
+
+        It is not a number as long as there are not so many frames since ``who`` came or left.
+        """
+        begin = self._frames[-1].stamp - nanoseconds(seconds)
+        if max(self._frames[0].stamp, self._changed.get(who, begin)) > begin:
+            return math.nan
+        return fmean(who in frame.near if who else bool(frame.near) for frame in self._recent(seconds))
+
+    def _company(self) -> int:
+        """How many people the frames show that show any."""
+        return median_low(len(frame.near) for frame in self._recent(self._manners.appear_s) if frame.near)
 
 
 def waldo(name: str, clock: Clock, manners: Manners, **connections: object) -> Engine:
@@ -123,12 +184,13 @@ def waldo(name: str, clock: Clock, manners: Manners, **connections: object) -> E
     engine = Engine(name, clock, **connections)  # type: ignore[arg-type]
 
     # 5. Define rules: event / condition >> [steps]
-    N, _ = variables("N _")  # noqa: N806
+    N, Who, _ = variables("N Who _")  # noqa: N806
     engine.add_rules(
         # Beliefs make desires ...
         +personDetected("No") >> [DoNothing()],
         +personDetected("Yes") >> [GreetPeople()],
-        +personDetected("Yes").held_for(lambda: manners.help_after_s) >> [+personDetected("Next")],
+        +stays(Who) / late(Who) >> [-late(_), OfferHelp()],
+        +stays(Who) >> [+personDetected("Next")],
         +personDetected("Next") >> [OfferHelp()],
         # ... desires make intentions ...
         DoNothing() >> [stayIdle()],
@@ -139,6 +201,9 @@ def waldo(name: str, clock: Clock, manners: Manners, **connections: object) -> E
         # ... and when one cannot be carried out, Waldo does not insist.
         -GreetPeople() >> [stayIdle()],
         -OfferHelp() >> [stayIdle()],
+        # Who has not heard the offer may need help as well.
+        +present(Who) / personDetected("Next") >> [+late(Who)],
+        -present(Who) / late(Who) >> [-late(Who)],
         # Who comes back after a while is greeted anew.
         +personDetected("No").held_for(lambda: manners.regreet_after_s) / greeted() >> [-greeted()],
     )
