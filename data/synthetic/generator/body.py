@@ -7,50 +7,43 @@ from dataclasses import dataclass, field
 import numpy as np
 from gait import SIDES, Skeleton
 from mesh import Mesh, triangles
+from outfit import Colour
 
-Colour = tuple[float, float, float]
 SOLE = 0.022
-
-
-@dataclass(frozen=True)
-class Outfit:
-    """What one person wears; colours are linear RGB."""
-
-    skin: Colour
-    hair: Colour
-    iris: Colour
-    lips: Colour
-    top: Colour
-    trousers: Colour
-    shoes: Colour
-    loose: float
-    hem: float
-    neck: float
-    long_hair: bool = False
-    open_front: Colour | None = None
-    stripes: Colour | None = None
-    stubble: float = 0.0
 
 
 @dataclass
 class Part:
-    """A dressed piece: mesh, colour of every vertex, kind of material."""
+    """A dressed piece: mesh, colour of every vertex, kind of material.
+
+    picture (h, w, 4): fabric to lay over the colours, at chart (faces * 3, 2), shares of its width and height.
+    """
 
     name: str
     mesh: Mesh
     colour: np.ndarray
     material: str
+    picture: np.ndarray | None = None
+    chart: np.ndarray | None = None
     rest: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         """Remembers the rest points for the material."""
         self.rest = self.mesh.points.copy()
 
+    def rig(self, carriers: np.ndarray) -> None:
+        """Prepares posing: bones that never turn by themselves hand their weight to their carriers."""
+        used = np.unique(carriers[self.mesh.skin.any(0)])
+        weights = np.zeros((len(self.mesh.points), len(used)), np.float32)
+        for bone in np.flatnonzero(self.mesh.skin.any(0)):
+            weights[:, np.searchsorted(used, carriers[bone])] += self.mesh.skin[:, bone]
+        self.bones, self.weights = used, weights
+        self.wide = np.concatenate([self.mesh.points, np.ones((len(self.mesh.points), 1))], 1).astype(np.float32)
+
     def posed(self, transforms: np.ndarray) -> np.ndarray:
-        """Vertices under bone transforms (bones, 3, 4)."""
-        wide = np.concatenate([self.mesh.points, np.ones((len(self.mesh.points), 1))], 1)
-        blend = (self.mesh.skin @ transforms.reshape(len(transforms), 12)).reshape(-1, 3, 4)
-        return np.einsum("nij,nj->ni", blend, wide)
+        """Vertices (n, 3), single precision, under bone transforms (bones, 3, 4); after rig."""
+        moves = transforms[self.bones].astype(np.float32).reshape(len(self.bones), 12)
+        return np.einsum("nij,nj->ni", (self.weights @ moves).reshape(-1, 3, 4), self.wide)
 
 
 class Body:
@@ -83,6 +76,10 @@ class Body:
         chosen = [any(label.startswith(word) for word in words) for label in self.labels]
         return mesh.skin[:, chosen].sum(1)
 
+    def arm(self, mesh: Mesh) -> np.ndarray:
+        """How much each vertex follows the arms, 0..1."""
+        return self.rides(mesh, ("upperarm", "lowerarm", "wrist"))
+
     def along(self, points: np.ndarray, start: str, end: str) -> np.ndarray:
         """Metres before the end joint on the line from the start joint, whichever side is nearer."""
         side = np.where(points[:, 0] >= 0, 0, 1)
@@ -91,6 +88,12 @@ class Body:
             axis = self.head(f"{end}.{suffix}") - self.head(f"{start}.{suffix}")
             options.append((self.head(f"{end}.{suffix}") - points) @ (axis / np.linalg.norm(axis)))
         return np.stack(options)[side, np.arange(len(points))]
+
+    def bound(self, count: int, bone: str) -> np.ndarray:
+        """Skin weights of things that ride on one bone."""
+        skin = np.zeros((count, len(self.labels)), np.float32)
+        skin[:, self.labels.index(bone)] = 1
+        return skin
 
 
 def bell(away: np.ndarray, width: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The robot's camera: projection, rays, and rendering of the picture or of a part of it."""
+"""The robot's camera in Blender, and rendering of the picture or of a part of it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 from mathutils import Vector
+from optics import EYE, FOCAL, HEIGHT, PITCH, WIDTH, projected, rays
 
-WIDTH, HEIGHT, FOCAL = 640, 480, 525.0
-EYE, PITCH = 1.62, math.radians(3)
+__all__ = ["HEIGHT", "ORIGIN", "WIDTH", "Region", "mount", "pixel_ray", "projected", "render", "static_depth"]
+
 INSIDE = 0.25  # of a pixel: Blender rounds borders down
 ORIGIN = Vector((0, 0, EYE))
 
@@ -27,20 +28,21 @@ def mount(scene: bpy.types.Scene) -> None:
     scene.camera = holder
 
 
-def projected(points: np.ndarray) -> np.ndarray:
-    """Pixel u, v and depth (m) of world points."""
-    rise = points[:, 2] - EYE
-    depth = points[:, 1] * math.cos(PITCH) - rise * math.sin(PITCH)
-    down = -rise * math.cos(PITCH) - points[:, 1] * math.sin(PITCH)
-    safe = np.maximum(depth, 1e-3)
-    return np.stack([WIDTH / 2 + FOCAL * points[:, 0] / safe, HEIGHT / 2 + FOCAL * down / safe, depth], 1)
-
-
 def pixel_ray(u: float, v: float) -> Vector:
     """Direction through a pixel."""
-    x, down = (u - WIDTH / 2) / FOCAL, (v - HEIGHT / 2) / FOCAL
-    forward = math.cos(PITCH) - down * math.sin(PITCH)
-    return Vector((x, forward, -math.sin(PITCH) - down * math.cos(PITCH))).normalized()
+    return Vector(rays(np.array(u), np.array(v))).normalized()
+
+
+def static_depth(scene: bpy.types.Scene) -> np.ndarray:
+    """Depth (m) of what stands in each pixel of the scene as it is now, far away where there is nothing."""
+    graph = bpy.context.evaluated_depsgraph_get()
+    v, u = np.mgrid[0:HEIGHT, 0:WIDTH] + 0.5
+    out = np.full(HEIGHT * WIDTH, 1e3, np.float32)
+    for index, ray in enumerate(rays(u.ravel(), v.ravel())):
+        hit, where, *_ = scene.ray_cast(graph, ORIGIN, Vector(ray))
+        if hit:
+            out[index] = math.cos(PITCH) * where.y - math.sin(PITCH) * (where.z - EYE)
+    return out.reshape(HEIGHT, WIDTH)
 
 
 def render(scene: bpy.types.Scene, samples: int, path: Path, region: Region | None = None) -> None:

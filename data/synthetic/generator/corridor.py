@@ -1,151 +1,152 @@
-"""The corridor and its light in Blender."""
+"""The corridor in Blender: walls with doors and windows, floor, ceiling."""
 
 from __future__ import annotations
 
 import bpy
+import furniture
+import light
 import numpy as np
 from camera import HEIGHT, WIDTH, mount
+from layout import CEILING, DOOR, HALF, LINTEL, SILL, WALL, Layout, Opening
+from surfaces import Blocks, Span, material
 
-Material = bpy.types.Material
-Vector3 = tuple[float, float, float]
-Span = tuple[float, float]
+__all__ = ["build", "material", "settings"]
 
-HALF, LENGTH, CEILING, WALL = 1.5, 17.0, 2.75, 0.1
-DOORWAYS = ((-1, 11.45, 12.45), (1, 10.75, 11.75), (1, 7.6, 8.6))
-CLOSED = ((-1, 3.6, 4.5), (1, 4.4, 5.3), (-1, 8.3, 9.2), (1, 13.6, 14.5), (-1, 14.8, 15.7))
-
-
-def material(name: str, colour: Vector3, rough: float = 0.8, speckle: float = 0.0, scale: float = 4.0) -> Material:
-    """A plain surface, with some large-scale unevenness."""
-    made = bpy.data.materials.new(name)
-    made.use_nodes = True
-    nodes, links = made.node_tree.nodes, made.node_tree.links
-    shader = nodes["Principled BSDF"]
-    shader.inputs["Base Color"].default_value = (*colour, 1)
-    shader.inputs["Roughness"].default_value = rough
-    if speckle:
-        noise, mix = nodes.new("ShaderNodeTexNoise"), nodes.new("ShaderNodeMixRGB")
-        noise.inputs["Scale"].default_value = scale
-        noise.inputs["Detail"].default_value = 6
-        mix.inputs[1].default_value = (*(c * (1 - speckle) for c in colour), 1)
-        mix.inputs[2].default_value = (*(min(1, c * (1 + speckle)) for c in colour), 1)
-        links.new(noise.outputs["Fac"], mix.inputs[0])
-        links.new(mix.outputs[0], shader.inputs["Base Color"])
-    return made
+FRONT = 0.02
+AROUND = 2.0  # m within which things keep ambient light away
 
 
-def box(low: Vector3, high: Vector3, surface: Material) -> None:
-    """An axis-aligned block."""
-    bpy.ops.mesh.primitive_cube_add(size=1, location=[(a + b) / 2 for a, b in zip(low, high, strict=True)])
-    block = bpy.context.object
-    block.scale = [b - a for a, b in zip(low, high, strict=True)]
-    block.data.materials.append(surface)
+def wall(blocks: Blocks, layout: Layout, side: int) -> None:
+    """A side wall with its doorways and windows, and a skirting."""
+    holes = [(low, high, 0.0, DOOR) for where, low, high in layout.doorways if where == side]
+    holes += [(low, high, SILL, LINTEL) for where, low, high in layout.windows if where == side]
+    start = layout.back
+    for low, high, bottom, top in [*sorted(holes), (layout.length, layout.length, 0.0, 0.0)]:
+        blocks.side(side, (-WALL, 0), (start, low), (0, CEILING), "wall")
+        blocks.side(side, (-WALL, 0), (low, high), (top, CEILING), "wall")
+        blocks.side(side, (-WALL, 0), (low, high), (0, bottom), "wall")
+        if bottom > 0:
+            blocks.side(side, (0, 0.015), (low, high), (0, 0.09), "skirting")
+        blocks.side(side, (0, 0.015), (start + (0 if bottom else 0.08), low - 0.08), (0, 0.09), "skirting")
+        start = high
 
 
-def side_box(side: int, depth: Span, y: Span, z: Span, surface: Material) -> None:
-    """A block on the left (-1) or right (1) wall; depth grows into the corridor."""
-    x = sorted(side * (HALF - d) for d in depth)
-    box((x[0], y[0], z[0]), (x[1], y[1], z[1]), surface)
-
-
-def walls() -> None:
-    """Side walls with doorways, and a small lit room behind each."""
-    paint = material("wall", (0.66, 0.64, 0.58), speckle=0.04, scale=1.5)
-    skirt = material("skirting", (0.2, 0.19, 0.18), 0.5)
-    for side in (-1, 1):
-        start = -1.5
-        for _, low, high in sorted(d for d in DOORWAYS if d[0] == side):
-            side_box(side, (-WALL, 0), (start, low), (0, CEILING), paint)
-            side_box(side, (0, 0.015), (start, low - 0.08), (0, 0.09), skirt)
-            side_box(side, (-WALL, 0), (low, high), (2.1, CEILING), paint)
-            room(side, low, high, paint)
-            start = high
-        side_box(side, (-WALL, 0), (start, LENGTH), (0, CEILING), paint)
-        side_box(side, (0, 0.015), (start + 0.08, LENGTH), (0, 0.09), skirt)
-    box((-HALF, LENGTH, 0), (HALF, LENGTH + 0.1, CEILING), paint)
-
-
-def room(side: int, low: float, high: float, paint: Material) -> None:
-    """What one sees through a doorway."""
+def room(blocks: Blocks, opening: Opening, layout: Layout) -> None:
+    """What one sees through a doorway: a small lit room."""
+    side, low, high = opening
     far = -2.6
-    side_box(side, (far - 0.1, far), (low - 1, high + 1), (0, CEILING), paint)
-    for y in (low - 1, high + 1):
-        side_box(side, (far, -WALL), (y - 0.05, y + 0.05), (0, CEILING), paint)
-    side_box(side, (far, -WALL), (low - 1, high + 1), (CEILING, CEILING + 0.05), paint)
-    side_box(side, (far, -WALL), (low - 1, high + 1), (-0.1, 0.0), bpy.data.materials["floor"])
-    lamp((side * (HALF + 1.3), (low + high) / 2, CEILING - 0.05), 40, 0.8)
+    y: Span = (low - 1, high + 1)
+    blocks.side(side, (far - 0.1, far), y, (0, CEILING), "wall")
+    for edge in y:
+        blocks.side(side, (far, -WALL), (edge - 0.05, edge + 0.05), (0, CEILING), "wall")
+    blocks.side(side, (far, -WALL), y, (CEILING, CEILING + 0.05), "wall")
+    blocks.side(side, (far, -WALL), y, (-0.1, 0.0), "floor")
+    light.area((side * (HALF + 1.3), (low + high) / 2, CEILING - 0.05), (0.8, 0.8), 40)
+    if layout.walled and layout.windows:
+        blocks.side(side, (far - 0.02, far), y, (CEILING, CEILING + 0.4), "wall")
 
 
-def doors() -> None:
-    """Frames of all doors, leaves of the closed ones."""
-    leaf = material("leaf", (0.27, 0.15, 0.075), 0.45, 0.2, 9)
-    frame = material("frame", (0.13, 0.13, 0.14), 0.5)
-    steel = material("steel", (0.5, 0.5, 0.5), 0.25)
-    for side, low, high in DOORWAYS + CLOSED:
+def doors(blocks: Blocks, layout: Layout) -> None:
+    """Frames of all doors, leaves of the closed ones, and a door at the end."""
+    for side, low, high in layout.doorways + layout.closed:
         for y in ((low - 0.07, low), (high, high + 0.07)):
-            side_box(side, (-0.01, 0.02), y, (0, 2.17), frame)
-        side_box(side, (-0.01, 0.02), (low, high), (2.1, 2.17), frame)
-    for side, low, high in CLOSED:
-        side_box(side, (0, 0.008), (low, high), (0.005, 2.1), leaf)
-        side_box(side, (0.008, 0.06), (high - 0.14, high - 0.04), (1.02, 1.05), steel)
-    box((-0.5, LENGTH - 0.02, 0), (0.5, LENGTH, 2.1), leaf)
+            blocks.side(side, (-0.01, FRONT), y, (0, 2.17), "frame")
+        blocks.side(side, (-0.01, FRONT), (low, high), (DOOR, 2.17), "frame")
+    for side, low, high in layout.closed:
+        blocks.side(side, (0, 0.008), (low, high), (0.005, DOOR), "leaf")
+        blocks.side(side, (0.008, 0.06), (high - 0.14, high - 0.04), (1.02, 1.05), "steel")
+    blocks.box((-0.5, layout.length - 0.02, 0), (0.5, layout.length, DOOR), "leaf")
+    blocks.box((-0.2, layout.length - 0.06, 2.22), (0.2, layout.length, 2.4), "exit")
 
 
-def furniture() -> None:
-    """Small things that make it a used corridor: notice board, sign, radiator, extinguisher."""
-    cork, sheet = material("cork", (0.3, 0.19, 0.1), 0.9, 0.2, 40), material("paper", (0.75, 0.75, 0.72))
-    side_box(1, (0, 0.02), (5.9, 7.0), (1.1, 1.85), cork)
-    for k, (y, z) in enumerate(((6.0, 1.5), (6.3, 1.45), (6.6, 1.52), (6.05, 1.15), (6.45, 1.13))):
-        side_box(1, (0.02, 0.023), (y, y + 0.21), (z, z + 0.29 - 0.02 * k), sheet)
-    side_box(-1, (0.02, 0.09), (6.0, 7.4), (0.12, 0.72), material("radiator", (0.6, 0.6, 0.58), 0.4))
-    side_box(-1, (0.0, 0.14), (10.3, 10.45), (0.7, 1.15), material("red", (0.45, 0.02, 0.02), 0.3))
-    box((-0.2, LENGTH - 0.06, 2.22), (0.2, LENGTH, 2.4), material("exit", (0.02, 0.3, 0.09), 0.4))
+def panes(layout: Layout) -> np.ndarray:
+    """The glass of the windows (n, 4): y from, y to, z from, z to; two a window."""
+    out = [
+        (low + (high - low) * part, low + (high - low) * (part + 0.5), SILL, LINTEL)
+        for _, low, high in layout.windows
+        for part in (0, 0.5)
+    ]
+    return np.array(out).reshape(-1, 4)
 
 
-def lamp(where: Vector3, watts: float, size: float) -> None:
-    """A square ceiling light."""
-    bpy.ops.object.light_add(type="AREA", location=where)
-    light = bpy.context.object.data
-    light.energy, light.size, light.color = watts, size, (1.0, 0.96, 0.9)
-
-
-def panel(y: float) -> None:
-    """A ceiling light that one sees: a lamp under a glowing sheet that itself lights nothing."""
-    glow = material("glow", (0.9, 0.9, 0.9))
-    glow.node_tree.nodes["Principled BSDF"].inputs["Emission Color"].default_value = (1, 0.97, 0.92, 1)
-    glow.node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = 2.5
-    glow.cycles.emission_sampling = "NONE"
-    box((-0.32, y - 0.32, CEILING - 0.03), (0.32, y + 0.32, CEILING), glow)
-    lamp((0, y, CEILING - 0.035), 30, 0.6)
+def windows(blocks: Blocks, layout: Layout) -> None:
+    """Frames and crossbars, a sill, and the brightness outside."""
+    for side, low, high in layout.windows:
+        middle, bar = (low + high) / 2, 0.03
+        for y in ((low, low + bar), (middle - bar, middle + bar), (high - bar, high)):
+            blocks.side(side, (-0.07, -0.02), y, (SILL, LINTEL), "bar")
+        for z in ((SILL, SILL + bar), (LINTEL - bar, LINTEL), (1.85, 1.85 + bar)):
+            blocks.side(side, (-0.07, -0.02), (low, high), z, "bar")
+        blocks.side(side, (-WALL, 0.12), (low - 0.05, high + 0.05), (SILL - 0.03, SILL), "bar")
 
 
 def settings(scene: bpy.types.Scene, threads: int) -> None:
-    """Path tracing on the CPU, denoised, with few bounces."""
+    """Path tracing on the CPU, denoised with the help of albedo and normals, few bounces, much headroom for light."""
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     render.threads_mode, render.threads = "FIXED", threads
     render.resolution_x, render.resolution_y = WIDTH, HEIGHT
     render.image_settings.file_format = "PNG"
+    render.image_settings.color_mode, render.image_settings.color_depth = "RGB", "16"
+    render.image_settings.compression = 5
     render.use_persistent_data = True
+    render.use_compositing = render.use_sequencer = False
     scene.view_settings.view_transform = "Standard"
-    cycles.device, cycles.use_denoising, cycles.seed = "CPU", True, 0
-    cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 4, 3, 2
+    scene.view_settings.exposure = -light.HEADROOM
+    cycles.device, cycles.seed = "CPU", 0
+    cycles.use_denoising, cycles.denoiser = True, "OPENIMAGEDENOISE"
+    cycles.denoising_input_passes, cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "FAST"
+    cycles.use_adaptive_sampling = False
+    cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 3, 2, 1
+    cycles.transmission_bounces = cycles.transparent_max_bounces = 1
+    cycles.sample_clamp_indirect = 4.0
     cycles.caustics_reflective = cycles.caustics_refractive = False
+    scene.cycles_curves.shape = "RIBBONS"
 
 
-def build(threads: int) -> bpy.types.Scene:
-    """The empty corridor with camera and light, ready to render."""
+def quick(scene: bpy.types.Scene, on: bool) -> None:
+    """Whether light that surfaces throw back is only estimated from the ambient light, at a quarter of the cost."""
+    cycles = scene.cycles
+    cycles.use_fast_gi, cycles.fast_gi_method, cycles.ao_bounces_render = on, "REPLACE", 1
+    scene.world.light_settings.distance = AROUND
+
+
+def surfaces() -> dict[str, bpy.types.Material]:
+    """The building's materials by name."""
+    return {
+        "wall": material("wall", (0.66, 0.64, 0.58), speckle=0.04, scale=0.9),
+        "skirting": material("skirting", (0.2, 0.19, 0.18), 0.5),
+        "floor": material("floor", (0.30, 0.29, 0.27), 0.32, 0.12, 1.2),
+        "ceiling": material("ceiling", (0.8, 0.8, 0.78)),
+        "leaf": material("leaf", (0.27, 0.15, 0.075), 0.45, 0.2, 6),
+        "frame": material("frame", (0.13, 0.13, 0.14), 0.5),
+        "steel": material("steel", (0.5, 0.5, 0.5), 0.25),
+        "exit": material("exit", (0.02, 0.3, 0.09), 0.4),
+        "bar": material("bar", (0.62, 0.62, 0.6), 0.5),
+        **furniture.surfaces(),
+    }
+
+
+def build(layout: Layout, threads: int, picture: str | None = None) -> tuple[bpy.types.Scene, light.Rig, list]:
+    """The empty corridor with camera and light, its rig, and the things in it; picture: of a person, for posters."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     settings(scene, threads)
     scene.world = bpy.data.worlds.new("world")
-    floor = material("floor", (0.30, 0.29, 0.27), 0.28, 0.12, 6)
-    box((-HALF, -1.5, -0.1), (HALF, LENGTH, 0), floor)
-    box((-HALF, -1.5, CEILING), (HALF, LENGTH, CEILING + 0.1), material("ceiling", (0.8, 0.8, 0.78)))
-    walls()
-    doors()
-    furniture()
-    for y in np.arange(0.2, LENGTH, 2.4):
-        panel(float(y))
+    blocks = Blocks(surfaces())
+    blocks.box((-HALF, layout.back, -0.1), (HALF, layout.length, 0), "floor")
+    blocks.box((-HALF, layout.back, CEILING), (HALF, layout.length, CEILING + 0.1), "ceiling")
+    for side in (-1, 1):
+        wall(blocks, layout, side)
+    blocks.box((-HALF, layout.length, 0), (HALF, layout.length + 0.1, CEILING), "wall")
+    if layout.walled:
+        blocks.box((-HALF, layout.back - 0.1, 0), (HALF, layout.back, CEILING), "wall")
+    for opening in layout.doorways:
+        room(blocks, opening, layout)
+    doors(blocks, layout)
+    windows(blocks, layout)
+    rig = light.build(blocks, layout)
+    objects = furniture.place(blocks, layout.things, picture)
+    blocks.build(scene)
     mount(scene)
-    return scene
+    return scene, rig, objects

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from posture import Build, Postures, Reach, slerp
 from story import GRID, Role, Track
 
 SIDES = {"L": 1.0, "R": -1.0}
@@ -12,6 +13,8 @@ SWING = 0.76
 HEEL_STRIKE, HEEL_RISE = np.radians(-17), np.radians(42)
 STRIKE_TIME, RISE_TIME = 0.11, 0.27
 LEG_SLACK = 0.997
+TURNING = ("root", "upperleg01", "lowerleg01", "foot", "toe", "spine05", "spine03", "neck01", "head", "clavicle",
+           "upperarm01", "lowerarm01", "lowerarm02", "wrist", "finger")  # fmt: skip
 
 
 def turn(axis: str, angle: float) -> np.ndarray:
@@ -48,7 +51,8 @@ def smooth(values: np.ndarray, seconds: float) -> np.ndarray:
 def wander(time: np.ndarray, period: float, seed: int) -> np.ndarray:
     """Slow aimless motion of about unit size."""
     rng = np.random.default_rng(seed)
-    return sum(np.sin(2 * np.pi * time / (period * k) + rng.uniform(0, 6.3)) for k in (1, 1.7, 0.61)) / 1.8
+    waves = [np.sin(2 * np.pi * time / (period * k) + rng.uniform(0, 6.3)) for k in (1, 1.7, 0.61)]
+    return np.sum(waves, axis=0) / 1.8
 
 
 @dataclass(frozen=True)
@@ -72,8 +76,21 @@ class Skeleton:
         """A joint at rest."""
         return self.heads[self.index[label]]
 
-    def transforms(self, root: np.ndarray, turns: dict[str, np.ndarray]) -> np.ndarray:
-        """(bones, 3, 4): world rotation and shift of every bone; bones without a turn follow their parent."""
+    def carriers(self) -> np.ndarray:
+        """For every bone the one it always moves with: itself, or its next forebear that can turn."""
+        out = np.arange(len(self.labels))
+        for i, (label, parent) in enumerate(zip(self.labels, self.parents, strict=True)):
+            if parent >= 0 and not label.startswith(TURNING):
+                out[i] = out[parent]
+        return out
+
+    def transforms(
+        self, root: np.ndarray, turns: dict[str, np.ndarray], grip: dict[str, float] | None = None
+    ) -> np.ndarray:
+        """(bones, 3, 4): world rotation and shift of every bone; bones without a turn follow their parent.
+
+        grip: how much the fingers of each side bend, 1 the usual.
+        """
         out = np.zeros((len(self.labels), 3, 4))
         spot = np.zeros_like(self.heads)
         for i, (label, parent) in enumerate(zip(self.labels, self.parents, strict=True)):
@@ -81,24 +98,34 @@ class Skeleton:
             spot[i] = root if parent < 0 else spot[parent] + rotation @ (self.heads[i] - self.heads[parent])
             rotation = turns.get(label, rotation)
             if "finger" in label:
-                rotation = rotation @ curl(label)
+                rotation = rotation @ curl(label, (grip or {}).get(label[-1], 1.0))
             out[i, :, :3] = rotation
             out[i, :, 3] = spot[i] - rotation @ self.heads[i]
         return out
 
 
-def curl(label: str) -> np.ndarray:
+def curl(label: str, grip: float) -> np.ndarray:
     """Fingers bend a little at every joint; the thumb hardly."""
     side = SIDES[label[-1]]
-    return turn("y", side * np.radians(4 if label.startswith("finger1") else 15))
+    return turn("y", side * np.radians(4 if label.startswith("finger1") else 15 * grip))
+
+
+def through(
+    bone: str, side: str, arm: dict[str, np.ndarray], calm: dict[str, np.ndarray], goal: np.ndarray, share: float
+) -> np.ndarray:
+    """A bone's rotation between a swinging arm and a goal, along the way from the calm arm, lest it turns round."""
+    elbow = f"lowerarm01.{side}"
+    now, still = arm.get(bone, arm[elbow]), calm.get(bone, calm[elbow])
+    return slerp(still, goal, share) @ slerp(np.eye(3), still.T @ now, 1 - share)
 
 
 class Walker:
     """One person's pose at any time."""
 
-    def __init__(self, skeleton: Skeleton, role: Role, seed: int) -> None:
+    def __init__(self, skeleton: Skeleton, role: Role, seed: int, build: Build) -> None:
         """Plans all footsteps and the motion of the trunk; the seed shapes the idle motion."""
         self.skeleton, self.role = skeleton, role
+        self.postures = Postures(role, build)
         self.track = Track(role)
         self.grid = self.track.grid
         self.sole = {s: skeleton.head(f"foot.{s}") for s in SIDES}
@@ -226,11 +253,22 @@ class Walker:
         middle = (now["yaw"] + now["chest"]) / 2
         turns["spine05"] = turn("z", middle) @ turn("y", -now["roll"] * 0.3) @ lean
         turns["spine03"] = chest = turn("z", now["chest"]) @ turn("y", now["roll"] * 0.15) @ lean
-        turns["neck01"] = turn("z", now["chest"] + 0.5 * now["look"]) @ turn("x", 0.03)
-        turns["head"] = turn("z", now["chest"] + now["look"]) @ turn("x", 0.02 + now["nod"])
+        bow = 0.38 * self.postures.share(time, "reading")
+        turns["neck01"] = turn("z", now["chest"] + 0.5 * now["look"]) @ turn("x", 0.03 + 0.4 * bow)
+        turns["head"] = turn("z", now["chest"] + now["look"]) @ turn("x", 0.02 + now["nod"] + bow)
+        grip = {}
         for side in SIDES:
-            turns |= self.arm_turns(side, time, chest, now)
-        return self.skeleton.transforms(root, turns)
+            arm = calm = self.arm_turns(side, time, chest, now)
+            goals = self.postures.goals(time, side)
+            if goals:
+                calm = self.arm_turns(side, time, chest, now | {f"arm{side}": 0.0, "brisk": 0.0, "fidget": 0.0})
+            for share, goal in goals:
+                reached = self.reach_turns(side, time, chest, goal)
+                arm = calm = {bone: through(bone, side, arm, calm, to, share) for bone, to in reached.items()}
+                grip[side] = grip.get(side, 1.0) + (goal.curl - grip.get(side, 1.0)) * share
+            turns |= arm
+            turns[f"clavicle.{side}"] = chest @ turn("y", SIDES[side] * (0.05 + 0.01 * now["breath"]))
+        return self.skeleton.transforms(root, turns, grip)
 
     def leg_turns(self, side: str, time: float, root: np.ndarray, pelvis: np.ndarray) -> dict[str, np.ndarray]:
         """Two-bone reach from hip to ankle, the knee over the toes."""
@@ -270,12 +308,32 @@ class Walker:
         fore = upper @ np.array([np.cos(bend), np.sin(bend), 0])
         rest = frame(elbow - shoulder, np.array([0, -1.0, 0]))
         low = frame(wrist - elbow, np.array([0, -1.0, 0]))
-        shrug = turn("y", sign * (0.05 + 0.01 * now["breath"]))
-        forearm = chest @ frame(fore, upper[:, 1] + 1e-3 * fore) @ low.T
+        forearm = chest @ frame(fore, upper @ np.array([-np.sin(bend), np.cos(bend), 0])) @ low.T
+        return {f"upperarm01.{side}": chest @ upper @ rest.T, f"lowerarm01.{side}": forearm}
+
+    def reach_turns(self, side: str, time: float, chest: np.ndarray, goal: Reach) -> dict[str, np.ndarray]:
+        """Two-bone reach from the shoulder to a goal; the forearm turns over its length to bring the thumb round."""
+        mirror = np.array([SIDES[side], 1, 1])
+        shoulder, elbow = self.skeleton.head(f"upperarm01.{side}"), self.skeleton.head(f"lowerarm01.{side}")
+        wrist, knuckle = self.skeleton.head(f"wrist.{side}"), self.skeleton.head(f"finger3-1.{side}")
+        swing = goal.waving * np.sin(2 * np.pi * 1.6 * time)
+        span = mirror * (goal.wrist + np.array([swing, 0, -abs(swing) * 0.3])) - shoulder
+        upper, lower = np.linalg.norm(elbow - shoulder), np.linalg.norm(wrist - elbow)
+        distance = min(np.linalg.norm(span), (upper + lower) * 0.999)
+        bend = np.arccos(np.clip((upper**2 + distance**2 - lower**2) / (2 * upper * distance), -1, 1))
+        axes = frame(span, mirror * goal.elbow)
+        arm = axes @ np.array([np.cos(bend), np.sin(bend), 0])
+        fore = axes[:, 0] * distance - arm * upper
+        front = np.array([0, -1.0, 0])
+        low = frame(wrist - elbow, front)
+        natural = frame(fore, -axes[:, 1])
+        turned = frame(fore, mirror * goal.thumb)
+        palm = turned if goal.hand is None else frame(mirror * goal.hand, mirror * goal.thumb)
         return {
-            f"clavicle.{side}": chest @ shrug,
-            f"upperarm01.{side}": chest @ upper @ rest.T,
-            f"lowerarm01.{side}": forearm,
+            f"upperarm01.{side}": chest @ frame(arm, -axes[:, 1]) @ frame(elbow - shoulder, front).T,
+            f"lowerarm01.{side}": chest @ slerp(natural @ low.T, turned @ low.T, 0.5),
+            f"lowerarm02.{side}": chest @ turned @ low.T,
+            f"wrist.{side}": chest @ palm @ frame(knuckle - wrist, front).T,
         }
 
     def gesture(self, time: float) -> float:

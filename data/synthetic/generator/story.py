@@ -14,12 +14,17 @@ SMOOTH = 0.22
 
 @dataclass(frozen=True)
 class Role:
-    """Waypoints (s, x m, y m, heading degrees; 0 faces the camera, 90 faces +x) and spans of stepping (s)."""
+    """Waypoints (s, x m, y m, heading degrees; 0 faces the camera, 90 faces +x) and spans of stepping (s).
+
+    arms: spans with a posture of the arms (start s, end s, posture); carries: what is in the hands or pushed.
+    """
 
     waypoints: tuple[tuple[float, float, float, float], ...]
     stepping: tuple[tuple[float, float], ...]
     step: float
     gesture: tuple[float, float] | None = None
+    arms: tuple[tuple[float, float, str], ...] = ()
+    carries: str | None = None
 
 
 ROLES = {

@@ -1,0 +1,274 @@
+"""The parts of the generator of the synthetic bags that run without Blender."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from socialbot.bridge.bags import open_bag
+from socialbot.vision.truth import TRUTH_TOPIC, TruthMessage, load_truth
+
+GENERATOR = Path(__file__).parents[2] / "data" / "synthetic" / "generator"
+
+
+def part(name: str) -> ModuleType:
+    """A module of the generator, whose modules find each other by their bare names."""
+    sys.path.insert(0, str(GENERATOR))
+    try:
+        return import_module(name)
+    finally:
+        sys.path.remove(str(GENERATOR))
+
+
+clips, outline, optics, pictures, sensor, truths, visits = map(
+    part, ("clips", "outline", "optics", "pictures", "sensor", "truths", "visits")
+)
+story = part("story")
+SCENES = [clip for name, clip in clips.CLIPS.items() if name != "corridor"]
+
+
+def sheet(depth: float, left: float, right: float, top: float, bottom: float):
+    """Two triangles that fill a rectangle of the picture at one depth."""
+    pixels = np.array([[left, top, depth], [right, top, depth], [right, bottom, depth], [left, bottom, depth]])
+    return outline.drawn(pixels, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+# Outlines
+
+
+@given(st.floats(0, 500), st.floats(0, 400), st.floats(3, 120), st.floats(3, 60))
+def test_a_drawn_rectangle_has_no_holes_and_the_right_size(left, top, wide, high):
+    drawn = sheet(3.0, left, left + wide, top, top + high)
+    assert drawn.filled()[1:-1, 1:-1].all()
+    assert drawn.filled().sum() == pytest.approx((wide + 1) * (high + 1), abs=2 * (wide + high) + 4)
+
+
+def test_half_outside_the_picture_is_half_visible():
+    own = sheet(3.0, -50, 50, 100, 200)
+    assert outline.visible_share(own, np.full((480, 640), np.inf)) == pytest.approx(0.5, abs=0.02)
+
+
+def test_what_is_nearer_hides_and_what_is_farther_does_not():
+    own, other = sheet(3.0, 100, 200, 100, 200), np.full((480, 640), np.inf)
+    other[:, :150] = 2.0
+    other[:, 150:] = 4.0
+    assert outline.visible_share(own, other) == pytest.approx(0.5, abs=0.02)
+
+
+def test_nothing_is_drawn_behind_the_camera():
+    assert sheet(-1.0, 100, 200, 100, 200) is None
+
+
+@given(st.floats(-1.4, 1.4), st.floats(1.0, 15.0), st.floats(0.1, 1.9))
+def test_shadows_lie_on_the_floor_or_on_a_wall(x, y, z):
+    for lamp in (np.array([0.0, 5.0, 2.7]), np.array([-0.7, 0.3, -0.6, 0.0])):
+        (where,) = outline.ground_shadow(np.array([[x, y, z]]), lamp, 1.5)
+        assert where[2] == pytest.approx(0, abs=1e-6) or abs(where[0]) == pytest.approx(1.5)
+        assert where[2] >= -1e-6
+
+
+def test_the_sun_reaches_only_what_lies_behind_a_pane():
+    sun, panes = np.array([-1.0, 0.0, -1.0]), np.array([[4.0, 5.0, 1.0, 2.0]])
+    points = np.array([[0.5, 4.5, 0.5], [0.5, 5.5, 0.5], [0.5, 4.5, 1.5]])
+    assert outline.sunlit(points, sun, panes, 1.5).tolist() == [True, False, False]
+
+
+def test_a_point_on_the_axis_is_seen_in_the_middle():
+    ahead = np.array([[0.0, math.cos(optics.PITCH), optics.EYE - math.sin(optics.PITCH)]]) * [1, 7, 1]
+    ahead[0, 2] = optics.EYE - 7 * math.sin(optics.PITCH)
+    assert optics.projected(ahead)[0] == pytest.approx([320, 240, 7])
+
+
+@given(st.floats(0, 640), st.floats(0, 480), st.floats(0.5, 20))
+def test_rays_are_the_projection_backwards(u, v, depth):
+    point = optics.rays(np.array([u]), np.array([v])) * depth + [0, 0, optics.EYE]
+    assert optics.projected(point)[0] == pytest.approx([u, v, depth], abs=1e-6)
+
+
+# Visits
+
+
+def test_a_visit_walks_at_its_speed_and_faces_where_it_goes():
+    made = visits.visit("D", 2.0, (0.0, 8.0), visits.Go(0.0, 2.0, 1.5), visits.Stay(3.0, 90, "wave"))
+    assert made.role.waypoints[0][0] == 2.0
+    assert made.role.waypoints[-1] == pytest.approx((9.0, 0.0, 2.0, 90.0))
+    assert {heading for _, _, y, heading in made.role.waypoints if y > 2} == {0.0}
+    assert made.role.arms == ((6.0, 9.0, "wave"),)
+
+
+def test_turns_go_the_short_way_round():
+    made = visits.visit("D", 0.0, (0.0, 8.0), visits.Stay(2.0, 170), visits.Stay(2.0, -170), visits.Stay(2.0, 160))
+    headings = [heading for *_, heading in made.role.waypoints]
+    assert max(abs(b - a) for a, b in itertools.pairwise(headings[2:])) <= 30
+
+
+@pytest.mark.parametrize("clip", SCENES, ids=lambda clip: clip.name)
+def test_nobody_walks_through_anybody_or_through_a_wall(clip):
+    tracks = [(visit, story.Track(visit.role)) for visit in clip.visits]
+    for index in range(clip.frames()):
+        time = index / story.RATE
+        here = [track(time)[:2] for visit, track in tracks if story.present(visit.role, time)]
+        here = [place for place in here if abs(place[0]) < 1.5 or abs(place[1]) < 1]
+        for number, place in enumerate(here):
+            assert all(np.hypot(*(place - other)) > 0.45 for other in here[:number]), (clip.name, time)
+            doors = [(low, high) for side, low, high in clip.layout.doorways if side * place[0] > 0]
+            in_door = any(low + 0.1 < place[1] < high - 0.1 for low, high in doors)
+            assert abs(place[0]) < 1.25 or in_door, (clip.name, time, place)
+
+
+def test_held_back_clips_show_other_people_than_the_tuning_clips():
+    people = {split: {v.name for c in SCENES if c.split == split for v in c.visits} for split in ("tune", "held-back")}
+    assert people["tune"] == set("DEFGHI")
+    assert people["held-back"] == set("JKLMNO")
+
+
+@pytest.mark.parametrize("clip", SCENES, ids=lambda clip: clip.name)
+def test_light_fades_only_while_nobody_is_there(clip):
+    fading = [index for index in range(clip.frames()) if 0 < clip.fading(index)[2] < 1]
+    assert bool(fading) == bool(clip.fades)
+    for index in fading:
+        for visit in clip.visits:
+            x, y, _ = story.Track(visit.role)(index / story.RATE)
+            assert not story.present(visit.role, index / story.RATE) or abs(x) > 1.5 or abs(x) > 0.61 * y + 0.2
+
+
+# Pictures
+
+
+def test_a_region_is_blended_in_without_an_edge(tmp_path):
+    empty = pictures.Empty(*(np.full((480, 640, 3), value, np.float32) for value in (0.5, 0.25)))
+    cv2.imwrite(str(tmp_path / "0003_0.png"), np.full((100, 80, 3), 65535, np.uint16))
+    bodies = np.ones((480, 640), bool)
+    np.savez(tmp_path / "0003.npz", bodies=np.packbits(bodies))
+    light = pictures.composed(tmp_path, 3, [[200, 380, 280, 480]], empty)
+    assert light[430, 240] == pytest.approx([4.0] * 3)
+    assert light[479, 240] == pytest.approx([4.0] * 3)
+    assert light[379, 240] == pytest.approx([0.5] * 3)
+    assert np.abs(np.diff(light[430, :, 0])).max() < 3.5 / pictures.FEATHER + 0.01
+
+
+def test_a_quick_render_is_made_true_beside_bodies_and_left_alone_on_them():
+    empty = pictures.Empty(*(np.full((480, 640, 3), value, np.float32) for value in (0.5, 0.25)))
+    bodies = np.zeros((480, 640), bool)
+    bodies[100:300, 200:300] = True
+    factor = empty.correction(bodies)
+    assert factor[50, 50] == pytest.approx([2.0] * 3)
+    assert factor[200, 250] == pytest.approx([1.0] * 3)
+
+
+def test_a_picture_of_another_kind_is_refused(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((4, 4, 3), np.uint8))
+    with pytest.raises(SystemExit, match="run render"):
+        pictures.light_of(tmp_path / "a.png")
+
+
+def test_the_gain_follows_a_change_of_light_within_about_a_second():
+    bright, dim = (np.full((48, 64, 3), value, np.float32) for value in (0.6, 0.06))
+    exposure = sensor.Exposure()
+    first = exposure.step(bright, 0.1)
+    gains = [exposure.step(dim, 0.1) for _ in range(12)]
+    assert first == pytest.approx(exposure.wanted(bright))
+    assert gains == sorted(gains)
+    assert gains[0] < 0.6 * exposure.wanted(dim) < 0.9 * exposure.wanted(dim) < gains[-1]
+
+
+@given(st.floats(0.001, 3), st.floats(0.001, 3), st.floats(0.4, 4))
+def test_more_light_is_never_darker(a, b, gain):
+    low, high = (float(sensor.developed(np.array(value), gain)) for value in sorted((a, b)))
+    assert 0 <= low <= high <= 255
+
+
+def test_noise_is_the_same_for_the_same_frame_and_another_for_the_next():
+    grey = np.full((48, 64, 3), 128.0)
+    assert (sensor.noisy(grey, 1, 1.3) == sensor.noisy(grey, 1, 1.3)).all()
+    assert (sensor.noisy(grey, 1, 1.3) != sensor.noisy(grey, 2, 1.3)).any()
+
+
+# Truth
+
+
+PERSON = {"id": "J", "x": 10.0, "y": 20.0, "w": 30.0, "h": 90.0, "distance_m": 5.2, "visible": 0.9}
+STAND = {"kind": "coat stand", "x": 400.0, "y": 100.0, "w": 60.0, "h": 200.0}
+SHADOW = {"kind": "shadow", "x": 100.0, "y": 300.0, "w": 50.0, "h": 20.0}
+ABOUT = truths.ClipTruth("clip", "scene1", "held-back", [STAND])
+
+
+def record(points):
+    return pictures.FrameRecord("even", [PERSON], [], [{**SHADOW, "points": points}], [])
+
+
+def test_a_shadow_counts_only_where_it_is_plainly_darker():
+    background = np.full((480, 640, 3), 0.5, np.float32)
+    picture = background.copy()
+    picture[300:320, 100:150] *= 0.6
+    dark, faint = [[110, 305], [120, 310]], [[400, 305], [410, 310]]
+    assert truths.frame_truth(7, record(dark), picture, background)["objects"] == [SHADOW]
+    assert truths.frame_truth(7, record(faint), picture, background)["objects"] == []
+
+
+def packed(tmp_path: Path) -> Path:
+    """A bag of three frames with its truth beside it."""
+    recording = part("recording")
+    background = np.full((480, 640, 3), 0.5, np.float32)
+    frames = [truths.frame_truth(stamp, record([[5, 5]]), background, background) for stamp in (10**9, 2 * 10**9)]
+    jpegs = [cv2.imencode(".jpg", np.zeros((480, 640, 3), np.uint8))[1]] * 2
+    recording.write_bag(tmp_path / "clip", [10**9, 2 * 10**9], jpegs, [truths.message_of(f, ABOUT) for f in frames], 10)
+    truths.write_truth(tmp_path / "clip.truth.json", frames, ABOUT)
+    return tmp_path / "clip"
+
+
+def test_the_truth_file_is_read_by_the_evaluation(tmp_path):
+    truth = load_truth(packed(tmp_path).with_suffix(".truth.json"))
+    assert (truth.scene, truth.split) == ("scene1", "held-back")
+    assert [thing.kind for thing in truth.objects] == ["coat stand"]
+    assert [frame.persons[0].id for frame in truth.frames] == ["J", "J"]
+    assert truth.frames[1].light == "even"
+
+
+def test_every_image_in_the_bag_has_its_truth_at_its_time(tmp_path):
+    images, people = "/camera/image_raw/compressed", TRUTH_TOPIC
+    with open_bag(packed(tmp_path)) as bag:
+        found = list(bag.raw_messages({images: images, people: people}))
+    stamps = {topic: [stamp for name, stamp, *_ in found if name == topic] for topic in (images, people)}
+    assert stamps[people] == stamps[images] == [10**9, 2 * 10**9]
+
+
+def test_a_truth_message_is_complete_in_itself():
+    background = np.full((480, 640, 3), 0.5, np.float32)
+    frame = truths.frame_truth(7, record([[5, 5]]), background, background)
+    message = msgspec.json.decode(truths.message_of(frame, ABOUT), type=TruthMessage)
+    assert (message.stamp, message.scene, message.split, message.light) == (7, "scene1", "held-back", "even")
+    assert [thing.kind for thing in message.objects] == ["coat stand"]
+    assert message.persons[0].distance_m == 5.2
+
+
+def test_people_are_counted_by_distance_when_visible_enough():
+    people = [{**PERSON, "distance_m": d, "visible": v} for d, v in ((1.9, 0.3), (2.0, 1.0), (12.0, 0.2), (12.0, 0.25))]
+    assert truths.counted([{"persons": people}, {"persons": []}]) == [1, 1, 1]
+
+
+def test_the_table_of_counts_adds_up_by_scene(tmp_path):
+    packed(tmp_path)
+    both = truths.rows([tmp_path / "clip.truth.json"] * 2)
+    assert both[2:] == ["| scene1, held-back | 2 | 0 | 0 | 2 | 0 |"] * 2 + ["| **scene1** | 4 | 0 | 0 | 4 | 0 |"]
+
+
+def test_the_counts_are_renewed_between_their_marks(tmp_path):
+    pack, readme = part("pack"), tmp_path / "README.md"
+    packed(tmp_path)
+    readme.write_text("before\n" + "old".join(pack.MARKS) + "after\n")
+    for _ in range(2):
+        pack.write_counts(readme, [tmp_path / "clip.truth.json"])
+    assert readme.read_text().startswith("before\n" + pack.MARKS[0] + "| | frames")
+    assert readme.read_text().endswith("|\n" + pack.MARKS[1] + "after\n")
