@@ -184,14 +184,8 @@ class Findings:
 
     def show(self, console: Console) -> None:
         """Prints the table."""
-        machine = self.machine
         console.print(f"[bold]engine[/]{' (quick)' if self.quick else ''}: rates per second of processor time")
-        console.print(
-            f"{machine.processor}, {machine.cores} cores, {machine.system}, Python {machine.versions['python']}; "
-            f"load before: {machine.load_before}",
-            style="dim",
-            soft_wrap=True,
-        )
+        self.machine.show(console)
         table = Table("", "", box=None, pad_edge=False, header_style="dim")
         for column in ("by hand", "engine", "ratio", "required", "aim", "", *self.others, "times best"):
             table.add_column(column, justify="right")

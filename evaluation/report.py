@@ -64,6 +64,15 @@ class Machine:
         system = f"{platform.system()} {platform.release()}"
         return cls(_processor(), cores, system, round(os.getloadavg()[0], 2), versions())
 
+    def show(self, console: Console) -> None:
+        """Prints it in a line."""
+        console.print(
+            f"{self.processor}, {self.cores} cores, {self.system}, Python {self.versions['python']}; "
+            f"load before: {self.load_before}",
+            style="dim",
+            soft_wrap=True,
+        )
+
 
 @dataclass
 class Report:
@@ -107,14 +116,8 @@ class Report:
 
     def show(self, console: Console) -> None:
         """Prints the tables."""
-        machine = self.machine
         console.print(f"[bold]{self.title}[/]{' (quick)' if self.quick else ''}")
-        console.print(
-            f"{machine.processor}, {machine.cores} cores, {machine.system}, Python {machine.versions['python']}; "
-            f"load before: {machine.load_before}",
-            style="dim",
-            soft_wrap=True,
-        )
+        self.machine.show(console)
         console.print(self._figures())
         for name, rows in self.tables.items():
             console.print(_table(name, rows))

@@ -90,6 +90,24 @@ def test_who_passes_does_not_bring_a_thing_to_life():
     assert camera.look(coat=(COAT, STAND)) == set()
 
 
+def test_a_shadow_that_lies_on_a_thing_does_not_bring_it_to_life():
+    camera = Camera()
+    for _ in range(20):
+        camera.look(coat=(COAT, STAND))
+    for step in range(20):
+        shaded = COAT.copy()
+        shaded[10 * step : 10 * step + 60] *= 0.3
+        assert camera.look(coat=(shaded, STAND)) == set()
+
+
+def test_a_thing_that_leaves_its_place_was_somebody():
+    camera = Camera()
+    for _ in range(20):
+        camera.look(waiting=(PERSON, at(300)))
+    seen = [camera.look(waiting=(PERSON, at(300 + 10 * step))) for step in range(1, 20)]
+    assert seen[5:] == [{"waiting"}] * 14
+
+
 def test_a_thing_found_anew_is_still_that_thing():
     camera = Camera()
     for _ in range(20):
