@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,10 @@ Args = tuple[Any, ...]
 
 Fact = tuple[int, tuple[Any, ...], Any]
 """What is known of a belief: since when (ns), its annotations (sources and others), and the record of its beginning."""
+
+
+Watcher = Callable[[Args, bool, Any], object]
+"""Is told of a belief's arguments, whether it is held now, and the record of the change."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +46,7 @@ class Relation:
 
     __slots__ = (
         "added", "base", "care", "facts", "held", "indexes", "key", "kind", "lives", "quiet", "removed", "special",
+        "watchers",
     )  # fmt: skip
 
     def __init__(self, key: str, base: Relations) -> None:
@@ -57,6 +62,7 @@ class Relation:
         self.special = False
         self.care = False
         self.quiet = True
+        self.watchers: tuple[Watcher, ...] = ()
 
     def index(self, positions: tuple[int, ...]) -> dict[Any, dict[Args, None]]:
         """The beliefs by the arguments at ``positions``: by a value when there is one position, else by a tuple."""

@@ -19,7 +19,8 @@ from socialbot.bdi.compiler.runtime import SUBGOAL
 from socialbot.bdi.conditions import conjunction
 from socialbot.bdi.events import Change, Event
 from socialbot.bdi.explain import why_not
-from socialbot.bdi.intentions import Mind, goal_of
+from socialbot.bdi.failures import Failure
+from socialbot.bdi.intentions import Intention, Mind, goal_of
 from socialbot.bdi.library import Library
 from socialbot.bdi.literals import PERCEPT, SELF, Belief, Goal, Literal, Structure, source
 from socialbot.bdi.plans import Inference, Plan, flat
@@ -137,6 +138,19 @@ class Engine(Acting):
         """
         self._post(function)
 
+    def attempt(self, goal: Goal | Literal, ended: Callable[[Failure | None], None], *, cause: str = "") -> Intention:
+        """Adopts ``goal`` at once, for the engine's own thread; ``ended`` is called with the failure, or None.
+
+        ``drop(intention, then)`` gives it up, and calls ``then`` when what goes on for it has stopped.
+        """
+        goal.check()
+        intention = self._new((SUBGOAL, self.triggers[f"+!{goal.key}"], goal.args, goal.annotations or SELF, cause))
+        assert intention.event is not None
+        intention.ended = ended
+        self._pursue(intention, intention.event)
+        self._settle(intention)
+        return intention
+
     def stop(self) -> None:
         """Ends `run`."""
         self._stopping = True
@@ -172,11 +186,13 @@ class Engine(Acting):
         """What is believed, desired and intended at this moment."""
         return Mind(
             beliefs=tuple(self.beliefs),
-            desires=tuple(
-                goal_of(goal, self.library.goals) for intention in self.intentions for goal in intention.goals()
-            ),
+            desires=self.desires(),
             intentions=tuple(self.intentions),
         )
+
+    def desires(self) -> tuple[Literal, ...]:
+        """The goals that are pursued at this moment."""
+        return tuple(goal_of(goal, self.library.goals) for intention in self.intentions for goal in intention.goals())
 
     def query(self, condition: object) -> Iterator[dict[str, Any]]:
         """The solutions of a condition, as the values of its variables by name."""

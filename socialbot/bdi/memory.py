@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from socialbot.bdi.beliefs import Args, BeliefBase, Fact, Relation, Relations, is_source, literal_of
+from socialbot.bdi.beliefs import Args, BeliefBase, Fact, Relation, Relations, Watcher, is_source, literal_of
 from socialbot.bdi.compiler.runtime import EVENT
 from socialbot.bdi.library import Library, Ready, Trigger
 from socialbot.bdi.literals import ANYTHING, Computed, Literal, Reactor, ground, source
@@ -118,6 +118,8 @@ class Memory:
                 relation.leave(found)
         if self.sink is not None:
             cause = self.record("unbelief", self.text(relation, found), cause)
+        if relation.watchers and found not in relation.facts:
+            self._tell(relation, found, False, cause)
         if relation.removed is None:
             return None
         if here:
@@ -150,6 +152,8 @@ class Memory:
             relation.leave(args)
         if self.sink is not None:
             cause = self.record("unbelief", self.text(relation, args), cause)
+        if relation.watchers:
+            self._tell(relation, args, False, cause)
         if relation.removed is not None:
             self.events.append((relation.removed, args, fact[1], cause))
 
@@ -159,6 +163,8 @@ class Memory:
             self.forget_one(relation, found, cause)
 
     def _hold_special(self, relation: Relation, args: Args, notes: Notes, cause: Any, since: int | None) -> Any:
+        if relation.kind is None:
+            self._equip(relation)  # Its class may have become known only now, by a step of a plan.
         kind = relation.kind
         if kind is not None and issubclass(kind, Reactor):
             if self.sink is not None:
@@ -168,6 +174,17 @@ class Memory:
             raise RuleError(f"{self.text(relation, args)} is computed", remedy="it cannot be added")
         if args in relation.facts:
             return self._merge(relation, args, notes, cause)
+        if kind is not None and kind.singleton:
+            self._displace(relation, kind, args, notes, cause)
+        relation.special = False
+        event = self.hold(relation, args, notes, cause, since)
+        relation.special = True
+        if relation.watchers:
+            self._tell(relation, args, True, relation.facts[args][2])
+        return event
+
+    def _displace(self, relation: Relation, kind: type[Literal], args: Args, notes: Notes, cause: Any) -> None:
+        """Removes what a belief takes the place of, of which there is one at most."""
         before = next(iter(relation.facts), None)
         for other in list(self.base.values()):
             if other.kind is kind:
@@ -175,10 +192,22 @@ class Memory:
                     self.forget_one(other, found, cause)
         if before is not None:
             self._changed(relation, args, before, notes, cause)
-        relation.special = False
-        event = self.hold(relation, args, notes, cause, since)
-        relation.special = kind is not None and kind.singleton
-        return event
+
+    def watch(self, key: str, watcher: Watcher) -> None:
+        """Has ``watcher`` called, at once, whenever a belief with this key, such as ``at/2``, begins or ends.
+
+        It may change beliefs; an exception of it goes on the trace.
+        """
+        relation = self.relations[key]
+        relation.watchers = (*relation.watchers, watcher)
+        self._equip(relation)
+
+    def _tell(self, relation: Relation, args: Args, held: bool, cause: Any) -> None:
+        for watcher in relation.watchers:
+            try:
+                watcher(args, held, cause)
+            except Exception as problem:  # noqa: BLE001 - user code
+                self.record_failure(f"watching {relation.key}", cause, problem)
 
     def _merge(self, relation: Relation, args: Args, notes: Notes, cause: Any) -> Any:
         """Adds what is new among the annotations of a belief that is held; that is an event, too."""
@@ -314,9 +343,10 @@ class Memory:
         relation.added = triggers.get(f"+{key}")
         relation.removed = triggers.get(f"-{key}")
         relation.held = triggers.get(f"held {key}")
-        relation.quiet = relation.removed is None and relation.held is None and not relation.indexes
+        watched = bool(relation.watchers)
+        relation.quiet = relation.removed is None and relation.held is None and not relation.indexes and not watched
         relation.kind = kind = self.library.kinds.get(key.rpartition("/")[0])
-        relation.special = kind is not None and (kind.singleton or issubclass(kind, (Reactor, Computed)))
+        relation.special = watched or (kind is not None and (kind.singleton or issubclass(kind, (Reactor, Computed))))
         relation.care = relation.special or relation.held is not None
 
     # The trace

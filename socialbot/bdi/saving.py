@@ -279,11 +279,15 @@ def read(path: str | PathLike[str]) -> dict[str, Any]:
 def restore(engine: Engine, data: dict[str, Any]) -> None:
     """Makes the mind that was saved that of this agent, which has the plans already. Call it in the engine's thread.
 
-    What it believed and intended until now, such as the beliefs and goals that its program begins with, is gone.
+    What it believed and intended until now, such as the beliefs and goals that its program begins with, is gone. Who
+    watches beliefs is told of all that end, then of all that begin.
     What came due in the meantime happens at once. Raises MindError, with nothing changed, for data that are damaged.
     """
     mind = _decode_mind(engine, data)
+    gone = [(relation, args) for relation in engine.base.values() if relation.watchers for args in relation.facts]
     _clear(engine)
+    for relation, args in gone:
+        engine._tell(relation, args, False, "")
     engine.stage = mind.stage
     engine._random = mind.random
     engine._records = itertools.count(max(mind.records, _next_record(engine)))
@@ -294,6 +298,8 @@ def restore(engine: Engine, data: dict[str, Any]) -> None:
             relation.enter(fact.args)
         if relation.held is not None:
             relation.live(fact.args, held)
+        if relation.watchers:
+            engine._tell(relation, fact.args, True, fact.cause)
     _ripen_later(engine, mind)
     for pursuit in mind.pursuits:
         _pursue(engine, pursuit)

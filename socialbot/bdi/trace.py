@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from os import PathLike
+from string import Formatter
 from typing import IO, Any
 
 from socialbot.clock import SECOND
@@ -214,7 +215,7 @@ def sentence(record: Record) -> str:
         case "dropped":
             return f"it gave up an intention{_after(detail.get('message') or detail.get('reason'))}"
     words = SENTENCES.get(record.kind)
-    return words.format(record.what) if words else f"{record.kind} {record.what}"
+    return _fill(words, record) if words else f"{record.kind} {record.what}"
 
 
 SENTENCES = {
@@ -228,6 +229,8 @@ SENTENCES = {
     "message": "it said: {}",
     "achieved": "it achieved {}",
 }
+"""What records of a kind say, where ``{}`` is what they are about and ``{reason}`` a detail; ``{reason:: }`` is
+one with ``: `` before it, and nothing when there is none. Who makes other kinds of records may add to it."""
 
 
 def as_text(chain: Iterable[Record]) -> str:
@@ -245,6 +248,26 @@ def as_text(chain: Iterable[Record]) -> str:
         lines.append(f"because of {begin.cause}")
     text = ",\n".join(lines) + "."
     return text[0].upper() + text[1:]
+
+
+class _Detail(str):
+    """A detail whose format is what comes before it."""
+
+    def __format__(self, before: str) -> str:
+        return f"{before}{self!s}" if self else ""
+
+
+class _Details(dict[str, object]):
+    def __missing__(self, name: str) -> str:
+        return ""
+
+    def __getitem__(self, name: str) -> _Detail:
+        value = super().__getitem__(name)
+        return _Detail("" if value is None else value)
+
+
+def _fill(words: str, record: Record) -> str:
+    return Formatter().vformat(words, (record.what,), _Details(record.detail))
 
 
 def _after(text: object) -> str:
