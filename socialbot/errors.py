@@ -9,7 +9,7 @@ The command line prints one of these as a single message and ends with its
 | 1 | a defect of socialbot (traceback) |
 | 2 | the command line was wrong |
 | 3 | input data cannot be used (bag, image, video, ground truth) |
-| 4 | configuration cannot be used (graph file, topic, parameter, rule) |
+| 4 | configuration cannot be used (graph file, topic, parameter, rule, planning domain) |
 | 5 | a part of the installation is missing (ROS wheels, speech library, ...) |
 | 6 | a node failed while running |
 | 7 | a device failed (camera, sound) |
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 __all__ = [
     "BagError", "DeviceError", "GraphError", "ImageError", "InstallationError", "MessageError", "NodeError",
-    "ParameterError", "RuleError", "SocialbotError", "TruthError",
+    "ParameterError", "PlanningError", "RuleError", "SocialbotError", "TruthError",
 ]  # fmt: skip
 
 
@@ -85,6 +85,12 @@ class ParameterError(SocialbotError):
 
 class RuleError(SocialbotError):
     """A rule, belief, goal or action of an agent that is put together wrongly."""
+
+    exit_code = 4
+
+
+class PlanningError(SocialbotError):
+    """A domain, problem, plan, or a file of beliefs, desires or rules that cannot be used."""
 
     exit_code = 4
 

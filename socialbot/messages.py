@@ -208,9 +208,3 @@ class Mind(Structured, frozen=True, kw_only=True):
     beliefs: tuple[MindBelief, ...]
     desires: tuple[str, ...]
     intentions: tuple[str, ...]
-
-
-STRUCTURED: tuple[type[Structured], ...] = (
-    PersonDetections, ActionRequest, Utterance, SpeechStatus, HeadCommand, TraceRecord, Mind,
-)  # fmt: skip
-"""Every structured message, for codecs and schema pages."""

@@ -7,6 +7,11 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# How long an example takes depends on what else the machine does.
+settings.register_profile("socialbot", deadline=None)
+settings.load_profile("socialbot")
 
 FIRST_DOMAIN = 20
 

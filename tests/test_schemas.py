@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.messages import STRUCTURED, Structured
+from socialbot.messages import Structured
+from socialbot.schemas import STRUCTURED
 from tools.schemas import FOLDER, schema_file, schema_text
 
 

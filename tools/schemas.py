@@ -6,7 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from socialbot.messages import STRUCTURED, Structured
+from socialbot.messages import Structured
+from socialbot.schemas import STRUCTURED
 
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
 

@@ -21,7 +21,6 @@ import numpy as np
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.errors import MessageError
 from socialbot.messages import (
-    STRUCTURED,
     BoxMarkers,
     CameraInfo,
     CompressedImage,
@@ -31,6 +30,7 @@ from socialbot.messages import (
     Structured,
     Utterance,
 )
+from socialbot.schemas import STRUCTURED
 
 M = TypeVar("M", bound=Message)
 

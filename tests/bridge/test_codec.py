@@ -10,12 +10,39 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from socialbot.agent_messages import (
+    ActionExecutionInfo,
+    AgentReply,
+    AgentRequest,
+    Belief,
+    BeliefSet,
+    Condition,
+    Conjunction,
+    CurrentIntentions,
+    Desire,
+    DesireItem,
+    DesireSet,
+    Dnf,
+    Fact,
+    LifecycleStatus,
+    PlanExecutionInfo,
+)
+from socialbot.agents.hospital import messages as hospital
+from socialbot.agents.warehouse.messages import (
+    BoxPosition,
+    BoxPositions,
+    GripperPose,
+    GripperStatus,
+    MoveCommand,
+    MoveStatus,
+    Point,
+    UnloadCommand,
+)
 from socialbot.bridge import codec
 from socialbot.bridge.bag_types import RosbagsTypes
 from socialbot.bridge.ros_types import RclpyTypes, message_class
 from socialbot.errors import InstallationError, MessageError
 from socialbot.messages import (
-    STRUCTURED,
     ActionRequest,
     BoxMarkers,
     CameraInfo,
@@ -33,6 +60,7 @@ from socialbot.messages import (
     TraceRecord,
     Utterance,
 )
+from socialbot.schemas import STRUCTURED
 
 TYPES = RosbagsTypes()
 
@@ -59,6 +87,52 @@ person = st.builds(
     distance_m=st.none() | numbers, bearing_rad=st.none() | numbers, elevation_rad=st.none() | numbers,
 )  # fmt: skip
 belief = st.builds(MindBelief, text=texts, source=texts, since=stamps)
+shares = st.floats(0, 1)
+seconds = st.floats(0, 1e6)
+fact = st.builds(
+    Fact, name=texts, pddl_type=st.sampled_from([1, 2, 3]), type=texts, params=tuples(texts), value=numbers
+)
+condition = st.builds(
+    Condition, condition_to_check=fact, check=st.sampled_from(["EX", "T", "F", "EQ", "GR", "GREQ", "LE", "LEQ"])
+)
+dnf = st.builds(Dnf, clauses=tuples(st.builds(Conjunction, literals=tuples(condition))))
+desire = st.builds(
+    Desire, name=texts, value=tuples(fact), conditions=tuples(condition), priority=shares, deadline=seconds,
+    precondition=dnf, context=dnf, rollback_belief_add=tuples(fact), rollback_belief_del=tuples(fact), parent=texts,
+)  # fmt: skip
+step = st.builds(
+    ActionExecutionInfo, index=sides, name=texts, args=tuples(texts), wait_action_indexes=tuples(sides),
+    planned_start=seconds, actual_start=st.none() | seconds, duration=seconds, exec_time=seconds, progress=shares,
+    status=st.sampled_from(["WAITING", "RUNNING", "SUCCESSFUL", "FAILED", "CANCELLED"]), message=texts,
+)  # fmt: skip
+said = st.one_of(
+    st.builds(hospital.Register, kind=texts, capabilities=tuples(texts)),
+    st.builds(hospital.Plan, label=texts, plans=tuples(texts)),
+    st.builds(hospital.Belief, literal=texts),
+    st.builds(hospital.Start, arguments=tuples(texts)),
+    st.builds(hospital.Stop, reason=texts),
+    st.just(hospital.End()),
+    st.builds(hospital.Ready, action=texts, args=tuples(texts)),
+    st.builds(hospital.Done, action=texts, args=tuples(texts)),
+    st.builds(
+        hospital.Report, outcome=st.sampled_from(["success", "failure"]), action=texts, args=tuples(texts),
+        reason=texts,
+    ),
+    st.builds(hospital.Problem, kind=texts, args=tuples(texts), action=texts),
+    st.just(hospital.Finished()),
+    st.builds(hospital.InitialTrigger, mission_kind=texts, args=tuples(texts)),
+    st.builds(hospital.Refusal, reason=texts),
+)  # fmt: skip
+planned = st.builds(
+    hospital.PlannedAction, action=texts, args=tuples(texts), agents=tuples(texts),
+    status=st.sampled_from(["planned", "done", "failed"]),
+)  # fmt: skip
+mission = st.builds(
+    hospital.MissionView, id=sides, kind=texts, room=texts, priority=st.integers(-9, 9),
+    status=st.sampled_from(["waiting", "running", "finished", "failed"]), team=tuples(texts), label=texts,
+    actions=tuples(planned), tree=texts, recoveries=sides, revisions=sides, problem=texts,
+)  # fmt: skip
+point = st.builds(Point, x=numbers, y=numbers, z=numbers)
 messages: dict[type[Message], st.SearchStrategy[Any]] = {
     Image: st.builds(
         Image, stamp=stamps, frame_id=texts, height=sides, width=sides, encoding=texts, step=sides, data=pixels,
@@ -98,6 +172,49 @@ messages: dict[type[Message], st.SearchStrategy[Any]] = {
     Mind: st.builds(
         Mind, stamp=stamps, agent=texts, beliefs=tuples(belief), desires=tuples(texts), intentions=tuples(texts),
     ),
+    Belief: st.builds(Belief, stamp=stamps, belief=fact),
+    BeliefSet: st.builds(BeliefSet, stamp=stamps, agent_id=texts, value=tuples(fact)),
+    DesireItem: st.builds(DesireItem, stamp=stamps, desire=desire),
+    DesireSet: st.builds(DesireSet, stamp=stamps, agent_id=texts, value=tuples(desire)),
+    PlanExecutionInfo: st.builds(
+        PlanExecutionInfo, stamp=stamps, agent_id=texts, plan=sides, target=st.none() | desire,
+        actions_exec_info=tuples(step), current_time=seconds, planned_deadline=seconds, estimated_deadline=seconds,
+        status=st.sampled_from(["WAITING", "RUNNING", "SUCCESSFUL", "ABORT"]), reason=texts,
+    ),
+    CurrentIntentions: st.builds(
+        CurrentIntentions, stamp=stamps, agent_id=texts, target_value=tuples(fact), actions=tuples(step),
+    ),
+    AgentRequest: st.builds(
+        AgentRequest, stamp=stamps, id=texts, sender=texts, group=texts, receiver=texts,
+        operation=st.sampled_from(["check", "add", "del"]), belief=st.none() | fact, desire=st.none() | desire,
+        monitor=st.booleans(),
+    ),
+    AgentReply: st.builds(
+        AgentReply, stamp=stamps, id=texts, sender=texts, receiver=texts, accepted=st.booleans(),
+        state=st.sampled_from(["done", "refused", "fulfilled", "dropped"]), found=st.booleans(),
+        priority=st.none() | shares, reason=texts,
+    ),
+    MoveStatus: st.builds(
+        MoveStatus, stamp=stamps, robot=texts, start_name=texts, current_name=texts, target_name=texts,
+        current_pos=point, target_pos=point, dist=numbers, progress=shares,
+    ),
+    MoveCommand: st.builds(MoveCommand, stamp=stamps, target=texts),
+    GripperPose: st.builds(GripperPose, stamp=stamps, pose=st.sampled_from(["high", "low"])),
+    GripperStatus: st.builds(GripperStatus, stamp=stamps, status=st.sampled_from(["open", "close"])),
+    UnloadCommand: st.builds(UnloadCommand, stamp=stamps),
+    BoxPositions: st.builds(
+        BoxPositions, stamp=stamps, boxes=tuples(st.builds(BoxPosition, name=texts, position=point, holder=texts)),
+    ),
+    LifecycleStatus: st.builds(
+        LifecycleStatus, stamp=stamps, agent_id=texts, reason=texts,
+        status=st.sampled_from(["BOOTING", "SCHEDULING", "PLANNING", "EXECUTING", "ABORTING", "PAUSED"]),
+    ),
+    hospital.AclMessage: st.builds(
+        hospital.AclMessage, stamp=stamps, id=texts, sender=texts, receiver=texts,
+        performative=st.sampled_from(["query", "request", "agree", "inform", "failure", "refuse", "subscribe"]),
+        content=said, in_reply_to=texts, mission=texts,
+    ),
+    hospital.Missions: st.builds(hospital.Missions, stamp=stamps, missions=tuples(mission)),
 }  # fmt: skip
 anything = st.sampled_from(list(messages)).flatmap(messages.__getitem__)
 

@@ -1,0 +1,1 @@
+"""The warehouse: a gripper sorts boxes from stacks onto carriers, which take them away."""

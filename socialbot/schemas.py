@@ -1,0 +1,22 @@
+"""Every structured message that comes with socialbot, for codecs and schema pages."""
+
+from __future__ import annotations
+
+from socialbot.agent_messages import AGENT_MESSAGES
+from socialbot.agents.hospital.messages import MISSION_MESSAGES
+from socialbot.agents.warehouse.messages import WAREHOUSE_MESSAGES
+from socialbot.messages import (
+    ActionRequest,
+    HeadCommand,
+    Mind,
+    PersonDetections,
+    SpeechStatus,
+    Structured,
+    TraceRecord,
+    Utterance,
+)
+
+STRUCTURED: tuple[type[Structured], ...] = (
+    PersonDetections, ActionRequest, Utterance, SpeechStatus, HeadCommand, TraceRecord, Mind, *AGENT_MESSAGES,
+    *WAREHOUSE_MESSAGES, *MISSION_MESSAGES,
+)  # fmt: skip
