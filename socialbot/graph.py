@@ -34,9 +34,11 @@ from socialbot.messages import Message
 M = TypeVar("M", bound=Message)
 V = TypeVar("V", bool, int, float, str)
 H = TypeVar("H", bound=Callable[..., None])
+R = TypeVar("R")
 
 NODE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-TOPIC_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+TOPIC_NAME = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+"""``~/`` stands for the node's own namespace: ``~/state`` of the node ``arm`` is ``/arm/state``."""
 
 
 class Delivery(enum.Enum):
@@ -51,12 +53,18 @@ class Delivery(enum.Enum):
 
 
 class Input(Generic[M]):
-    """A typed input; used as a decorator it names the method that takes the messages."""
+    """A typed input; used as a decorator it names the method that takes the messages.
 
-    def __init__(self, message_type: type[M], topic: str, delivery: Delivery = Delivery.EVERY) -> None:
+    One that is ``optional`` may stay unconnected: it is for people and programs outside of the graph.
+    """
+
+    def __init__(
+        self, message_type: type[M], topic: str, delivery: Delivery = Delivery.EVERY, *, optional: bool = False
+    ) -> None:
         self.message_type = message_type
         self.topic = topic
         self.delivery = delivery
+        self.optional = optional
         self.name = ""
         self._handler = ""
 
@@ -187,9 +195,19 @@ class Context(Protocol):
         """Calls back in the node's own thread as soon as it is free; safe from any thread."""
         ...
 
+    def aside(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
+        """Has ``work`` done without holding up the node, and calls back with what it returned or raised.
+
+        It runs in a thread of its own and must not touch the node; where time is simulated, it takes none of it.
+        """
+        ...
+
 
 class Node:
     """One unit of a graph. Subclasses declare ports and parameters as class attributes."""
+
+    stands_for_world: ClassVar[bool] = False
+    """Whether it plays the part of the world outside, as a simulator does; in a replay the bag plays it."""
 
     _inputs: ClassVar[Mapping[str, Input[Any]]] = {}
     _outputs: ClassVar[Mapping[str, Output[Any]]] = {}
@@ -258,6 +276,14 @@ class Node:
         """Called after a parameter has changed; an exception takes the change back."""
 
 
+def outcome(work: Callable[[], R]) -> R | Exception:
+    """What ``work`` returns, or the exception that it raises: what a runner tells after work `Context.aside`."""
+    try:
+        return work()
+    except Exception as error:  # noqa: BLE001 - whatever it is, the node decides what to do about it
+        return error
+
+
 def _own(cls: type, kind: type) -> dict[str, Any]:
     return {name: value for name, value in vars(cls).items() if isinstance(value, kind)}
 
@@ -311,8 +337,9 @@ class Placement:
         check_parameters(self.type, self.parameters, where=place)
 
     def topic(self, port: Input[Any] | Output[Any]) -> str:
-        """The topic that ``port`` is connected to."""
-        return self.remap.get(port.name, port.topic)
+        """The topic that ``port`` is connected to, in full."""
+        topic = self.remap.get(port.name, port.topic)
+        return f"/{self.name}{topic[1:]}" if topic.startswith("~") else topic
 
     @property
     def subscriptions(self) -> list[tuple[str, Input[Any]]]:
@@ -365,7 +392,7 @@ class Graph:
                         remedy="remap one of the two to another topic",
                     )
             for topic, port in placement.subscriptions:
-                if topic not in published and topic not in self.inputs:
+                if topic not in published and topic not in self.inputs and not port.optional:
                     raise GraphError(
                         f"nobody publishes {topic}",
                         where=f"{placement.place(self.name)}.{port.name}",
@@ -395,8 +422,8 @@ class Graph:
         raise GraphError(f"no node {name!r}", where=self.name, remedy=suggestion(name, names))
 
     def without_sources(self) -> Graph:
-        """This graph with its sources (nodes without inputs, such as cameras) replaced by the world outside."""
-        sources = [placement for placement in self.placements if not placement.subscriptions]
+        """This graph with its sources (nodes without inputs, such as cameras, or in place of the world) left out."""
+        sources = [one for one in self.placements if not one.subscriptions or one.type.stands_for_world]
         fed = {topic for placement in sources for topic, _ in placement.publications}
         kept = tuple(placement for placement in self.placements if placement not in sources)
         return replace(self, placements=kept, inputs=self.inputs | fed)

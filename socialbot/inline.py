@@ -13,14 +13,16 @@ import queue
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from socialbot.clock import ManualClock, nanoseconds
 from socialbot.errors import NodeError, SocialbotError
-from socialbot.graph import Graph, Input, Node, Output
+from socialbot.graph import Delivery, Graph, Input, Node, Output, Placement, outcome
 from socialbot.messages import Message
 
 log = logging.getLogger("socialbot.inline")
+
+R = TypeVar("R")
 
 Tap = Callable[[str, Message], None]
 
@@ -48,24 +50,31 @@ class _Timer:
 
 
 class _Context:
-    """The inline runner as one node sees it."""
+    """The inline runner as one node sees it, as long as the node lives."""
 
-    def __init__(self, runner: InlineRunner, topics: dict[str, str]) -> None:
+    def __init__(self, runner: InlineRunner, placement: Placement) -> None:
+        self.name = placement.name
+        self.alive = True
         self._runner = runner
-        self._topics = topics
+        self._topics = {port.name: topic for topic, port in placement.publications}
+        self._last = placement.type.stands_for_world
 
     @property
     def clock(self) -> ManualClock:
         return self._runner.clock
 
     def publish(self, port: Output[Any], message: Message) -> None:
-        self._runner.enqueue(self._topics[port.name], message)
+        if self.alive:
+            self._runner.take(self._topics[port.name], message, port.delivery)
 
     def call_at(self, time: int, callback: Callable[[], None]) -> _Timer:
-        return self._runner.call_at(time, self._guarded(callback))
+        return self._runner.call_at(time, self._guarded(callback), last=self._last)
 
     def call_soon(self, callback: Callable[[], None]) -> None:
         self._runner.posted.put(self._guarded(callback))
+
+    def aside(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
+        self.call_soon(functools.partial(then, outcome(work)))
 
     def _guarded(self, callback: Callable[[], None]) -> Callable[[], None]:
         return lambda: self._runner.guard(self, callback)
@@ -82,31 +91,39 @@ class InlineRunner:
         self.nodes: dict[str, Node] = {}
         self.faults: dict[str, Faults] = {}
         self.posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._names: dict[_Context, str] = {}
-        self._listeners: dict[str, list[tuple[_Context, Node, Input[Any]]]] = {}
+        self._placements = {placement.name: placement for placement in graph.placements}
+        self._contexts: dict[str, _Context] = {}
+        self._listeners: dict[str, list[tuple[str, Input[Any]]]] = {}
+        self._latched: dict[str, Message] = {}
         self._taps: dict[str, list[Tap]] = {}
         self._queue: deque[tuple[str, Message]] = deque()
-        self._timers: list[tuple[int, int, _Timer]] = []
+        self._timers: list[tuple[int, bool, int, _Timer]] = []
         self._sequence = itertools.count()
         for placement in graph.placements:
-            topics = {port.name: topic for topic, port in placement.publications}
-            context = _Context(self, topics)
-            node = placement.type(placement.name, context, placement.parameters)
-            self._names[context] = placement.name
-            self.nodes[placement.name] = node
+            self._make(placement)
             self.faults[placement.name] = Faults()
             for topic, port in placement.subscriptions:
-                self._listeners.setdefault(topic, []).append((context, node, port))
+                self._listeners.setdefault(topic, []).append((placement.name, port))
 
     def start(self) -> None:
         """Starts the nodes, and lets what they send at once arrive. Raises NodeError, or the node's own error."""
         for node in self.nodes.values():
-            try:
-                node.start()
-            except SocialbotError:
-                raise
-            except Exception as error:
-                raise NodeError(f"cannot start: {type(error).__name__}: {error}", where=node.name) from error
+            _start(node)
+        self._drain()
+
+    def kill(self, name: str) -> None:
+        """Ends a node as the end of its process would: it is not told, what it waits for comes no more."""
+        self._contexts.pop(name).alive = False
+        del self.nodes[name]
+
+    def restart(self, name: str) -> None:
+        """Makes and starts a node anew after `kill`. Raises what `start` does."""
+        placement = self._placements[name]
+        node = self._make(placement)
+        _start(node)
+        for topic, port in placement.subscriptions:
+            if port.delivery is Delivery.LATCHED and topic in self._latched:
+                self.guard(self._contexts[name], functools.partial(port.deliver, node, self._latched[topic]))
         self._drain()
 
     def close(self) -> None:
@@ -124,47 +141,66 @@ class InlineRunner:
 
     def feed(self, topic: str, message: Message, *, time: int | None = None) -> None:
         """Moves to ``time`` (the message's stamp if not given) and delivers ``message`` and all that follows."""
-        self.advance(max(message.stamp if time is None else time, self.clock.now()))
-        self.enqueue(topic, message)
-        self._drain()
+        self._feed(message.stamp if time is None else time, [(topic, message)])
 
     def run(self, messages: Iterable[tuple[str, Message]], *, tail_s: float = 0.0) -> None:
-        """Feeds all ``messages`` and lets ``tail_s`` seconds pass afterwards."""
-        for topic, message in messages:
-            self.feed(topic, message)
+        """Feeds all ``messages``, those of one moment at once, and lets ``tail_s`` seconds pass afterwards."""
+        for stamp, together in itertools.groupby(messages, key=lambda each: each[1].stamp):
+            self._feed(stamp, together)
         self.advance(self.clock.now() + nanoseconds(tail_s))
+
+    def _feed(self, time: int, messages: Iterable[tuple[str, Message]]) -> None:
+        self.advance(max(time, self.clock.now()))
+        self._queue.extend(messages)
+        self._drain()
 
     def advance(self, time: int) -> None:
         """Lets time pass until ``time`` (ns); timers fire at their own moments on the way."""
         self._drain()
         while self._timers and self._timers[0][0] <= time:
-            due, _, timer = heapq.heappop(self._timers)
+            due, _, _, timer = heapq.heappop(self._timers)
             if timer.callback is not None:
                 self.clock.set(max(due, self.clock.now()))
                 timer.callback()
                 self._drain()
         self.clock.set(time)
 
-    def call_at(self, time: int, callback: Callable[[], None]) -> _Timer:
-        """Calls back when simulated time reaches ``time``; timers of one moment fire in order of creation."""
+    def call_at(self, time: int, callback: Callable[[], None], *, last: bool = False) -> _Timer:
+        """Calls back when simulated time reaches ``time``; timers of one moment fire in order of creation.
+
+        Those of the world come ``last``, as what a bag tells of a moment does: `run` lets time pass before it feeds.
+        """
         timer = _Timer(callback)
-        heapq.heappush(self._timers, (time, next(self._sequence), timer))
+        heapq.heappush(self._timers, (time, last, next(self._sequence), timer))
         return timer
 
     def enqueue(self, topic: str, message: Message) -> None:
         """Puts ``message`` in line for everybody who listens to ``topic``."""
         self._queue.append((topic, message))
 
+    def take(self, topic: str, message: Message, delivery: Delivery) -> None:
+        """Takes ``message`` from a node; one that is latched also reaches those who start later."""
+        if delivery is Delivery.LATCHED:
+            self._latched[topic] = message
+        self.enqueue(topic, message)
+
     def guard(self, context: _Context, callback: Callable[[], None]) -> None:
-        """Calls into a node; its exceptions are counted and logged, and end nothing."""
-        faults = self.faults[self._names[context]]
+        """Calls into a node while it lives; its exceptions are counted and logged, and end nothing."""
+        if not context.alive:
+            return
+        faults = self.faults[context.name]
         faults.calls += 1
         try:
             callback()
         except Exception as error:  # noqa: BLE001 - whatever a node raises, the graph goes on
             faults.count(error)
             if faults.failures == 1:
-                log.warning("%s: %s: %s", self._names[context], type(error).__name__, error)
+                log.warning("%s: %s: %s", context.name, type(error).__name__, error)
+
+    def _make(self, placement: Placement) -> Node:
+        context = self._contexts[placement.name] = _Context(self, placement)
+        node = self.nodes[placement.name] = placement.type(placement.name, context, placement.parameters)
+        return node
 
     def _drain(self) -> None:
         while self._queue or not self.posted.empty():
@@ -174,5 +210,16 @@ class InlineRunner:
                 topic, message = self._queue.popleft()
                 for tap in self._taps.get(topic, ()):
                     tap(topic, message)
-                for context, node, port in self._listeners.get(topic, ()):
-                    self.guard(context, functools.partial(port.deliver, node, message))
+                for name, port in self._listeners.get(topic, ()):
+                    context = self._contexts.get(name)
+                    if context is not None:
+                        self.guard(context, functools.partial(port.deliver, self.nodes[name], message))
+
+
+def _start(node: Node) -> None:
+    try:
+        node.start()
+    except SocialbotError:
+        raise
+    except Exception as error:
+        raise NodeError(f"cannot start: {type(error).__name__}: {error}", where=node.name) from error

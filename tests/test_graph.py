@@ -232,6 +232,18 @@ def test_without_sources_the_world_takes_their_place():
     assert rest.without_sources() == rest
 
 
+def test_without_sources_what_stands_for_the_world_goes_too():
+    class Hall(Echo):
+        stands_for_world = True
+
+    whole = graph(
+        Placement("a", Source), Placement("hall", Hall), Placement("b", Echo, {}, {"heard": "/echo", "say": "/again"})
+    )
+    rest = whole.without_sources()
+    assert [placement.name for placement in rest.placements] == ["b"]
+    assert rest.inputs == {"/said", "/echo", "/status"}
+
+
 def test_with_parameters_changes_those_given_and_no_others():
     whole = graph(Placement("a", Source), Placement("b", Echo, {"times": 2, "volume": 0.1}))
     changed = whole.with_parameters({"b": {"volume": 0.2}})
@@ -257,3 +269,11 @@ def test_a_suggestion_names_the_nearest_and_all():
     assert suggestion("spek", ["wait", "speak"]) == "did you mean 'speak'? known: speak, wait"
     assert suggestion("zzz", ["wait"]) == "known: wait"
     assert suggestion("zzz", []) == "known: none"
+
+
+class Open(Node):
+    heard = Input(Utterance, "/from_anybody", optional=True)
+
+
+def test_an_optional_input_may_stay_unconnected():
+    assert set(Graph("open", (Placement("a", Open),)).topics()) == {"/from_anybody"}

@@ -8,11 +8,16 @@ from socialbot.clock import SECOND, nanoseconds
 from socialbot.errors import DeviceError
 from socialbot.graph import Delivery, Graph, Input, Node, Output, Parameter, Placement
 from socialbot.inline import InlineRunner
-from socialbot.messages import Utterance
+from socialbot.messages import Message, Utterance
 
 
 def word(text: str, at: float = 0.0) -> Utterance:
     return Utterance(stamp=nanoseconds(at), id=text, text=text)
+
+
+def text_of(message: Message) -> str:
+    assert isinstance(message, Utterance)
+    return message.text
 
 
 class Relay(Node):
@@ -288,3 +293,140 @@ def test_two_runs_are_the_same():
         stage.runner.run([("/in", word(text, at)) for at, text in enumerate(["a", "bad", "later", "b"])], tail_s=9.0)
         runs.append(stage.seen)
     assert runs[0] == runs[1]
+
+
+def test_work_aside_takes_no_simulated_time_and_is_told_of_in_the_node_s_turn():
+    stage = Stage(Placement("a", Relay))
+    context, told = stage.runner.nodes["a"].context, []
+    context.aside(lambda: 6 * 7, lambda found: told.append((found, stage.runner.clock.now())))
+    assert told == []
+    stage.runner.advance(5)
+    assert told == [(42, 0)]
+
+
+def test_work_aside_that_fails_tells_the_exception():
+    stage = Stage(Placement("a", Relay))
+    told = []
+    stage.runner.nodes["a"].context.aside(lambda: 1 / 0, told.append)
+    stage.runner.advance(5)
+    assert [type(found) for found in told] == [ZeroDivisionError]
+
+
+class Own(Node):
+    """Speaks in its own namespace."""
+
+    said = Output(Utterance, "~/said")
+
+    def start(self) -> None:
+        self.said.publish(word("hello"))
+
+
+def test_a_topic_of_the_node_s_own_namespace_bears_its_name():
+    graph = Graph("own", (Placement("a", Own), Placement("b", Own), Placement("c", Own, remap={"said": "~/x/y"})))
+    assert set(graph.topics()) == {"/a/said", "/b/said", "/c/x/y"}
+    runner, heard = InlineRunner(graph), []
+    for topic in graph.topics():
+        runner.tap(topic, lambda topic, message: heard.append(topic))
+    runner.start()
+    assert heard == ["/a/said", "/b/said", "/c/x/y"]
+
+
+class Counter(Node):
+    """Says every second how often it has done so, and once what the state was when it came."""
+
+    state = Input(Utterance, "/state", Delivery.LATCHED)
+    heard = Input(Utterance, "/in")
+    said = Output(Utterance, "/out")
+
+    def start(self) -> None:
+        self.count = 0
+        self.call_after(1.0, self.tick)
+
+    def tick(self) -> None:
+        self.count += 1
+        self.said.publish(word(f"{self.name} {self.count}"))
+        self.call_after(1.0, self.tick)
+
+    @state
+    def on_state(self, message: Utterance) -> None:
+        self.said.publish(word(f"{self.name} knows {message.text}"))
+
+    @heard
+    def on_heard(self, message: Utterance) -> None:
+        self.said.publish(word(f"{self.name} hears {message.text}"))
+
+
+def test_a_node_that_is_killed_does_nothing_more_and_is_another_one_when_it_is_restarted():
+    herald = Placement("herald", Herald, {}, {"state": "/state"})
+    stage = Stage(Placement("a", Counter), Placement("b", Counter), herald)
+    stage.hear("x", 1.5)
+    stage.runner.kill("a")
+    stage.hear("y", 2.5)
+    stage.runner.restart("a")
+    stage.hear("z", 4.0)
+    assert [(at, text) for at, text in stage.said if text.startswith("a")] == [
+        (0.0, "a knows up"), (1.0, "a 1"), (1.5, "a hears x"),
+        (2.5, "a knows up"), (3.5, "a 1"), (4.0, "a hears z"),
+    ]  # fmt: skip
+    assert [text for at, text in stage.said if text.startswith("b")] == [
+        "b knows up", "b 1", "b hears x", "b 2", "b hears y", "b 3", "b 4", "b hears z",
+    ]  # fmt: skip
+
+
+def test_what_was_posted_for_a_node_that_is_killed_is_not_done_and_it_can_say_nothing_more():
+    stage = Stage(Placement("a", Counter), Placement("herald", Herald, {}, {"state": "/state"}))
+    old, called = stage.runner.nodes["a"].context, []
+    old.aside(lambda: 1, called.append)
+    old.call_soon(lambda: called.append(2))
+    stage.runner.kill("a")
+    stage.runner.restart("a")
+    old.publish(Counter.outputs()["said"], word("from beyond"))
+    stage.runner.advance(nanoseconds(0.5))
+    assert called == []
+    assert stage.said == [(0.0, "a knows up"), (0.0, "a knows up")]
+
+
+class Clockwork(Node):
+    """Says its name every second, twice."""
+
+    said = Output(Utterance, "/ticks")
+
+    def start(self) -> None:
+        self.context.call_at(self.clock.now() + SECOND, self.tick)
+
+    def tick(self) -> None:
+        self.context.call_at(self.clock.now() + SECOND, self.tick)
+        for number in (1, 2):
+            self.said.publish(word(f"{self.name}{number}", self.clock.now() / SECOND))
+
+
+class Hall(Clockwork):
+    """A world that does the same."""
+
+    stands_for_world = True
+
+
+def ticks(*placements: Placement) -> list[str]:
+    runner = InlineRunner(Graph("clocks", placements))
+    heard: list[str] = []
+    runner.tap("/ticks", lambda _, message: heard.append(text_of(message)))
+    runner.start()
+    runner.advance(2 * SECOND)
+    return heard
+
+
+def test_at_each_moment_the_world_comes_last():
+    expected = ["node1", "node2", "hall1", "hall2"] * 2
+    assert ticks(Placement("hall", Hall), Placement("node", Clockwork)) == expected
+    assert ticks(Placement("node", Clockwork), Placement("hall", Hall)) == expected
+
+
+def test_messages_of_one_moment_are_fed_at_once():
+    relay, tail = Placement("a", Relay), Placement("b", Relay, {}, {"heard": "/out", "said": "/end"})
+    runner = InlineRunner(Graph("chain", (relay, tail), inputs=frozenset({"/in"})))
+    heard: list[str] = []
+    for topic in ("/in", "/out", "/end"):
+        runner.tap(topic, lambda _, message: heard.append(text_of(message)))
+    runner.start()
+    runner.run([("/in", word("x", 1.0)), ("/in", word("y", 1.0)), ("/in", word("z", 2.0))])
+    assert heard == ["x", "y", "x-a", "y-a", "x-a-b", "y-a-b", "z", "z-a", "z-a-b"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from socialbot.bdi import Action, Engine, Record
 from socialbot.graph import Context, Delivery, Node, Output, Timer
@@ -22,6 +21,7 @@ class AgentNode(Node):
         self._due: int | None = None
         self._alarm: Timer | None = None
         self._shown: Mind | None = None
+        self._beliefs: tuple[MindBelief, ...] | None = None
         self.engine = self.build()
 
     def build(self) -> Engine:
@@ -68,11 +68,13 @@ class AgentNode(Node):
 
     def record(self, record: Record) -> None:
         """Publishes one record of the trace."""
+        if record.kind in ("belief", "unbelief"):
+            self._beliefs = None
         self.trace.publish(
             TraceRecord(
                 stamp=record.time,
                 id=record.id,
-                source=self.engine.name,
+                source=self.name,
                 kind=record.kind,
                 what=record.what,
                 cause=record.cause,
@@ -81,21 +83,22 @@ class AgentNode(Node):
         )
 
     def _show_mind(self) -> None:
-        now: dict[str, Any] = {"stamp": self.clock.now(), "agent": self.engine.name}
-        mind = self.engine.mind()
-        shown = Mind(
-            **now,
-            beliefs=tuple(
-                MindBelief(text=str(held.belief), source=held.source, since=held.since) for held in mind.beliefs
-            ),
-            desires=tuple(map(str, mind.desires)),
-            intentions=tuple(map(str, mind.intentions)),
-        )
-        before = self._shown
+        engine, before = self.engine, self._shown
+        if self._beliefs is None:
+            self._beliefs = tuple(
+                MindBelief(text=str(held.belief), source=held.source, since=held.since) for held in engine.beliefs
+            )
+        desires, intentions = tuple(map(str, engine.desires())), tuple(map(str, engine.intentions))
         if before is None or (before.beliefs, before.desires, before.intentions) != (
-            shown.beliefs,
-            shown.desires,
-            shown.intentions,
+            self._beliefs,
+            desires,
+            intentions,
         ):
-            self._shown = shown
-            self.mind.publish(shown)
+            self._shown = Mind(
+                stamp=self.clock.now(),
+                agent=engine.name,
+                beliefs=self._beliefs,
+                desires=desires,
+                intentions=intentions,
+            )
+            self.mind.publish(self._shown)

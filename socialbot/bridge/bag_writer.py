@@ -7,7 +7,7 @@ from pathlib import Path
 from types import TracebackType
 
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from socialbot.bridge import codec
 from socialbot.bridge.bag_types import RosbagsTypes, known_types
@@ -17,6 +17,7 @@ from socialbot.messages import CameraInfo, Message, Mind
 
 STORAGES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
+_COMPRESSION = {"mcap": CompressionMode.STORAGE, "sqlite3": CompressionMode.MESSAGE}
 _STATE = (CameraInfo, Mind)
 _DEPTH = 10
 
@@ -27,8 +28,11 @@ class BagWriter:
     However the block is left, by an exception or Ctrl-C too, the bag is closed and can be read.
     """
 
-    def __init__(self, path: str | Path, *, storage: str = "mcap") -> None:
-        """``path`` is the folder to make. Raises BagError when it exists or ``storage`` is unknown."""
+    def __init__(self, path: str | Path, *, storage: str = "mcap", compressed: bool = False) -> None:
+        """``path`` is the folder to make. Raises BagError when it exists or ``storage`` is unknown.
+
+        ``compressed`` (zstd) is for text; pictures are packed already.
+        """
         self.path = Path(path)
         self.counts: dict[str, int] = {}
         self._discarded = False
@@ -39,6 +43,8 @@ class BagWriter:
         if self.path.exists():
             raise BagError("already exists", where=str(path), remedy="give another name, or remove it first")
         self._writer = Writer(self.path, version=9, storage_plugin=STORAGES[storage])
+        if compressed:
+            self._writer.set_compression(_COMPRESSION[storage], CompressionFormat.ZSTD)
 
     def __enter__(self) -> BagWriter:
         try:

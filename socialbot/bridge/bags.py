@@ -169,8 +169,12 @@ class Bag:
         namespace = image_topic.rpartition("/")[0]
         return infos.get(namespace) or infos.get(namespace.rpartition("/")[0])
 
-    def messages(self, topics: Mapping[str, str]) -> Iterator[tuple[str, Message]]:
+    def messages(
+        self, topics: Mapping[str, str], kinds: Mapping[str, type[Message]] | None = None
+    ) -> Iterator[tuple[str, Message]]:
         """The messages of ``topics`` (bag topic to graph topic), as graph topic and message, in the order of the bag.
+
+        ``kinds`` says what they are by graph topic; without it, structured ones are what their schema names.
 
         The stamp is the header's, for pictures on the clock of the reception. Where that is zero, or lies before the
         topic's previous stamp, the message gets the previous stamp plus the time between the two
@@ -186,7 +190,7 @@ class Bag:
                     where=str(self.path),
                     remedy=f"known types: {', '.join(sorted(codec.MESSAGE_TYPES))}",
                 )
-        return self._decoded(topics)
+        return self._decoded(topics, kinds or {})
 
     def raw_messages(self, topics: Mapping[str, str]) -> Iterator[tuple[str, int, str, bytes]]:
         """The messages of ``topics`` as graph topic, time of reception (ns), ROS type and CDR bytes.
@@ -204,13 +208,14 @@ class Bag:
             self._attempt(connection, lambda read=read, connection=connection, data=data: read(connection, data))
         return self.skipped
 
-    def _decoded(self, topics: Mapping[str, str]) -> Iterator[tuple[str, Message]]:
+    def _decoded(self, topics: Mapping[str, str], kinds: Mapping[str, type[Message]]) -> Iterator[tuple[str, Message]]:
         stamps = {name: Stamps(name, set_right=self.topic(name).type in IMAGE_TYPES) for name in topics}
         for connection, time, data in self._read(topics):
 
             def decode(connection: Connection = connection, time: int = time, data: bytes = data) -> Message:
                 ros_message = deserialize(connection, data)
-                message = codec.decode(codec.MESSAGE_TYPES[connection.msgtype], ros_message, stamp=time)
+                kind = kinds.get(topics[connection.topic]) or codec.MESSAGE_TYPES[connection.msgtype]
+                message = codec.decode(kind, ros_message, stamp=time)
                 header = codec.header_stamp(ros_message)
                 if header is None:
                     return message

@@ -11,13 +11,14 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
-from rclpy.clock import JumpThreshold
+from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.context import Context as RosContext
 from rclpy.duration import Duration
 from rclpy.node import Node as RosNode
 from rclpy.parameter import Parameter as RosParameter
+from std_msgs.msg import Header
 
 from socialbot.bridge.codec import decode, encode, ros_type
 from socialbot.bridge.inbox import Alarm, Inbox, Line
@@ -26,9 +27,13 @@ from socialbot.bridge.qos import publisher_qos, subscription_qos
 from socialbot.bridge.readiness import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.ros_types import RclpyTypes, message_class
 from socialbot.bridge.statistics import Reporter, Statistics
+from socialbot.bridge.timekeeper import KEPT_TOPIC
+from socialbot.clock import SECOND
 from socialbot.errors import MessageError, NodeError, SocialbotError
-from socialbot.graph import Graph, Input, Node, Output, Placement
+from socialbot.graph import Delivery, Graph, Input, Node, Output, Placement, outcome
 from socialbot.messages import Message
+
+R = TypeVar("R")
 
 
 class RosClock:
@@ -61,6 +66,13 @@ class _Context:
 
     def call_soon(self, callback: Callable[[], None]) -> None:
         self._inbox.call_soon(callback)
+
+    def aside(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
+        def run() -> None:
+            self._inbox.call_expected(functools.partial(then, outcome(work)))
+
+        self._inbox.expect()
+        threading.Thread(target=run, name="aside", daemon=True).start()
 
 
 class NodeHost:
@@ -96,9 +108,8 @@ class NodeHost:
             connections.append(subscription_connection(graph, topic, subscription))
         if simulated:
             every_step = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
-            self._jumps = self._ros.get_clock().create_jump_callback(
-                every_step, post_callback=lambda _: self._inbox.time_moved()
-            )
+            self._jumps = self._ros.get_clock().create_jump_callback(every_step, post_callback=self._time_moved)
+            self._keeping = self._ros.create_publisher(Header, KEPT_TOPIC, publisher_qos(Delivery.EVERY))
         self._reporter = Reporter(self._ros, self._statistics, self._inbox, connections)
         self._thread = threading.Thread(target=self._work, name=placement.name, daemon=True)
         self._simulated = simulated
@@ -123,6 +134,18 @@ class NodeHost:
         if self._thread.is_alive():
             self._thread.join(timeout_s)
         self._ros.destroy_node()
+
+    def _time_moved(self, _: TimeJump) -> None:
+        self._inbox.time_moved()
+        if self._keeping.get_subscription_count():
+            # What is due at this time comes first, and what was begun aside, as simulated time waits for that.
+            self._inbox.call_when_idle(functools.partial(self._keep_time, self._clock.now()))
+
+    def _keep_time(self, time: int) -> None:
+        """Tells whoever moves the time that this node has kept up with it."""
+        header = Header(frame_id=self.name)
+        header.stamp.sec, header.stamp.nanosec = divmod(time, SECOND)
+        self._keeping.publish(header)
 
     def _receive(self, port: Input[Any], ros_message: Any) -> None:
         try:

@@ -111,6 +111,8 @@ class Inbox:
         self._lines: dict[str, Line] = {}
         self._order: deque[Line] = deque()
         self._calls: deque[Callable[[], None]] = deque()
+        self._expected = 0
+        self._when_idle: Callable[[], None] | None = None
         self._alarms: list[tuple[int, int, Alarm]] = []
         self._sequence = itertools.count()
         self._closed = False
@@ -138,6 +140,24 @@ class Inbox:
         """Adds a call that goes before all messages."""
         with self._changed:
             self._calls.append(callback)
+            self._changed.notify()
+
+    def expect(self) -> None:
+        """Counts one more call that will come by `call_expected`, from work that is done elsewhere."""
+        with self._changed:
+            self._expected += 1
+
+    def call_expected(self, callback: Callable[[], None]) -> None:
+        """Adds a call as `call_soon` does, which is one of those expected."""
+        with self._changed:
+            self._expected -= 1
+            self._calls.append(callback)
+            self._changed.notify()
+
+    def call_when_idle(self, callback: Callable[[], None]) -> None:
+        """Adds a call for when nothing else waits or is expected; it takes the place of an earlier such call."""
+        with self._changed:
+            self._when_idle = callback
             self._changed.notify()
 
     def call_at(self, time: int, callback: Callable[[], None]) -> Alarm:
@@ -175,6 +195,9 @@ class Inbox:
                     if not wait:
                         return self._next_message()
                     self._changed.wait(wait if pause is None else min(wait, pause))
+                elif self._when_idle is not None and not self._expected:
+                    idle, self._when_idle = self._when_idle, None
+                    return idle
                 else:
                     self._changed.wait(None if self._simulated else pause)
             return None

@@ -1,7 +1,7 @@
 """Plays a bag into a running ROS graph: the recorded bytes, and /clock as it was.
 
 A paced replay holds the clock after each picture until the graph has answered it, so that a slow
-machine makes the replay slower but not different.
+machine makes the replay slower but not different. Where a graph takes no pictures, see `reenactment`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from typing import Any
 import msgspec
 
 from socialbot.bridge import environment
-from socialbot.bridge.bags import IMAGE_TYPES, Bag, Skipped, Stamps
+from socialbot.bridge.bags import IMAGE_TYPES, Bag, Stamps
 from socialbot.bridge.codec import ROS_TYPES, raw_stamp, with_stamp
 from socialbot.bridge.readiness import Connection, await_graph, publisher_connection, subscription_connection
+from socialbot.bridge.reenactment import Played, Reenactment
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.ending import Ending
 from socialbot.errors import NodeError
@@ -37,25 +38,26 @@ PATIENCE_S = 2.0
 """How long the answer to a picture may take; a shorter time once several in a row have not been answered."""
 
 IMPATIENCE_S = 0.2
+
 GRAPH_TIMEOUT_S = 30.0
 
 
 @dataclass(frozen=True)
 class Playing:
-    """How to play: ``rate`` 1.0 is as recorded, ``tail_s`` goes on with the time alone after the last message."""
+    """How to play: ``rate`` 1.0 is as recorded, ``tail_s`` goes on with the time alone after the last picture.
+
+    ``paced`` waits for slow nodes of the graph that is awaited.
+    """
 
     rate: float = 1.0
     tail_s: float = 3.0
     await_graph: Graph | None = None
-    paced_by: str = ""
+    paced: bool = False
 
-
-class Played(msgspec.Struct):
-    """How it went: pictures sent, those not answered in time, and the damaged messages of each topic."""
-
-    images: int = 0
-    unanswered: int = 0
-    skipped: dict[str, Skipped] = {}
+    @property
+    def paced_by(self) -> str:
+        """The topic that answers pictures, where a replay waits for that."""
+        return self.await_graph.paced_by if self.paced and self.await_graph is not None else ""
 
 
 class _Stamp(msgspec.Struct):
@@ -109,12 +111,14 @@ class Player:
         self._publishers: dict[str, Any] = {}
         for name, topic in topics.items():
             ros_type = bag.topic(name).type
-            delivery = Delivery.LATCHED if ros_type == ROS_TYPES[CameraInfo] else Delivery.NEWEST
-            self._publishers[topic] = ros.create_publisher(message_class(ros_type), topic, publisher_qos(delivery))
+            self._publishers[topic] = ros.create_publisher(
+                message_class(ros_type), topic, publisher_qos(_delivery(ros_type))
+            )
         if playing.paced_by:
             self._answering = ros.create_subscription(
                 String, playing.paced_by, self._answers.note, publisher_qos(Delivery.EVERY)
             )
+        self._pictures = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
         self._now = bag.start
         self._begun = 0.0
 
@@ -136,11 +140,11 @@ class Player:
             if ros_type in IMAGE_TYPES and self._playing.await_graph is not None:
                 cdr = self._set_right(topic, cdr, at)
             self._publishers[topic].publish(cdr)
-            if ros_type in IMAGE_TYPES:
-                played.images += 1
-                if self._playing.paced_by and not self._answers.wait(raw_stamp(cdr) or at):
-                    played.unanswered += 1
-        self._pass_time(self._now + nanoseconds(self._playing.tail_s))
+            picture = ros_type in IMAGE_TYPES
+            played.sent += picture or not self._pictures
+            if picture and self._playing.paced_by and not self._answers.wait(raw_stamp(cdr) or at):
+                played.unanswered += 1
+        self._pass_time(self._now + nanoseconds(self._playing.tail_s if self._pictures else 0.0))
         return played
 
     def _set_right(self, topic: str, cdr: bytes, at: int) -> bytes:
@@ -169,13 +173,24 @@ def play_bag(bag: Bag, topics: Mapping[str, str], playing: Playing, *, parent: i
     from socialbot.bridge.session import spinning_node
 
     with Ending(parent).on_signals() as ending, spinning_node("bag_player") as ros:
-        player = Player(ros, bag, topics, playing, ending)
-        if playing.await_graph is not None:
-            own = player.connections(playing.await_graph)
-            missing = await_graph(ros, playing.await_graph, own, timeout_s=GRAPH_TIMEOUT_S, ended=lambda: ending.asked)
+        graph = playing.await_graph
+        pictures = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
+        if graph is None or pictures or not playing.paced:
+            player = Player(ros, bag, topics, playing, ending)
+        else:
+            player = Reenactment(ros, bag, topics, graph, playing.rate, ending)
+        if graph is not None:
+            own = player.connections(graph)
+            missing = await_graph(ros, graph, own, timeout_s=GRAPH_TIMEOUT_S, ended=lambda: ending.asked)
             if missing and not ending.asked:
                 raise NodeError(
                     f"the graph does not stand after {GRAPH_TIMEOUT_S:.0f} s; missing {'; '.join(missing)}",
                     remedy="look into the nodes' logs; `socialbot doctor` checks the installation",
                 )
         return player.play()
+
+
+def _delivery(ros_type: str) -> Delivery:
+    if ros_type == ROS_TYPES[CameraInfo]:
+        return Delivery.LATCHED
+    return Delivery.NEWEST if ros_type in IMAGE_TYPES else Delivery.EVERY

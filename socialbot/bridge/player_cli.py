@@ -32,8 +32,8 @@ def play(
         else:
             loaded = load_graph(graph).without_sources()
             topics = feeding(opened, loaded, image_topic)
-            playing = Playing(rate=rate, await_graph=loaded, paced_by=loaded.paced_by if pace else "")
+            playing = Playing(rate=rate, await_graph=loaded, paced=pace)
         played = play_bag(opened, topics, playing, parent=parent)
     if report is not None:
         report.write_bytes(msgspec.json.encode(played))
-    typer.echo(f"played {played.images} pictures, {played.unanswered} of them not answered in time")
+    typer.echo(f"played {played.sent} messages, {played.unanswered} pictures were not answered in time")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from socialbot.bridge import environment
+from socialbot.bridge.readiness import expect_free_names
 from socialbot.ending import Ending
 from socialbot.errors import SocialbotError
 from socialbot.graph import Graph
@@ -17,11 +18,17 @@ LOOK_ROUND_S = 0.2
 
 
 def run_nodes(
-    graph: Graph, names: Iterable[str], *, sim_time: bool, parent: int | None = None, ros_args: list[str] | None = None
+    graph: Graph,
+    names: Collection[str],
+    *,
+    sim_time: bool,
+    parent: int | None = None,
+    ros_args: list[str] | None = None,
 ) -> None:
     """Runs the nodes ``names`` of ``graph`` until SIGINT or SIGTERM comes, or the process ``parent`` has ended.
 
-    Raises the error of a node that cannot start.
+    Raises the error of a node that cannot start, and NodeError when others of these names are running; a ``parent`` has
+    seen to that.
     """
     environment.require_ros()
     from rclpy.executors import SingleThreadedExecutor
@@ -33,7 +40,9 @@ def run_nodes(
         hosts: list[NodeHost] = []
         executor = SingleThreadedExecutor(context=context)
         try:
-            for name in names:
+            if parent is None:
+                _expect_free_names(graph, names)
+            for name in names if not ending.asked else ():
                 hosts.append(NodeHost(graph, graph.placement(name), ros_context=context, sim_time=sim_time))
                 executor.add_node(hosts[-1].ros_node)
             with _logging_to(hosts):
@@ -46,6 +55,15 @@ def run_nodes(
             for host in hosts:
                 host.stop()
     _raise_failure(host.failure for host in hosts)
+
+
+def _expect_free_names(graph: Graph, names: Collection[str]) -> None:
+    from socialbot.bridge.session import spinning_node
+
+    for name in names:
+        graph.placement(name)
+    with spinning_node("newcomer") as ros:
+        expect_free_names(ros, graph, names)
 
 
 def _raise_failure(failures: Iterable[SocialbotError | None]) -> None:

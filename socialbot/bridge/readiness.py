@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,8 @@ UNCONNECTED = "unconnected"
 
 LOOK_AGAIN_S = 0.02
 LOOK_ROUND_S = 0.8
+SPEAKS_S = 2.5
+"""Every node that is alive says something on /diagnostics within this time."""
 
 
 @dataclass(frozen=True)
@@ -90,16 +92,32 @@ def await_graph(
         time.sleep(LOOK_AGAIN_S)
 
 
-def expect_free_names(ros: Any, graph: Graph) -> None:
-    """Raises NodeError when nodes of these names run in the ROS domain already: both graphs would hear each other."""
-    ours = {placement.name for placement in graph.placements}
-    deadline = time.monotonic() + LOOK_ROUND_S
-    while time.monotonic() < deadline:
-        taken = ours & set(ros.get_node_names())
+def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = None) -> None:
+    """Raises NodeError when nodes of these names run in the ROS domain already: both graphs would hear each other.
+
+    ``only`` names those nodes of ``graph`` that are about to be started; without it all are. ``ros`` has to be
+    spinning: a node that was killed stays known for a while, but does not speak on /diagnostics any more.
+    """
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    ours = {placement.name for placement in graph.placements if only is None or placement.name in only}
+    speaking: set[str] = set()
+
+    def note(array: Any) -> None:
+        speaking.update(status.name for status in array.status)
+
+    subscription = ros.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+    begun = time.monotonic()
+    look_s = LOOK_ROUND_S
+    while time.monotonic() - begun < look_s:
+        known = ours & set(ros.get_node_names())
+        taken = known & speaking
         if taken:
             raise NodeError(
                 f"nodes of these names are running already: {', '.join(sorted(taken))}",
                 where=f"ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}",
                 remedy="end them, or set ROS_DOMAIN_ID to another number (0 to 101)",
             )
+        look_s = SPEAKS_S if known else LOOK_ROUND_S
         time.sleep(LOOK_AGAIN_S)
+    ros.destroy_subscription(subscription)

@@ -1,4 +1,4 @@
-"""The commands ``socialbot topic``: which topics there are, what comes on them, how often."""
+"""The commands ``socialbot topic``: which topics there are, what comes on them, how often; and a word of one's own."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.table import Table
 from socialbot.bridge.topics import Arrivals, Rate
 from socialbot.ending import Ending
 
-topic = typer.Typer(help="Looks into the topics of a running graph.", no_args_is_help=True)
+topic = typer.Typer(help="Looks into the topics of a running graph, and speaks there.", no_args_is_help=True)
 
 TopicArgument = Annotated[str, typer.Argument(metavar="TOPIC", help="Such as /speech/say.")]
 TimeoutOption = Annotated[float, typer.Option(min=0.0, help="How long to wait for the topic, in seconds.")]
@@ -97,6 +97,25 @@ def hz(
                 report, new = _Deadline(REPORT_S), 0
             if over:
                 return
+
+
+@topic.command()
+def pub(
+    name: TopicArgument,
+    schema: Annotated[str, typer.Argument(metavar="SCHEMA", help="Such as DesireItem: a name in docs/schemas.")],
+    fields: Annotated[str, typer.Argument(metavar="FIELDS", help="Its fields as YAML or JSON.")],
+    timeout: TimeoutOption = 10.0,
+) -> None:
+    """Send one message, and wait until it has arrived.
+
+    socialbot topic pub /gripper_a/del_desire DesireItem '{desire: {name: sort_boxes}}'
+    """
+    from socialbot.bridge.sending import message_from, send
+    from socialbot.bridge.topics import onlooker
+
+    message = message_from(schema, fields, stamp=time.time_ns())
+    with Ending().on_signals() as ending, onlooker() as ros:
+        send(ros, _absolute(name), message, timeout_s=timeout, ended=lambda: ending.asked)
 
 
 def rate_line(rate: Rate | None) -> str:

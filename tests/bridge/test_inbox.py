@@ -304,3 +304,37 @@ def test_nothing_that_many_threads_put_is_lost():
     assert all(numbers == list(range(250)) for numbers in taken.values())
     for thread in threads:
         thread.join()
+
+
+class TestACallWhenIdle:
+    def test_comes_after_everything_that_waits_or_is_due(self):
+        node = Node()
+        node.inbox.call_when_idle(lambda: "idle")  # type: ignore[arg-type, return-value]
+        node.put(EVERY, 1)
+        node.inbox.call_at(SECOND, lambda: "timer")  # type: ignore[arg-type, return-value]
+        node.inbox.call_soon(lambda: "call")  # type: ignore[arg-type, return-value]
+        node.clock.set(SECOND)
+        assert [node.take() for _ in range(4)] == ["call", "timer", 1, "idle"]
+
+    def test_does_not_wait_for_timers_that_are_to_come(self):
+        node = Node()
+        node.inbox.call_at(SECOND, lambda: None)
+        node.inbox.call_when_idle(lambda: "idle")  # type: ignore[arg-type, return-value]
+        assert node.take() == "idle"
+
+    def test_takes_the_place_of_the_one_before(self):
+        node = Node()
+        node.inbox.call_when_idle(lambda: "old")  # type: ignore[arg-type, return-value]
+        node.inbox.call_when_idle(lambda: "new")  # type: ignore[arg-type, return-value]
+        assert node.take() == "new"
+        node.put(EVERY, 1)
+        assert node.take() == 1
+
+    def test_waits_for_calls_that_are_expected(self):
+        node = Node()
+        node.inbox.expect()
+        node.inbox.call_when_idle(lambda: "idle")  # type: ignore[arg-type, return-value]
+        later = threading.Timer(0.1, lambda: node.inbox.call_expected(lambda: "worked out"))  # type: ignore[arg-type, return-value]
+        later.start()
+        assert [node.take(), node.take()] == ["worked out", "idle"]
+        later.join()

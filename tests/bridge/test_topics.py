@@ -19,9 +19,11 @@ from typer.testing import CliRunner
 
 from socialbot.bridge.message_text import message_text
 from socialbot.bridge.round_trip import free_domain
+from socialbot.bridge.sending import send
 from socialbot.bridge.topic_cli import rate_line, topic
-from socialbot.bridge.topics import Arrivals, Rate, Topic, messages, settled_topics
+from socialbot.bridge.topics import Arrivals, Rate, Topic, messages, onlooker, settled_topics
 from socialbot.errors import GraphError, InstallationError
+from tests.system.running import eventually
 
 SAID = {
     "schema": "socialbot/Utterance/1",
@@ -241,6 +243,50 @@ class TestCommands:
         with pytest.raises(GraphError, match="nobody publishes /wanted"):
             run("hz", "/wanted", "--timeout", "0.5")
 
+    def test_pub_sends_one_message_that_arrives(self):
+        from std_msgs.msg import String
+
+        from socialbot.bridge.session import spinning_node
+
+        heard: list[Any] = []
+        with spinning_node("listener") as ros:
+            ros.create_subscription(String, "/speech/heard", lambda message: heard.append(message), 10)
+            assert run("pub", "/speech/heard", "Utterance", "{id: u1, text: 'Good morning', stamp: 7}") == ""
+            deadline = time.monotonic() + 5
+            while not heard and time.monotonic() < deadline:
+                time.sleep(0.02)
+        (message,) = heard
+        said = {"schema": "socialbot/Utterance/1", "stamp": 7, "id": "u1", "text": "Good morning"}
+        assert json.loads(message.data).items() >= said.items()
+
+    def test_pub_waits_for_all_who_listen(self, monkeypatch):
+        from std_msgs.msg import String
+
+        from socialbot.bridge.session import spinning_node
+        from socialbot.messages import Utterance
+
+        heard: list[str] = []
+        word = Utterance(stamp=7, id="u1", text="Good morning")
+        with spinning_node("first") as first, onlooker() as sender:
+            first.create_subscription(String, "/to_all", lambda _: heard.append("first"), 10)
+            publisher_of = sender.create_publisher
+
+            def with_a_late_one(*arguments: Any) -> Any:
+                publisher = publisher_of(*arguments)
+                assert eventually(lambda: publisher.get_subscription_count() == 1)
+                late.create_subscription(String, "/to_all", lambda _: heard.append("late"), 10)
+                return publisher
+
+            with spinning_node("late") as late:
+                monkeypatch.setattr(sender, "create_publisher", with_a_late_one)
+                send(sender, "/to_all", word, timeout_s=5.0)
+                assert eventually(lambda: sorted(heard) == ["first", "late"])
+
+    def test_pub_does_not_speak_into_the_void(self):
+        with pytest.raises(GraphError, match="nobody listens to /wantet") as caught:
+            run("pub", "/wantet", "Utterance", "{id: u1, text: a}", "--timeout", "1")
+        assert "did you mean '/wanted'?" in str(caught.value)
+
     @pytest.mark.parametrize(
         ("arguments", "number"),
         [(("echo", "/speech/say"), signal.SIGINT), (("hz", "/camera/image_raw"), signal.SIGTERM)],
@@ -269,7 +315,6 @@ class TestMessages:
         from std_msgs.msg import String
 
         from socialbot.bridge.session import spinning_node
-        from socialbot.bridge.topics import onlooker
 
         deadline = time.monotonic() + 8
         with spinning_node("driver") as driver, onlooker() as ros:

@@ -127,6 +127,24 @@ def test_two_graphs_in_one_domain_are_refused(short_bag: Path, tmp_path: Path, o
     assert "ROS_DOMAIN_ID" in done.stderr
 
 
+def test_a_second_node_of_a_name_is_refused(onlooker: Any) -> None:
+    with running("node", "head"):
+        assert eventually(lambda: "head" in onlooker.get_node_names())
+        done = socialbot("node", "head")
+    assert done.returncode == 6
+    assert "running already: head" in done.stderr
+
+
+def test_a_node_that_was_killed_can_be_started_again_at_once(onlooker: Any) -> None:
+    with running("node", "head") as head:
+        assert eventually(lambda: "head" in onlooker.get_node_names())
+        head.kill()
+        head.wait()
+    with running("node", "head") as head:
+        assert eventually(lambda: onlooker.get_node_names().count("head") == 2)
+        assert head.poll() is None
+
+
 def test_parameters_have_ranges_and_change_at_run_time(onlooker: Any) -> None:
     from rclpy.parameter import Parameter
     from rclpy.parameter_client import AsyncParameterClient
