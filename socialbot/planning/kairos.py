@@ -1,0 +1,138 @@
+"""The planner Kairos, as a process of its own for every plan."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from functools import cache
+from importlib.metadata import PackageNotFoundError, files
+
+from socialbot.errors import InstallationError
+from socialbot.planning.child import Ended, guarded, run
+from socialbot.planning.child_planner import DOMAIN_FILE, PROBLEM_FILE, ChildPlanner, Search
+from socialbot.planning.plan import Plan, Step, in_time
+from socialbot.planning.planner import Answer, Limits, Verdict
+
+GRACE_S = 0.3
+"""It ends by itself when its time is over; so much later it is killed."""
+VALIDATE_S = 2.0
+"""To check a plan takes milliseconds."""
+THREAD_MB = 128
+"""Address space that a thread takes without using it."""
+PLAN_FILE = "plan.txt"
+
+_VERDICTS = {
+    2: Verdict.REFUSED,  # it cannot read the domain or the problem
+    10: Verdict.IMPOSSIBLE,
+    11: Verdict.GAVE_UP,  # no time left
+    12: Verdict.GAVE_UP,  # no memory left
+    13: Verdict.REFUSED,  # it cannot plan with what the domain uses
+    14: Verdict.GAVE_UP,  # neither a plan nor a proof
+}
+
+
+class Kairos(ChildPlanner):
+    """Temporal and numeric; fast where steps are many. The same problem gets the same plan with one thread.
+
+    Where its first plan is too long, a greedy search has half of the time to find a shorter one; it is the quickest
+    at that, but blind for some. The other half is for a thorough one.
+
+    Raises InstallationError when Kairos is not installed.
+    """
+
+    name = "kairos"
+
+    def __init__(self) -> None:
+        self.command = _command()
+
+    def search(self, search: Search) -> Answer:
+        if search.target_s is None:
+            return self._search(search, "--no-anytime")
+        aim = ["--anytime", "--target-cost", str(search.target_s)]
+        greedy = self._search(replace(search, end=search.end - search.left_s / 2), *aim, "--search", "ehc")
+        if search.good(greedy) or greedy.verdict is Verdict.CANCELLED:
+            return greedy
+        thorough = self._search(search, *aim)
+        return greedy if thorough.plan is None and greedy.plan is not None else thorough
+
+    def _search(self, search: Search, *options: str) -> Answer:
+        left_s, limits = search.left_s, search.limits
+        words = ["--format", "json", "--timeout", f"{left_s:.3f}", "--memory", str(limits.memory_mb)]
+        solve = [self.command, "solve", DOMAIN_FILE, PROBLEM_FILE, *words, "--threads", str(limits.threads), *options]
+        command = guarded(solve, 2 * limits.memory_mb + THREAD_MB * limits.threads, left_s * limits.threads + 2.0)
+        ended = run(command, search.folder, left_s + GRACE_S, search.cancelled)
+        if ended.how == "cancelled":
+            return Answer(Verdict.CANCELLED, message="cancelled")
+        plans = _plans(ended.output)
+        if not plans:
+            return _without(ended, limits)
+        best = min(plans, key=lambda plan: plan.makespan_s)
+        if limits.makespan_s is not None and not in_time(best, limits.makespan_s):
+            return Answer(Verdict.SOLVED, best)  # nobody will use it
+        return self._checked(best, search)
+
+    def _checked(self, plan: Plan, search: Search) -> Answer:
+        """``plan``, when the validator of Kairos agrees too."""
+        (search.folder / PLAN_FILE).write_text(str(plan), "utf-8")
+        command = [self.command, "validate", DOMAIN_FILE, PROBLEM_FILE, PLAN_FILE]
+        ended = run(command, search.folder, VALIDATE_S, search.cancelled)
+        if ended.how == "cancelled":
+            return Answer(Verdict.CANCELLED, message="cancelled")
+        if ended.how == "by itself" and ended.code == 0:
+            return Answer(Verdict.SOLVED, plan)
+        return Answer(Verdict.INVALID, message=f"kairos does not validate its own plan: {_reason(ended)}")
+
+
+@cache
+def _command() -> str:
+    """Where it lies: with its package, wherever that was installed, or on the PATH. Raises InstallationError."""
+    try:
+        own = [file.locate() for file in files("kairos-planner") or () if file.name == "kairos"]
+    except PackageNotFoundError:
+        own = []
+    found = str(own[0]) if own else shutil.which("kairos")
+    if found is None:
+        raise InstallationError(
+            "the planner kairos is not installed",
+            remedy="pip install 'kairos-planner>=1.0.6,<2' (Linux on x86-64 or ARM), or use --planner popf",
+        )
+    return found
+
+
+def _plans(output: str) -> list[Plan]:
+    """The plans that it has written, one a line; what is no whole line is none."""
+    return [_plan(json.loads(line)) for line in output.splitlines() if line.startswith("{") and line.endswith("}")]
+
+
+def _plan(written: dict) -> Plan:
+    steps = []
+    for step in written["steps"]:
+        name, *args = step["action"].strip("()").lower().split()
+        steps.append(Step(_seconds(step["time"]), name, tuple(args), _seconds(step["duration"])))
+    return Plan(tuple(sorted(steps, key=lambda step: step.start_s)))
+
+
+def _seconds(number: float | None) -> float:
+    """A time without the noise of its last digits."""
+    return round(float(number or 0.0), 6)
+
+
+def _without(ended: Ended, limits: Limits) -> Answer:
+    """What it means that there is no plan."""
+    if ended.how == "late" or ended.code == 11:
+        return Answer(Verdict.GAVE_UP, message=f"kairos found no plan in {limits.timeout_s:g} s")
+    if ended.code == 12 or "bad_alloc" in ended.errors:
+        return Answer(Verdict.GAVE_UP, message=f"kairos found no plan in {limits.memory_mb} MB")
+    verdict = _VERDICTS.get(ended.code, Verdict.FAILED)
+    if verdict is Verdict.FAILED:
+        return Answer(verdict, message=f"kairos {ended.death}")
+    return Answer(verdict, message=f"kairos: {_reason(ended)}")
+
+
+def _reason(ended: Ended) -> str:
+    """The first error or note that it wrote, without the code at its end."""
+    lines = [line.strip() for line in (ended.errors + ended.output).splitlines()]
+    found = next((line for line in lines if re.search(r"\b(error|note):", line)), None)
+    return re.sub(r"\s*\[[a-z_.]+\]$", "", found) if found else ended.death

@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from socialbot.planning.child import MOST_OUTPUT, guarded, run
+
+SOON_S = 20.0
+"""No test here takes as long, however busy the machine is."""
+
+
+def shell(script: str, folder: Path, timeout_s: float = SOON_S, cancelled: threading.Event | None = None):
+    return run(["/bin/sh", "-c", script], folder, timeout_s, cancelled or threading.Event())
+
+
+def gone(pid: int) -> bool:
+    """Whether a process ends within a while; one that nobody has buried yet has ended."""
+    end = time.monotonic() + SOON_S
+    while time.monotonic() < end:
+        try:
+            if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
+                return True
+        except FileNotFoundError:
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def test_what_a_child_says_and_how_it_ends_is_told(tmp_path):
+    ended = shell("echo yes; echo no >&2; pwd; exit 3", tmp_path)
+    assert (ended.how, ended.code, ended.errors) == ("by itself", 3, "no\n")
+    assert ended.output == f"yes\n{tmp_path}\n"
+    assert ended.death == "ended with code 3: no"
+
+
+def test_a_signal_that_kills_it_is_named(tmp_path):
+    assert shell("echo ouch >&2; kill -SEGV $$", tmp_path).death == "died of SIGSEGV: ouch"
+
+
+def test_much_output_is_read_to_its_end_and_too_much_is_cut_at_the_front(tmp_path):
+    ended = shell(f"head -c {MOST_OUTPUT} /dev/zero | tr '\\0' x; echo; echo end", tmp_path)
+    assert ended.how == "by itself"
+    assert len(ended.output) == MOST_OUTPUT
+    assert ended.output.endswith("x\nend\n")
+
+
+def test_one_that_takes_too_long_is_killed_with_all_it_started(tmp_path):
+    ended = shell("sleep 1000 & echo $! > pid; wait", tmp_path, timeout_s=0.3)
+    assert ended.how == "late"
+    assert ended.code == -signal.SIGKILL
+    assert gone(int((tmp_path / "pid").read_text()))
+
+
+def test_what_a_child_leaves_behind_ends_with_it_and_nobody_waits_for_that(tmp_path):
+    begin = time.monotonic()
+    ended = shell("sleep 1000 & echo $! > pid", tmp_path)
+    assert ended.how == "by itself"
+    assert time.monotonic() - begin < SOON_S
+    assert gone(int((tmp_path / "pid").read_text()))
+
+
+def test_one_that_closes_its_output_is_still_waited_for(tmp_path):
+    assert shell("exec >&- 2>&-; sleep 0.2; exit 7", tmp_path).code == 7
+
+
+def test_it_ends_within_a_tenth_of_a_second_when_nobody_wants_it_any_more(tmp_path):
+    delays = []
+    for _ in range(3):  # the machine may be busy with something else
+        cancelled, times = threading.Event(), []
+        timer = threading.Timer(0.1, lambda c=cancelled, t=times: (t.append(time.monotonic()), c.set()))
+        timer.start()
+        assert shell("sleep 1000", tmp_path, cancelled=cancelled).how == "cancelled"
+        delays.append(time.monotonic() - times[0])
+    assert min(delays) < 0.1
+
+
+def test_a_program_that_is_not_there_is_an_error_of_the_system(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        run([str(tmp_path / "missing")], tmp_path, 1.0, threading.Event())
+
+
+def test_the_guard_limits_memory_and_time_and_becomes_the_program(tmp_path):
+    command = guarded(["/bin/sh", "-c", "ulimit -v; ulimit -t; ulimit -c; echo $$"], 100, 7.2)
+    ended = run(command, tmp_path, SOON_S, threading.Event())
+    assert ended.output.split()[:3] == [str(100_000_000 // 1024), "8", "0"]
+
+
+def test_the_guard_does_not_begin_when_its_parent_has_ended(tmp_path):
+    command = guarded(["/bin/sh", "-c", "echo begun"], 100, 7.0)
+    command[command.index(str(os.getpid()))] = "1"
+    ended = run(command, tmp_path, SOON_S, threading.Event())
+    assert ended.output == ""
+    assert "has ended" in ended.errors
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a child that its parent has died")
+def test_a_child_dies_with_its_parent_however_that_ends(tmp_path):
+    code = f"""if True:
+        import threading
+        from pathlib import Path
+        from socialbot.planning.child import guarded, run
+        command = guarded(["/bin/sh", "-c", "echo $$ > pid; exec sleep 1000"], 1000, 1000)
+        run(command, Path({str(tmp_path)!r}), 1000, threading.Event())
+    """
+    parent = subprocess.Popen([sys.executable, "-c", code])
+    written = tmp_path / "pid"
+    end = time.monotonic() + SOON_S
+    while not (written.exists() and written.read_text().endswith("\n")) and time.monotonic() < end:
+        time.sleep(0.01)
+    child = int(written.read_text())
+    os.kill(child, 0)
+    parent.kill()
+    parent.wait()
+    assert gone(child)

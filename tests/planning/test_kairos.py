@@ -1,0 +1,331 @@
+from __future__ import annotations
+
+import os
+import random
+import resource
+import signal
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from socialbot.agents.warehouse.cast import GRIPPER_DOMAIN, cast_of, gripper_beliefs, gripper_desires
+from socialbot.errors import InstallationError, PlanningError
+from socialbot.planning import kairos as kairos_module
+from socialbot.planning.domain import Domain, Problem
+from socialbot.planning.formulas import And, Fluent, Predicate
+from socialbot.planning.plan import Plan
+from socialbot.planning.planner import Answer, Limits, Verdict
+from socialbot.planning.reader import read_domain, read_problem
+from socialbot.planning.validation import faults
+from tests.planning.moving import DOMAIN, PROBLEM, domain, hard, plan_of, problem
+
+Kairos = kairos_module.Kairos
+
+try:
+    Kairos()
+except InstallationError:
+    pytest.skip("kairos-planner is not installed", allow_module_level=True)
+
+LONG = Limits(timeout_s=60.0)
+
+
+@pytest.fixture
+def planner(tmp_path, monkeypatch) -> Kairos:
+    """A planner that must leave nothing in the folder for temporary files."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    return Kairos()
+
+
+def solve(asked: Problem, limits: Limits = LONG) -> Answer:
+    return Kairos().solve(domain(), asked, limits)
+
+
+def speaking(folder: Path, script: str) -> Kairos:
+    """A planner with a program in place of Kairos."""
+    program = folder / "program"
+    program.write_text(f"#!/bin/sh\n{script}\n", "utf-8")
+    program.chmod(0o755)
+    planner = Kairos()
+    planner.command = str(program)
+    return planner
+
+
+def children() -> set[int]:
+    """The processes that this one has started and not buried."""
+    found = set()
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, parent = stat.read_text().rpartition(")")[2].split()[:2]
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if int(parent) == os.getpid() and state != "Z":
+            found.add(int(stat.parent.name))
+    return found
+
+
+# Plans
+
+
+def test_a_plan_reaches_the_goal(planner, tmp_path):
+    answer = planner.solve(domain(), problem(), LONG)
+    assert answer.verdict is Verdict.SOLVED
+    assert [step.action for step in plan_of(answer).steps] == ["go", "take", "go", "put"]
+    assert faults(domain(), problem(), plan_of(answer)) == ()
+    assert 0.0 < answer.seconds < LONG.timeout_s
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_where_the_goal_holds_already_the_plan_is_empty():
+    for goal in ("(and)", "(lies cup kitchen)"):
+        assert solve(problem(goal)).plan == Plan()
+
+
+def test_the_same_problem_gets_the_same_plan_from_many_threads_at_once():
+    planner = Kairos()
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(lambda _: planner.solve(domain(), problem(), LONG).plan, range(16)))
+    assert answers == [answers[0]] * 16
+    assert answers[0] is not None
+
+
+def test_a_goal_that_cannot_be_reached_is_proved_impossible():
+    answer = solve(problem("(and (lies cup hall) (has rob cup) (not (at rob hall)) (= (carried rob) 7))"))
+    assert answer.verdict is Verdict.IMPOSSIBLE
+    assert answer.plan is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"goal": None},
+        {"goal": Predicate("lies", ("mug", "hall"))},
+        {"goal": Predicate("hot", ("cup",))},
+        {"facts": frozenset({Predicate("at", ("rob", "hall")), Predicate("hot", ("cup",))})},
+    ],
+)
+def test_a_problem_that_kairos_would_die_of_or_only_warn_about_is_refused(change):
+    assert solve(replace(problem(), **change)).verdict is Verdict.REFUSED
+
+
+def test_what_kairos_cannot_read_is_refused_with_its_words():
+    broken = replace(domain(), text=DOMAIN.replace("(has ?r - robot ?t - thing)", "(has ?r - robot ?t - thang)"))
+    answer = Kairos().solve(broken, problem(), LONG)
+    assert answer.verdict is Verdict.REFUSED
+    assert "thang" in answer.message
+
+
+# How long plans last
+
+
+def warehouse(boxes: int, carriers: int) -> tuple[Domain, Problem, float]:
+    """The warehouse of the demonstration, or a larger one, and the deadline of its goal, s."""
+    cast = cast_of(boxes, carriers)
+    known = read_domain(GRIPPER_DOMAIN.read_text("utf-8"), where=str(GRIPPER_DOMAIN))
+    believed, (desire,) = gripper_beliefs(cast), gripper_desires(cast)
+    asked = Problem(
+        "sort",
+        known.name,
+        {fact.name: (fact.type,) for fact in believed if fact.pddl_type == 1},
+        frozenset(Predicate(fact.name, fact.params) for fact in believed if fact.pddl_type == 2),
+        {Fluent(fact.name, fact.params): fact.value for fact in believed if fact.pddl_type == 3},
+        And(tuple(Predicate(fact.name, fact.params) for fact in desire.value)),
+    )
+    return known, asked, desire.deadline
+
+
+@pytest.mark.parametrize(("boxes", "carriers"), [(6, 3), (12, 3), (24, 6)])
+def test_the_warehouse_gets_a_plan_within_its_deadline_and_a_second_of_work(boxes, carriers):
+    known, asked, deadline = warehouse(boxes, carriers)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    answer = Kairos().solve(known, asked, replace(LONG, makespan_s=deadline))
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert answer.verdict is Verdict.SOLVED
+    assert plan_of(answer).makespan_s <= deadline
+    assert faults(known, asked, plan_of(answer)) == ()
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 1.0
+
+
+def test_when_no_plan_is_short_enough_the_shortest_found_is_named():
+    known, asked, _ = warehouse(6, 3)
+    answer = Kairos().solve(known, asked, Limits(timeout_s=1.0, makespan_s=100.0))
+    assert answer.verdict is Verdict.GAVE_UP
+    assert "longer than the 100 s there are" in answer.message
+    assert 1.0 < answer.seconds < 3.0
+
+
+def test_a_plan_may_take_exactly_the_time_there_is():
+    assert solve(problem(), replace(LONG, makespan_s=14.0)).verdict is Verdict.SOLVED
+
+
+def test_what_keeps_steps_apart_does_not_make_a_plan_late(tmp_path):
+    steps = ["(go rob hall kitchen)", "(take rob cup kitchen)", "(go rob kitchen hall)", "(put rob cup hall)"]
+    times = [0.001, 5.002, 7.003, 12.004]
+    timed = ",".join(
+        f'{{"time": {start}, "duration": {5 if "go" in step else 2}, "action": "{step}"}}'
+        for start, step in zip(times, steps, strict=True)
+    )
+    planner = speaking(tmp_path, f"""case $1 in solve) echo '{{"steps": [{timed}]}}';; esac""")
+    answer = planner.solve(domain(), problem(), Limits(makespan_s=14.0))
+    assert answer.verdict is Verdict.SOLVED
+    assert plan_of(answer).makespan_s == 14.004
+
+
+# Limits
+
+
+def test_a_hard_problem_is_given_up_when_its_time_is_over(planner, tmp_path):
+    answer = planner.solve(*hard(), Limits(timeout_s=0.2))
+    assert answer.verdict is Verdict.GAVE_UP
+    assert answer.message == "kairos found no plan in 0.2 s"
+    assert answer.seconds < 2.0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_hard_problem_is_given_up_when_its_memory_is_used(planner):
+    answer = planner.solve(*hard(), replace(LONG, memory_mb=60))
+    assert answer.verdict is Verdict.GAVE_UP
+    assert answer.message == "kairos found no plan in 60 MB"
+
+
+def test_who_does_not_want_to_know_any_more_has_the_answer_long_before_the_time_is_up(planner, tmp_path):
+    cancelled, began, others = threading.Event(), time.monotonic(), children()
+    threading.Timer(0.3, cancelled.set).start()
+    assert planner.solve(*hard(), LONG, cancelled).verdict is Verdict.CANCELLED
+    assert time.monotonic() - began < LONG.timeout_s / 4
+    assert children() <= others
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_who_never_wanted_to_know_is_not_kept_waiting(planner):
+    cancelled = threading.Event()
+    cancelled.set()
+    assert planner.solve(*hard(), LONG, cancelled).verdict is Verdict.CANCELLED
+
+
+# Processes that go wrong
+
+
+def test_a_child_that_somebody_kills_is_a_failure_and_no_exception(planner):
+    others = children()
+    found: list[Answer] = []
+    asking = threading.Thread(target=lambda: found.append(planner.solve(*hard(), LONG)))
+    asking.start()
+    end = time.monotonic() + LONG.timeout_s
+    while not (begun := children() - others) and time.monotonic() < end:
+        time.sleep(0.001)
+    for child in begun:
+        os.kill(child, signal.SIGKILL)
+    asking.join()
+    assert found[0].verdict is Verdict.FAILED
+    assert found[0].message == "kairos died of SIGKILL"
+
+
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        ("echo no luck >&2; kill -SEGV $$", "kairos died of SIGSEGV: no luck"),
+        ("echo no luck >&2; exit 1", "kairos ended with code 1: no luck"),
+        ("echo nothing", "kairos ended with code 0"),
+    ],
+)
+def test_a_child_that_dies_or_says_nothing_is_a_failure_with_its_last_words(tmp_path, script, message):
+    answer = speaking(tmp_path, script).solve(domain(), problem(), LONG)
+    assert (answer.verdict, answer.message) == (Verdict.FAILED, message)
+
+
+@pytest.mark.parametrize("said", ["{nonsense}", '{"steps": 3}', '{"steps": [{"time": "x"}]}', "{}", '{"steps": [3]}'])
+def test_a_child_that_talks_nonsense_is_a_failure(tmp_path, said):
+    assert speaking(tmp_path, f"echo '{said}'").solve(domain(), problem(), LONG).verdict is Verdict.FAILED
+
+
+def test_a_plan_that_does_not_do_it_is_invalid_whatever_kairos_says_of_it(tmp_path):
+    plan = '{"steps": [{"time": 0, "duration": 5, "action": "(go rob hall kitchen)"}]}'
+    answer = speaking(tmp_path, f"""[ $1 = validate ] || echo '{plan}'""").solve(domain(), problem(), LONG)
+    assert answer.verdict is Verdict.INVALID
+    assert answer.plan is None
+
+
+def test_a_plan_that_kairos_itself_does_not_validate_is_invalid(tmp_path):
+    script = """if [ $1 = validate ]; then echo 'plan.txt:1: error: too early [validate.x]' >&2; exit 1; fi
+        echo '{"steps": []}'"""
+    answer = speaking(tmp_path, script).solve(domain(), problem("(and)"), LONG)
+    assert answer.verdict is Verdict.INVALID
+    assert answer.message == "kairos does not validate its own plan: plan.txt:1: error: too early"
+
+
+def test_a_program_that_is_gone_is_a_failure(tmp_path):
+    planner = Kairos()
+    planner.command = str(tmp_path / "gone")
+    answer = planner.solve(domain(), problem(), LONG)
+    assert answer.verdict is Verdict.FAILED
+    assert "gone" in answer.message
+
+
+def test_without_kairos_the_error_says_what_to_do(monkeypatch):
+    monkeypatch.setattr(kairos_module, "files", lambda _: None)
+    monkeypatch.setenv("PATH", "")
+    kairos_module._command.cache_clear()
+    try:
+        with pytest.raises(InstallationError, match="pip install 'kairos-planner"):
+            Kairos()
+    finally:
+        kairos_module._command.cache_clear()
+
+
+# Whatever it is given
+
+
+WORDS = [*(DOMAIN + PROBLEM).replace("(", " ( ").replace(")", " ) ").split(), "-1", "1e400", "?z", "forall", "when"]
+
+
+def mutated(text: str, seed: int) -> str:
+    """``text`` with a few words or characters lost, doubled, or put in the place of others."""
+    chance = random.Random(seed)
+    words = text.replace("(", " ( ").replace(")", " ) ").split()
+    for _ in range(chance.randint(1, 4)):
+        place = chance.randrange(len(words))
+        match chance.randrange(4):
+            case 0:
+                del words[place]
+            case 1:
+                words[place] = chance.choice(WORDS)
+            case 2:
+                words.insert(place, chance.choice(WORDS))
+            case _:
+                words[place] = words[place][: chance.randrange(len(words[place]) + 1)] + chance.choice(";\x00é\n\"'")
+    return " ".join(words)
+
+
+def check_mutations(seed: int) -> None:
+    """Neither texts that our reader takes nor ones that it never sees have the planner raise or hang."""
+    limits = Limits(timeout_s=1.0)
+    begin = time.monotonic()
+    answer = Kairos().solve(replace(domain(), text=mutated(DOMAIN, seed)), problem(), limits)
+    assert isinstance(answer.verdict, Verdict)
+    try:
+        known = read_domain(mutated(DOMAIN, seed + 1)) if seed % 2 else domain()
+        asked = read_problem(mutated(PROBLEM, seed + 2), known)
+    except PlanningError:
+        return
+    answer = Kairos().solve(known, asked, limits)
+    assert answer.verdict not in (Verdict.FAILED, Verdict.INVALID), answer.message
+    assert time.monotonic() - begin < 10.0
+
+
+@settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
+@given(st.integers(0, 1 << 30))
+def test_mutated_texts_neither_hang_nor_raise(seed):
+    check_mutations(seed)
+
+
+@pytest.mark.slow
+@settings(max_examples=400, suppress_health_check=[HealthCheck.too_slow])
+@given(st.integers(0, 1 << 30))
+def test_many_mutated_texts_neither_hang_nor_raise(seed):
+    check_mutations(seed)

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from socialbot.planning.formulas import (
+    And,
+    Comparison,
+    Fluent,
+    Not,
+    Number,
+    Or,
+    Predicate,
+    Quantified,
+    Same,
+    Typed,
+)
+from socialbot.planning.refusal import refusal
+from tests.planning.moving import domain, problem
+
+
+def test_a_problem_that_fits_its_domain_is_not_refused():
+    every = Quantified("forall", (Typed("?t", ("thing",)),), Or((Predicate("lies", ("?t", "hall")), Same("?t", "cup"))))
+    asked = replace(problem(), goal=And((every, Comparison("<", Fluent("carried", ("rob",)), Number(1.0)))))
+    assert refusal(domain(), asked) is None
+
+
+def test_without_a_goal_there_is_nothing_to_ask():
+    assert refusal(domain(), replace(problem(), goal=None)) == "the problem has no goal"
+
+
+def test_a_domain_without_text_cannot_be_given_to_a_planner():
+    assert refusal(replace(domain(), text=""), problem()) == "the domain moving has no text to give to a planner"
+
+
+def test_a_problem_of_another_domain_is_refused():
+    assert refusal(domain(), replace(problem(), domain="cooking")) == (
+        "the problem is for the domain 'cooking', not for 'moving'"
+    )
+
+
+@pytest.mark.parametrize(
+    ("goal", "reason"),
+    [
+        (Predicate("held", ("cup",)), "the domain moving has no predicate 'held'"),
+        (Predicate("lies", ("cup",)), "(lies cup) has 1 arguments, not 2"),
+        (Predicate("lies", ("mug", "hall")), "(lies mug hall): unknown object 'mug'"),
+        (Predicate("lies", ("rob", "hall")), "(lies rob hall): rob is a robot, not a thing"),
+        (Not(Predicate("lies", ("?t", "hall"))), "(lies ?t hall): unknown object '?t'"),
+        (And((Same("cup", "mug"),)), "unknown object 'mug'"),
+        (Comparison("=", Fluent("weight", ("cup",)), Number(1.0)), "the domain moving has no function 'weight'"),
+        (
+            Quantified("exists", (Typed("?t", ("drink",)),), Predicate("lies", ("?t", "hall"))),
+            "unknown type 'drink'",
+        ),
+    ],
+)
+def test_a_goal_with_names_that_do_not_fit_is_refused(goal, reason):
+    assert refusal(domain(), replace(problem(), goal=goal)) == f"in the goal: {reason}"
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"objects": {"cup": ("mug",)}}, "cup is of an unknown type 'mug'"),
+        ({"facts": frozenset({Predicate("hot", ("cup",))})}, "the domain moving has no predicate 'hot'"),
+        ({"facts": frozenset({Predicate("at", ("rob", "cup"))})}, "(at rob cup): cup is a thing, not a room"),
+        ({"values": {Fluent("carried", ("tom",)): 1.0}}, "(carried tom): unknown object 'tom'"),
+        ({"values": {Fluent("carried", ("rob",)): math.nan}}, "(carried rob) is nan"),
+    ],
+)
+def test_a_state_with_names_that_do_not_fit_is_refused(change, reason):
+    assert refusal(domain(), replace(problem(), **change)) == reason

@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.errors import PlanningError
+from socialbot.planning.domain import Domain
+from socialbot.planning.formulas import And, Fluent, Formula, Predicate
+from socialbot.planning.reader import read_domain, read_problem
+from socialbot.planning.semantics import changes, evaluate, ground, holds, substitute, unmet
+from socialbot.planning.state import State
+from tests.planning import brute_force
+from tests.planning.random_worlds import OBJECTS, formula, random_pair
+from tests.planning.texts import crane
+
+DOMAIN = """(define (domain d) (:types box - thing lid - thing) (:constants c1 - box)
+  (:predicates (p ?x - thing) (q ?x - thing)) (:functions (n) (m ?x - thing) (unset) (tiny))
+  (:action act :parameters (?x - thing) :precondition {} :effect {}))"""
+PROBLEM = """(define (problem x) (:domain d) (:objects b1 b2 - box l1 - lid)
+  (:init (p b1) (p c1) (q b1) (= (n) 3) (= (m b1) 2) (= (m b2) 4) (= (tiny) 0.3)))"""
+
+
+def made(condition: str = "()", effect: str = "()") -> tuple[Domain, State]:
+    domain = read_domain(DOMAIN.format(condition, effect))
+    return domain, State.of(read_problem(PROBLEM, domain), domain)
+
+
+def true(condition: str, x: str = "b1") -> bool:
+    domain, state = made(condition)
+    action = domain.actions["act"]
+    formula = And(tuple(one.formula for one in action.conditions))
+    answers = {holds(formula, state, {"?x": x}), holds(substitute(formula, {"?x": x}), state)}
+    assert len(answers) == 1
+    return answers.pop()
+
+
+@pytest.mark.parametrize(
+    "condition",
+    [
+        "()",
+        "(p ?x)",
+        "(and (p ?x) (q ?x))",
+        "(or (q c1) (p ?x))",
+        "(imply (q c1) (p c1))",
+        "(= ?x ?x)",
+        "(not (= ?x c1))",
+        "(forall (?y - box) (imply (q ?y) (p ?y)))",
+        "(exists (?y - lid) (not (p ?y)))",
+        "(exists (?x - box) (and (p ?x) (not (q ?x))))",
+        "(forall (?y - (either box lid)) (or (p ?y) (not (q ?y))))",
+        "(< (m ?x) (n))",
+        "(= (+ (m ?x) 1) (n))",
+        "(>= (* 2 (m ?x)) (- (n) -1))",
+        "(= (/ (n) (m ?x)) 1.5)",
+        "(= (- (n)) -3)",
+        "(= (tiny) (- 0.4 0.1))",
+        "(not (< (tiny) (- 0.4 0.1)))",
+        "(or (< (unset) 1) (p ?x))",
+        "(> (n) (+ 0.5 0.5 0.5 1))",
+    ],
+)
+def test_what_holds(condition):
+    assert true(condition)
+
+
+@pytest.mark.parametrize(
+    "condition",
+    [
+        "(q c1)",
+        "(or)",
+        "(exists (?y - lid) (p ?y))",
+        "(forall (?y - box) (p ?y))",
+        "(< (unset) 1)",
+        "(not (< (unset) 1))",
+        "(= (unset) (unset))",
+        "(= (/ (n) (- (n) 3)) 1)",
+        "(> (n) 3)",
+        "(= ?x c1)",
+        "(not (and (p ?x) (or (> (unset) 0) (q ?x))))",
+        "(and (p ?x) (< (m c1) 100))",
+    ],
+)
+def test_what_does_not_hold(condition):
+    assert not true(condition)
+
+
+def changed(effect: str, x: str = "b1", duration: float | None = None) -> list[str]:
+    domain, state = made(effect=effect)
+    effects = [one.effect for one in domain.actions["act"].effects]
+    found = [str(change) for change in changes(effects, state, {"?x": x}, duration)]
+    grounded = ground(domain.actions["act"], [x]).effects_at("start")
+    assert found == [str(change) for change in changes(grounded, state, duration=duration)]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("effect", "result"),
+    [
+        ("(q ?x)", ["(q b1)"]),
+        ("(and (not (p ?x)) (q c1))", ["(not (p b1))", "(q c1)"]),
+        ("(and (p ?x) (not (p ?x)))", ["(p b1)"]),
+        ("(forall (?y - lid) (p ?y))", ["(p l1)"]),
+        ("(forall (?y - box) (when (p ?y) (not (p ?y))))", ["(not (p c1))", "(not (p b1))"]),
+        ("(when (q c1) (p ?x))", []),
+        ("(forall (?x - lid) (q ?x))", ["(q l1)"]),
+        ("(increase (n) (m ?x))", ["(n) = 5"]),
+        ("(and (increase (n) 1) (decrease (n) 5))", ["(n) = -1"]),
+        ("(and (assign (n) (m ?x)) (assign (m ?x) (n)))", ["(n) = 2", "(m b1) = 3"]),
+        ("(and (scale-up (n) 2) (scale-down (m ?x) 4))", ["(n) = 6", "(m b1) = 0.5"]),
+        ("(assign (unset) 1)", ["(unset) = 1"]),
+    ],
+)
+def test_what_effects_change(effect, result):
+    assert changed(effect) == result
+
+
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
+        ("(increase (unset) 1)", r"increase \(unset\): it has no value yet"),
+        ("(assign (n) (unset))", r"assign \(n\): the amount has no value"),
+        ("(scale-down (n) 0)", r"\(n\): 3 cannot be changed so by 0"),
+        ("(increase (n) (* 1e300 1e300))", r"increase \(n\): the amount has no value"),
+    ],
+)
+def test_effects_that_have_no_value_are_errors(effect, message):
+    with pytest.raises(PlanningError, match=message):
+        changed(effect)
+
+
+def test_the_duration_is_part_of_what_is_calculated():
+    domain = read_domain("""(define (domain d) (:functions (battery)) (:durative-action go :duration (= ?duration 3)
+      :effect (at end (decrease (battery) (* 2 ?duration)))))""")
+    state = State(domain, {}, (), {Fluent("battery"): 10.0})
+    action = ground(domain.actions["go"], [])
+    assert [str(one) for one in changes(action.effects_at("end"), state, duration=3.5)] == ["(battery) = 3"]
+    assert action.duration is not None
+    assert action.duration.least is not None
+    assert evaluate(action.duration.least, state) == 3
+
+
+def test_a_ground_action_is_sorted_by_time():
+    domain, _ = crane()
+    action = ground(domain.actions["put"], ["crane_a", "box_1", "carrier_a", "bay"])
+    assert str(action) == "(put crane_a box_1 carrier_a bay)"
+    assert [str(one) for one in action.conditions_at("start")] == ["(< (load carrier_a) 2)", "(holding crane_a box_1)"]
+    assert [str(one) for one in action.conditions_at("over all")] == ["(over crane_a bay)", "(here carrier_a bay)"]
+    assert len(action.effects_at("end")) == 4
+
+
+def test_the_wrong_number_of_objects_is_an_error():
+    domain, _ = crane()
+    with pytest.raises(PlanningError, match="come takes 2 objects, not 1"):
+        ground(domain.actions["come"], ["carrier_a"])
+
+
+def test_the_unmet_parts_of_conjunctions_are_named():
+    domain, state = made("(and (p ?x) (and (q ?x) (> (m ?x) 9)))")
+    conditions = [one.formula for one in domain.actions["act"].conditions]
+    assert [str(one) for one in unmet(conditions, state, {"?x": "b2"})] == ["(p b2)", "(q b2)", "(> (m b2) 9)"]
+    assert unmet([Predicate("p", ("b1",))], state) == []
+
+
+def test_a_condition_of_the_crane_takes_less_than_20_us():
+    domain, problem = crane()
+    state = State.of(problem, domain)
+    condition = And(ground(domain.actions["pick"], ["crane_a", "box_2", "box_1", "stack"]).conditions_at("start"))
+    best = 1.0
+    for _ in range(5):
+        begin = time.process_time()
+        for _ in range(1000):
+            holds(condition, state)
+        best = min(best, (time.process_time() - begin) / 1000)
+    assert holds(condition, state)
+    assert best < 20e-6
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32))
+def test_it_agrees_with_truth_tables(seed):
+    domain, problem, chance = random_pair(seed)
+    text = domain.text[:-1] + f"(:action asked :parameters (?x - t) :precondition {formula(chance, 4)}))"
+    asked: Formula = And(tuple(one.formula for one in read_domain(text).actions["asked"].conditions))
+    state = State.of(problem, domain)
+    world: brute_force.World = (
+        {(fact.name, *fact.terms) for fact in problem.facts},
+        {(fluent.function, *fluent.terms): value for fluent, value in problem.values.items()},
+        list(OBJECTS),
+    )
+    for one in OBJECTS:
+        assert holds(asked, state, {"?x": one}) == brute_force.true(asked, world, {"?x": one}, domain)

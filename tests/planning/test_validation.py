@@ -1,0 +1,202 @@
+from __future__ import annotations
+
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.planning.domain import Problem
+from socialbot.planning.formulas import Fluent, Predicate
+from socialbot.planning.plan import Plan, Step, parse_plan
+from socialbot.planning.reader import read_domain, read_problem
+from socialbot.planning.validation import faults
+from tests.planning import brute_force
+from tests.planning.random_worlds import OBJECTS, random_pair, random_plan
+from tests.planning.texts import CRANE_PLAN, cellar, crane
+
+
+def messages(text: str, pair=crane) -> list[str]:
+    domain, problem = pair()
+    return [str(fault) for fault in faults(domain, problem, parse_plan(text))]
+
+
+def without(number: int) -> str:
+    lines = CRANE_PLAN.strip().splitlines()
+    return "\n".join(lines[:number] + lines[number + 1 :])
+
+
+def test_a_valid_plan_has_no_faults():
+    assert messages(CRANE_PLAN) == []
+
+
+def test_a_missing_step_shows_where_it_is_missed():
+    assert messages(without(2))[0] == (
+        "13.003 s: (put crane_a box_2 carrier_a bay) cannot start: (holding crane_a box_2) does not hold"
+    )
+
+
+def test_what_a_step_needs_all_the_time_is_looked_at_from_its_start_to_its_end():
+    assert messages(without(0))[:1] == [
+        "13.003 s: (put crane_a box_2 carrier_a bay) cannot go on: (here carrier_a bay) does not hold"
+    ]
+    early = CRANE_PLAN.replace("17.004: (move", "16.004: (move")
+    assert messages(early)[0] == (
+        "16.004 s: (put crane_a box_2 carrier_a bay) cannot go on: (over crane_a bay) does not hold"
+    )
+
+
+def test_what_is_needed_only_between_may_come_at_the_start_and_go_at_the_end():
+    text = "0: (move crane_a bay stack) [5]\n5: (pick crane_a box_2 box_1 stack) [3]\n8: (move crane_a stack bay) [5]"
+    assert [one for one in messages(text) if "goal" not in one] == []
+
+
+def test_what_is_needed_at_the_start_cannot_come_at_that_moment():
+    text = "0: (move crane_a bay stack) [5]\n5: (move crane_a stack bay) [5]"
+    assert messages(text)[0] == (
+        "5.000 s: (move crane_a bay stack) cannot end at the moment that (move crane_a stack bay) starts: "
+        "both need (over crane_a stack)"
+    )
+    assert "(over crane_a stack) does not hold" in messages(text)[1]
+
+
+def test_the_unmet_parts_of_the_goal_are_named():
+    assert messages("") == [
+        "0.000 s: the goal is not reached: (loaded carrier_a box_1) does not hold",
+        "0.000 s: the goal is not reached: (loaded carrier_a box_2) does not hold",
+    ]
+
+
+def test_without_a_goal_any_end_will_do():
+    domain, problem = crane()
+    free = Problem(problem.name, problem.domain, problem.objects, problem.facts, problem.values)
+    assert faults(domain, free, Plan()) == ()
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        ("0: (fly crane_a) [1]", "0.000 s: (fly crane_a): the domain has no action fly"),
+        ("0: (come carrier_a) [6]", "0.000 s: (come carrier_a): come takes 2 objects, not 1"),
+        ("0: (come carrier_x bay) [6]", "0.000 s: (come carrier_x bay): there is no object carrier_x"),
+        ("1: (come crane_a bay) [6]", "1.000 s: (come crane_a bay): crane_a is a crane, no carrier"),
+        ("-1: (come carrier_a bay) [6]", "-1.000 s: (come carrier_a bay) starts before the plan does"),
+        ("0: (come carrier_a bay) [0]", "0.000 s: (come carrier_a bay) lasts no time at all"),
+        ("0: (come carrier_a bay) [1e999]", "0.000 s: (come carrier_a bay): it has no proper time"),
+        ("0: (come carrier_a bay) [5.9]", "0.000 s: (come carrier_a bay) lasts 5.9 s, less than 6 s"),
+        ("0: (come carrier_a bay) [6.1]", "0.000 s: (come carrier_a bay) lasts 6.1 s, more than 6 s"),
+    ],
+)
+def test_a_step_that_makes_no_sense_is_named(step, message):
+    assert messages(step)[0] == message
+
+
+def test_durations_are_as_exact_as_plans_are_printed():
+    assert not any("lasts" in one for one in messages("0: (come carrier_a bay) [6.0009]"))
+
+
+def test_required_concurrency():
+    text = "0: (strike m1) [8]\n0.001: (mend f1) [5]\n{}: (mend f2) [5]\n8.001: (strike m2) [8]"
+    assert messages(text.format("8.002"), cellar) == []
+    assert "cannot go on: (light)" in messages(text.format("5.002"), cellar)[0]
+
+
+def test_two_mends_need_two_hands():
+    assert "(free) does not hold" in messages("0: (strike m1) [8]\n0.1: (mend f1) [5]\n0.2: (mend f2) [5]", cellar)[0]
+
+
+NUMBERS = """(define (domain numbers) (:requirements :fluents :durative-actions)
+  (:predicates (done)) (:functions (battery) (speed) (unset))
+  (:durative-action drive :duration (= ?duration (/ 10 (speed)))
+    :condition (over all (> (battery) 0)) :effect (at end (decrease (battery) (* 2 ?duration))))
+  (:durative-action wait :duration (and (>= ?duration 1) (<= ?duration 3)))
+  (:durative-action charge :duration (= ?duration 1) :effect (at end (assign (battery) 100)))
+  (:durative-action guess :duration (<= ?duration (unset)))
+  (:action spoil :effect (increase (unset) 1)) (:action finish :precondition (< (battery) 6) :effect (done)))"""
+
+
+def numbers() -> tuple:
+    domain = read_domain(NUMBERS)
+    text = "(define (problem p) (:domain numbers) (:init (= (battery) 10) (= (speed) 4)) (:goal (done)))"
+    return domain, read_problem(text, domain)
+
+
+def test_durations_and_effects_are_calculated():
+    assert messages("0: (drive) [2.5]\n3: (finish)", numbers) == []
+    assert messages("0: (drive) [2]\n3: (finish)", numbers)[0] == "0.000 s: (drive) lasts 2 s, less than 2.5 s"
+    assert messages("0: (wait) [2]\n2.001: (drive) [2.5]\n5: (finish)", numbers) == []
+    assert "lasts 4 s, more than 3 s" in messages("0: (wait) [4]", numbers)[0]
+
+
+def test_what_has_no_value_is_a_fault():
+    assert messages("0: (guess) [2]", numbers)[0] == "0.000 s: (guess): its duration has no value"
+    assert "(unset): it has no value yet" in messages("0: (spoil)", numbers)[0]
+
+
+def test_numbers_that_change_together():
+    assert (
+        messages("0: (drive) [2.5]\n0.1: (drive) [2.5]\n3: (finish)", numbers)[:1]
+        == [
+            # 10 - 5 - 5 at 2.6 s, when neither drives any more
+        ]
+    )
+    text = "0: (drive) [2.5]\n0: (drive) [2.5]\n3: (finish)"
+    assert messages(text, numbers) == []  # sums commute, so they may end at once
+    clash = messages("0: (drive) [2.5]\n1.5: (charge) [1]\n3: (finish)", numbers)
+    assert "both need (battery)" in clash[0]
+
+
+def test_running_steps_end_first_and_are_watched():
+    domain, problem = crane()
+    facts = (problem.facts | {Predicate("over", ("crane_a", "stack"))}) - {Predicate("over", ("crane_a", "bay"))}
+    values = {**problem.values, Fluent("held", ("crane_a",)): 1.0}
+    now = Problem("now", "crane", problem.objects, facts, values)
+    pick, move = (
+        Step(-1, "pick", ("crane_a", "box_2", "box_1", "stack"), 3),
+        Step(0, "move", ("crane_a", "stack", "bay"), 5),
+    )
+    assert faults(domain, now, Plan((pick, move)), running=(0,)) == ()
+    assert "(over crane_a stack)" in str(faults(domain, problem, Plan((pick,)), running=(0,))[0])
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 6))
+def test_it_agrees_with_a_simulator_that_was_written_apart(seed, size):
+    domain, problem, chance = random_pair(seed)
+
+    def usable(_domain, _problem, plan) -> bool:
+        return brute_force.moments_apart(plan) and (chance.random() < 0.3 or not faults(_domain, _problem, plan))
+
+    plan = random_plan(domain, problem, chance, usable, size)
+    assert (not faults(domain, problem, plan)) == brute_force.is_valid(domain, problem, plan), str(plan)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32), st.lists(st.tuples(st.floats(), st.text(max_size=6), st.floats()), max_size=4))
+def test_no_plan_makes_it_raise(seed, steps):
+    domain, problem, chance = random_pair(seed)
+    names = [*domain.actions, "nothing"]
+    plan = Plan(
+        tuple(
+            Step(
+                start, chance.choice(names), (chance.choice((*OBJECTS, word)),) * chance.choice((1, 1, 1, 2)), duration
+            )
+            for start, word, duration in steps
+        )
+    )
+    faults(domain, problem, plan)
+
+
+def test_a_plan_of_200_steps_takes_less_than_50_ms():
+    domain, problem = crane()
+    times = "\n".join(
+        f"{5.01 * n}: (move crane_a {'bay stack' if n % 2 == 0 else 'stack bay'}) [5]" for n in range(200)
+    )
+    plan = parse_plan(times)
+    best = 1.0
+    for _ in range(5):
+        begin = time.process_time()
+        found = [str(fault.condition) for fault in faults(domain, problem, plan)]
+        best = min(best, time.process_time() - begin)
+        assert found == ["(loaded carrier_a box_1)", "(loaded carrier_a box_2)"]
+    assert best < 0.05

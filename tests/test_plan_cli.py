@@ -1,0 +1,185 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.planning.moving import DOMAIN, HARD_DOMAIN, PLAN, PROBLEM
+
+pytest.importorskip("kairos", reason="kairos-planner is not installed")
+
+HARD_PROBLEM = f"""(define (problem far) (:domain hard) (:objects {" ".join(f"o{number}" for number in range(40))})
+  (:init (p o0 o1 o2) (= (n) 0) {" ".join(f"(q o{number})" for number in range(40))})
+  (:goal (and (p o39 o38 o37) (> (n) 5000))))"""
+
+
+def command(*args: object) -> list[str]:
+    return [sys.executable, "-m", "socialbot", "plan", *map(str, args)]
+
+
+def socialbot(*args: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "COLUMNS": "200", **environment}
+    return subprocess.run(command(*args), capture_output=True, text=True, timeout=100, check=False, env=environment)
+
+
+@pytest.fixture
+def files(tmp_path) -> tuple[Path, Path]:
+    """A domain and a problem that has a plan of 14 s."""
+    return written(tmp_path, DOMAIN, PROBLEM)
+
+
+def written(folder: Path, *texts: str) -> tuple[Path, Path]:
+    domain, problem = folder / "moving.pddl", folder / "tea.pddl"
+    domain.write_text(texts[0], "utf-8")
+    problem.write_text(texts[1], "utf-8")
+    return domain, problem
+
+
+def test_into_a_pipe_a_plan_goes_as_planners_write_it_and_is_valid_when_read_again(files, tmp_path):
+    ended = socialbot(*files, "--timeout", 60)
+    assert ended.returncode == 0
+    summary, *steps = ended.stdout.splitlines()
+    assert summary.startswith("; 4 steps, makespan 14.000 s; solved by kairos in ")
+    assert steps[1] == "5.000: (take rob cup kitchen) [2.000]"
+    plan = tmp_path / "plan"
+    plan.write_text(ended.stdout, "utf-8")
+    checked = socialbot(*files, "--validate", plan)
+    assert (checked.stdout, checked.returncode) == ("valid: 4 steps, makespan 14.000 s\n", 0)
+
+
+def test_on_a_terminal_a_plan_is_a_table(files):
+    ended = socialbot(*files, "--timeout", 60, FORCE_COLOR="1", TERM="dumb")
+    assert ended.returncode == 0
+    assert "rob cup kitchen" in ended.stdout
+    assert "start, s" in ended.stdout
+    assert "4 steps, makespan 14.000 s; solved by kairos" in ended.stdout
+
+
+def test_as_json(files):
+    ended = socialbot(*files, "--timeout", 60, "--json")
+    answer = json.loads(ended.stdout)
+    assert (answer["planner"], answer["verdict"], answer["makespan_s"]) == ("kairos", "solved", 14.0)
+    assert answer["steps"][0] == {
+        "start_s": 0.0, "action": "go", "args": ["rob", "hall", "kitchen"], "duration_s": 5.0
+    }  # fmt: skip
+
+
+def test_that_there_is_no_plan_has_an_exit_code(tmp_path):
+    files = written(tmp_path, DOMAIN, PROBLEM.replace("(at rob hall)", ""))
+    ended = socialbot(*files)
+    assert (ended.returncode, ended.stdout) == (10, "")
+    assert ended.stderr.startswith("impossible: kairos: ")
+    assert json.loads(socialbot(*files, "--json").stdout)["steps"] is None
+
+
+def test_that_none_was_found_within_the_limits_has_another(tmp_path):
+    ended = socialbot(*written(tmp_path, HARD_DOMAIN, HARD_PROBLEM), "--timeout", 0.2)
+    assert (ended.returncode, ended.stderr) == (11, "gave up: kairos found no plan in 0.2 s\n")
+
+
+def test_a_deadline_that_cannot_be_met(files):
+    ended = socialbot(*files, "--timeout", 1, "--deadline", 13)
+    assert ended.returncode == 11
+    assert "longer than the 13 s there are" in ended.stderr
+
+
+def test_without_a_goal(tmp_path):
+    ended = socialbot(*written(tmp_path, DOMAIN, PROBLEM.replace("(:goal (lies cup hall))", "")))
+    assert (ended.returncode, ended.stderr) == (4, "refused: the problem has no goal\n")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("(lies cup kitchen)", "(lies mug kitchen)", "tea.pddl:5: "),
+        ("(has ?r - robot ?t - thing)", "(has ?r - robot ?t - thang)", "moving.pddl:5: "),
+        ("(at end (lies ?t ?x))", "(at end (lays ?t ?x))", "moving.pddl:"),
+        ("(:goal (lies cup hall)))", "(:goal (lies cup hall))", "tea.pddl:"),
+    ],
+)
+def test_malformed_files_are_one_message_with_file_and_line(tmp_path, old, new, place):
+    ended = socialbot(*written(tmp_path, DOMAIN.replace(old, new), PROBLEM.replace(old, new)))
+    assert ended.returncode == 4
+    assert ended.stderr.startswith(f"error: {tmp_path / place}")
+    assert "Traceback" not in ended.stderr
+
+
+def test_files_that_cannot_be_read(files, tmp_path):
+    missing = socialbot(files[0], tmp_path / "none.pddl")
+    assert (missing.returncode, missing.stderr) == (
+        4,
+        f"error: {tmp_path / 'none.pddl'}: cannot be read: No such file or directory\n",
+    )
+    files[0].write_bytes(b"\xff\xfe")
+    assert "is no UTF-8 text" in socialbot(*files).stderr
+
+
+def test_planners_that_are_unknown_or_not_installed(files):
+    assert socialbot(*files, "--planner", "lpg").returncode == 4
+    absent = socialbot(*files, "--planner", "popf:/nowhere/popf")
+    assert absent.returncode == 5
+    assert "put popf on the PATH" in absent.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "other", "said"),
+    [
+        ("5.001: (take", "4.001: (take", "(at rob kitchen)"),
+        ("7.002: (go rob kitchen hall) [5.000]", "7.002: (go rob kitchen hall) [4.000]", "go rob kitchen hall"),
+        ("12.003: (put rob cup hall) [2.000]", "", "(lies cup hall)"),
+        ("(take rob cup kitchen)", "(take rob mug kitchen)", "mug"),
+    ],
+)
+def test_what_is_wrong_with_a_plan_is_named(files, tmp_path, line, other, said):
+    plan = tmp_path / "plan"
+    plan.write_text(PLAN.replace(line, other), "utf-8")
+    ended = socialbot(*files, "--validate", plan)
+    assert (ended.returncode, ended.stdout) == (12, "")
+    assert all(line.startswith("not valid: ") for line in ended.stderr.splitlines())
+    assert said in ended.stderr
+    assert json.loads(socialbot(*files, "--validate", plan, "--json").stdout)["valid"] is False
+
+
+def test_a_plan_that_is_checked_may_be_too_long(files, tmp_path):
+    plan = tmp_path / "plan"
+    plan.write_text(PLAN, "utf-8")
+    assert socialbot(*files, "--validate", plan, "--deadline", 14).returncode == 0
+    ended = socialbot(*files, "--validate", plan, "--deadline", 13)
+    assert (ended.returncode, ended.stderr) == (12, "not valid: the plan lasts 14.003 s, longer than 13 s\n")
+
+
+def test_a_plan_that_cannot_be_read(files, tmp_path):
+    plan = tmp_path / "plan"
+    plan.write_text("0.0: (go rob hall kitchen) [5.0]\nthen take the cup\n", "utf-8")
+    ended = socialbot(*files, "--validate", plan)
+    assert ended.returncode == 4
+    assert ended.stderr.startswith(f"error: {plan}:2: ")
+
+
+def test_a_signal_ends_it_well_and_the_planner_with_it(tmp_path):
+    files = written(tmp_path, HARD_DOMAIN, HARD_PROBLEM)
+    running = subprocess.Popen(command(*files, "--timeout", 1000), stderr=subprocess.PIPE)
+    end = time.monotonic() + 60
+    while not (planners := children_of(running.pid)) and time.monotonic() < end:
+        time.sleep(0.01)
+    running.send_signal(signal.SIGINT)
+    _, errors = running.communicate(timeout=60)
+    assert (running.returncode, errors) == (0, b"")
+    assert [planner for planner in planners if Path(f"/proc/{planner}").exists()] == []
+
+
+def children_of(pid: int) -> list[int]:
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            if int(stat.read_text().rpartition(")")[2].split()[1]) == pid:
+                found.append(int(stat.parent.name))
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+    return found
