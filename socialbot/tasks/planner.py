@@ -1,0 +1,170 @@
+"""The planner of tasks: plans, and ways to go on when a plan has failed or the world has changed."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+from socialbot.tasks.answer import Fault, TaskAnswer, TaskLimits, TaskVerdict
+from socialbot.tasks.domain import Item, TaskDomain
+from socialbot.tasks.growth import grown, progressed
+from socialbot.tasks.search import Cancelled, DomainFault, LimitReached, Otherwise, Place, Search
+from socialbot.tasks.state import State
+from socialbot.tasks.tree import Node, TaskTree
+
+LIMITS = TaskLimits()
+
+
+class TaskPlanner:
+    """Plans tasks of one domain. It keeps nothing between calls, and any number of threads can call it.
+
+    GTPyhop searches; trees, their re-entry, the blacklist and the limits are our own. It raises nothing: what goes
+    wrong is in the answer. Setting ``cancelled`` ends a call at its next attempt of an action or method, and so does
+    the timeout: one that never returns cannot be ended. Blacklisted actions, as ``("a_open_door", "spot1", "room1")``,
+    are not planned.
+    """
+
+    def __init__(self, domain: TaskDomain) -> None:
+        self.domain = domain
+
+    def plan(
+        self,
+        state: State,
+        tasks: Iterable[Item],
+        limits: TaskLimits = LIMITS,
+        *,
+        blacklist: Iterable[Item] = (),
+        cancelled: threading.Event | None = None,
+    ) -> TaskAnswer:
+        """How ``tasks`` can be done one after the other, beginning in ``state``, which is left as it is."""
+
+        def work(search: Search) -> TaskAnswer:
+            asked = list(tasks)
+            for item in asked:
+                search.check(item, "what was asked for")
+            tops = [Place(tuple(item)) for item in asked]
+            found = search.run(state, tops)
+            if found is None:
+                return _impossible(search)
+            return TaskAnswer(TaskVerdict.PLAN, grown(TaskTree(), tops, found.trail))
+
+        return self._answer(work, limits, blacklist, cancelled)
+
+    def replan(
+        self,
+        state: State,
+        tree: TaskTree,
+        failed: int,
+        limits: TaskLimits = LIMITS,
+        *,
+        blacklist: Iterable[Item] = (),
+        cancelled: threading.Event | None = None,
+    ) -> TaskAnswer:
+        """How to go on from ``state`` after the action at the node ``failed``, and those before it have been done.
+
+        The nearest task that the action was for is done anew, with what comes after it; if that cannot be, the next
+        one above it. A way that does not lead to the same action once more is preferred. What was done stays in the
+        tree. What comes later and stays as it was keeps its ids.
+        """
+
+        def work(search: Search) -> TaskAnswer:
+            path = _path(tree, failed)
+            old = progressed(tree, path[0], "failed")
+            for node in path[1:] or path:
+                for again in (False, True):
+                    answer = _redo(search, state, old, node, failed, again=again)
+                    if answer is not None:
+                        return answer
+            return _impossible(search)
+
+        return self._answer(work, limits, blacklist, cancelled)
+
+    def revise(
+        self,
+        state: State,
+        tree: TaskTree,
+        next_node: int,
+        limits: TaskLimits = LIMITS,
+        *,
+        blacklist: Iterable[Item] = (),
+        cancelled: threading.Event | None = None,
+    ) -> TaskAnswer:
+        """How to go on from ``state`` when the action at ``next_node`` comes next and the world has changed.
+
+        Tasks that have begun go on as they are and all others are planned anew; a begun task is done in another way
+        only if it has to be. The tree stays equal, but for what was done, if the plan is still right.
+        """
+
+        def work(search: Search) -> TaskAnswer:
+            path = _path(tree, next_node)
+            old = progressed(tree, path[0], "planned")
+            for node in path:
+                answer = _redo(search, state, old, node, None, again=True)
+                if answer is not None:
+                    return answer
+            return _impossible(search)
+
+        return self._answer(work, limits, blacklist, cancelled)
+
+    def _answer(
+        self,
+        work: Callable[[Search], TaskAnswer],
+        limits: TaskLimits,
+        blacklist: Iterable[Item],
+        cancelled: threading.Event | None,
+    ) -> TaskAnswer:
+        begin = time.monotonic()
+        search = Search(self.domain, limits, [tuple(item) for item in blacklist], cancelled, begin + limits.timeout_s)
+        try:
+            for item in search.blacklist:
+                search.check(item, "the blacklist")
+            answer = work(search)
+        except LimitReached:
+            answer = TaskAnswer(
+                TaskVerdict.TIMEOUT, message=f"no plan within {limits.timeout_s:g} s and {limits.steps} attempts"
+            )
+        except Cancelled:
+            answer = TaskAnswer(TaskVerdict.CANCELLED, message="cancelled")
+        except DomainFault as problem:
+            answer = TaskAnswer(TaskVerdict.ERROR, message=str(problem), fault=problem.fault)
+        return replace(answer, seconds=time.monotonic() - begin)
+
+
+def _impossible(search: Search) -> TaskAnswer:
+    return TaskAnswer(TaskVerdict.IMPOSSIBLE, message=f"no plan: {search.obstacle}")
+
+
+def _path(tree: TaskTree, id: int) -> list[Node]:
+    if id not in tree.nodes or tree.nodes[id].status != "planned":
+        raise DomainFault(
+            Fault.UNKNOWN,
+            f"the tree has no planned action at node {id}",
+            remedy="give the id of a node of the plan",
+        )
+    return tree.path(id)
+
+
+def _redo(
+    search: Search, state: State, tree: TaskTree, node: Node, failed: int | None, *, again: bool
+) -> TaskAnswer | None:
+    """What becomes of ``tree`` when ``node`` is done from ``state``, and then all that comes later; None if it cannot.
+
+    Unless ``again``, it may not be done as it was when ``failed`` had failed.
+    """
+    top = Place(node.item, node=node.id)
+    later: list[int] = []
+    for above in tree.path(node.id):
+        later += tree.later(above)
+    tops = [top, *(Place(tree.nodes[id].item, node=id) for id in later)]
+    todo: list[Place | Otherwise] = [*tops]
+    if failed is not None and not again:
+        actions = [below for below in tree.walk(node.id, former=False) if below.method is None]
+        index = [action.id for action in actions].index(failed)
+        todo.insert(1, Otherwise(top, tuple(action.item for action in actions), index))
+    found = search.run(state, todo)
+    if found is None:
+        return None
+    redone = node.id if node.method is not None or failed is not None else None
+    return TaskAnswer(TaskVerdict.PLAN, grown(tree, tops, found.trail, redone), redone=redone)
