@@ -1,0 +1,228 @@
+"""The execution of one plan: its steps as tasks, how each fares, and when all will be over."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from socialbot.agent_messages import ActionExecutionInfo, ActionStatus, Desire, PlanExecutionInfo, PlanStatus
+from socialbot.clock import SECOND
+from socialbot.deliberation.actions import progress_of
+from socialbot.deliberation.projection import Projection
+from socialbot.planning.domain import Domain
+from socialbot.planning.formulas import Add, Delete, Effect, Fluent, World
+from socialbot.planning.plan import Step
+from socialbot.planning.semantics import TOLERANCE, GroundAction, GroundChange, SetValue, changes
+
+if TYPE_CHECKING:
+    from socialbot.bdi.failures import Failure
+    from socialbot.bdi.intentions import Intention
+
+Phase = Literal["waiting", "acting", "ending", "settling", "over"]
+"""A task waits for its turn; its action goes on; that is done, but what has to hold at the end does not yet; the
+sensors have not yet seen the effects; it is over."""
+
+NEARLY = 0.99
+"""The progress of an action that lasts longer than planned, and does not tell how far it is."""
+
+
+@dataclass(eq=False)
+class Task:
+    """A step that is carried out. ``before_start`` and ``before_end`` are the happenings that it has to wait for.
+
+    All of an instantaneous action happens at its end, when it has been carried out. ``since`` (ns) is when the phase
+    began, ``unmet_since`` when a condition stopped holding. ``expected`` are the effects that sensors have to see,
+    and ``starting_values`` the numbers among them as they were when it had begun.
+    """
+
+    step: Step
+    action: GroundAction
+    before_start: tuple[Happening, ...] = ()
+    before_end: tuple[Happening, ...] = ()
+    phase: Phase = "waiting"
+    status: ActionStatus = "WAITING"
+    record: str = ""
+    message: str = ""
+    since: int = 0
+    started: int | None = None
+    ended: int | None = None
+    unmet_since: int | None = None
+    intention: Intention | None = None
+    outcome: tuple[Failure | None] | None = None
+    expected: tuple[GroundChange, ...] = ()
+    starting_values: dict[Fluent, float | None] = field(default_factory=dict)
+    _progress: float = 0.0
+
+    @property
+    def active(self) -> bool:
+        """Whether it has begun and is not over."""
+        return self.phase in ("acting", "ending", "settling")
+
+    def effects(self, when: Literal["start", "end"]) -> tuple[Effect, ...]:
+        """What it changes then."""
+        if self.action.duration is None:
+            return () if when == "start" else self.action.effects_at("start")
+        return self.action.effects_at(when)
+
+    def changes(self, when: Literal["start", "end"], world: World) -> list[GroundChange]:
+        """What that comes down to in a world. Raises PlanningError for numbers that have no value."""
+        return changes(self.effects(when), world, duration=self.step.duration_s)
+
+    def as_when_begun(self, world: World, domain: Domain) -> Projection:
+        """A world with the numbers that sensors tell as they were when it had begun.
+
+        A sensor may have seen already by how much the task has changed them.
+        """
+        values = self.starting_values.items()
+        return Projection(world, domain, (SetValue(fluent, value) for fluent, value in values if value is not None))
+
+    def first_unseen(self, world: World) -> GroundChange | None:
+        """The first of the effects that sensors have to see which they have not seen; None when there is none."""
+        return next((change for change in self.expected if not self.is_seen(change, world)), None)
+
+    def is_seen(self, change: GroundChange, world: World) -> bool:
+        """Whether an effect is what a world shows; numbers may have gone further, as others change them, too."""
+        match change:
+            case Add(predicate):
+                return world.holds(predicate)
+            case Delete(predicate):
+                return not world.holds(predicate)
+            case SetValue(fluent, value):
+                return _has_come(self.starting_values.get(fluent), world.value(fluent), value)
+
+    def has_happened(self, what: Literal["start", "end"]) -> bool:
+        """Whether it has begun, or ended well."""
+        if what == "start" and self.action.duration is not None:
+            return self.started is not None
+        return self.status == "SUCCESSFUL"
+
+    def enter(self, phase: Phase, now: int) -> None:
+        """Begins another phase."""
+        self.phase, self.since, self.unmet_since = phase, now, None
+
+    def lasted_s(self, now: int) -> float:
+        """How long it has gone on, s."""
+        if self.started is None:
+            return 0.0
+        return ((now if self.ended is None else self.ended) - self.started) / SECOND
+
+    def progress(self, now: int) -> float:
+        """How far it is, 0 to 1: as the action says, or else by the time that has passed."""
+        if self.phase == "acting":
+            told = self._told()
+            spent = self.lasted_s(now) / self.step.duration_s if self.step.duration_s > 0 else NEARLY
+            self._progress = min(spent, NEARLY) if told is None else told
+        elif self.active or self.status == "SUCCESSFUL":
+            self._progress = 1.0
+        return self._progress
+
+    def length_s(self, now: int) -> float:
+        """How long it lasts in all, s: as it has, at its pace so far, or as planned."""
+        if self.started is None:
+            return self.step.duration_s
+        lasted = self.lasted_s(now)
+        if self.phase != "acting":
+            return lasted
+        told = self._told()
+        return lasted / told if told else max(lasted, self.step.duration_s)
+
+    def _told(self) -> float | None:
+        return None if self.intention is None else progress_of(self.intention)
+
+
+Happening = tuple[Task, Literal["start", "end"]]
+"""The start or the end of a task."""
+
+
+@dataclass(eq=False)
+class Execution:
+    """A plan that is carried out for a desire; ``number`` counts the plans of the agent. Times are ns."""
+
+    number: int
+    desire: Desire
+    tasks: tuple[Task, ...]
+    makespan_s: float
+    began: int
+    pursued_since: int
+    record: str = ""
+    end_record: str = ""
+    status: PlanStatus = "RUNNING"
+    reason: str = ""
+
+    def active(self) -> Iterator[Task]:
+        """The tasks that have begun and are not over, in the order of the plan."""
+        return (task for task in self.tasks if task.active)
+
+    def released(self) -> Iterator[Task]:
+        """The tasks that wait only for their conditions, in the order of the plan."""
+        return (task for task in self.tasks if task.phase == "waiting" and have_happened(task.before_start))
+
+    def state(self) -> str:
+        """A text that changes with the status of the plan or of a step."""
+        return " ".join((str(self.number), self.status, *(f"{task.status} {task.message}" for task in self.tasks)))
+
+    def info(self, agent_id: str, now: int) -> PlanExecutionInfo:
+        """How it fares."""
+        numbers = {task: number for number, task in enumerate(self.tasks)}
+        return PlanExecutionInfo(
+            stamp=now,
+            agent_id=agent_id,
+            plan=self.number,
+            target=self.desire,
+            actions_exec_info=tuple(self._info(task, numbers, now) for task in self.tasks),
+            current_time=self.seconds(now),
+            planned_deadline=self.makespan_s,
+            estimated_deadline=self.estimated_end_s(now),
+            status=self.status,
+            reason=self.reason,
+        )
+
+    def seconds(self, time: int) -> float:
+        """A time as s from the start of the plan."""
+        return (time - self.began) / SECOND
+
+    def estimated_end_s(self, now: int) -> float:
+        """When all will be over as it looks now, s from the start of the plan."""
+        earliest = self.seconds(now)
+        starts: dict[Task, float] = {}
+        ends: dict[Task, float] = {}
+        for task in self.tasks:
+            if task.started is not None:
+                starts[task] = self.seconds(task.started)
+            else:
+                waits = (starts.get(other, 0.0) if what == "start" else ends.get(other, 0.0)
+                         for other, what in task.before_start)  # fmt: skip
+                starts[task] = max((earliest, *waits))
+            ends[task] = starts[task] + task.length_s(now)
+        return max(ends.values(), default=0.0)
+
+    def _info(self, task: Task, numbers: dict[Task, int], now: int) -> ActionExecutionInfo:
+        return ActionExecutionInfo(
+            index=numbers[task],
+            name=task.step.action,
+            args=task.step.args,
+            # One that has begun may have waited for steps of an earlier plan.
+            wait_action_indexes=tuple(sorted({numbers[other] for other, _ in task.before_start if other in numbers})),
+            planned_start=task.step.start_s,
+            actual_start=None if task.started is None else self.seconds(task.started),
+            duration=task.step.duration_s,
+            exec_time=task.lasted_s(now),
+            progress=task.progress(now),
+            status=task.status,
+            message=task.message,
+        )
+
+
+def have_happened(happenings: Iterable[Happening]) -> bool:
+    """Whether all of some happenings have occurred."""
+    return all(task.has_happened(what) for task, what in happenings)
+
+
+def _has_come(start: float | None, now: float | None, end: float) -> bool:
+    if now is None:
+        return False
+    close = abs(now - end) <= TOLERANCE * max(1.0, abs(end))
+    if start is None or start == end:
+        return close
+    return close or (now > end) == (end > start)

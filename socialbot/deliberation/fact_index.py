@@ -1,0 +1,284 @@
+"""Facts in memory, found by name and by the objects that they mention."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+
+from socialbot.agent_messages import FLUENT, INSTANCE, PREDICATE, Fact
+from socialbot.deliberation.patterns import has_wildcards, like, variables_in
+from socialbot.planning.domain import OBJECT, Domain, Signature
+from socialbot.planning.formulas import Fluent, Predicate
+
+Params = tuple[str, ...]
+
+KINDS = {INSTANCE: "an instance", PREDICATE: "a predicate", FLUENT: "a function"}
+
+_NAME = re.compile(r"[a-z][a-z0-9_-]*\Z")
+
+
+class Table:
+    """The facts of one name by their parameters. Instances are a table, too, with their own names as parameter."""
+
+    __slots__ = ("_by", "facts")
+
+    def __init__(self) -> None:
+        self.facts: dict[Params, Fact] = {}
+        self._by: dict[tuple[int, str], dict[Params, None]] = {}
+
+    def put(self, params: Params, fact: Fact) -> None:
+        """Enters a fact, in the place of the one with these parameters."""
+        if params not in self.facts:
+            for place in enumerate(params):
+                self._by.setdefault(place, {})[params] = None
+        self.facts[params] = fact
+
+    def take(self, params: Params) -> Fact | None:
+        """Takes a fact out; None when there is none."""
+        fact = self.facts.pop(params, None)
+        if fact is not None:
+            for place in enumerate(params):
+                del self._by[place][params]
+                if not self._by[place]:
+                    del self._by[place]
+        return fact
+
+    def among(self, known: Iterable[tuple[int, str]]) -> Mapping[Params, object]:
+        """The parameters of facts that have ``known`` objects at some positions, and perhaps of some more."""
+        best: Mapping[Params, object] = self.facts
+        for place in known:
+            found = self._by.get(place)
+            if found is None:
+                return {}
+            if len(found) < len(best):
+                best = found
+        return best
+
+
+_EMPTY = Table()
+"""Stands for the tables of names without facts. Nothing is ever put into it."""
+
+
+class FactIndex:
+    """Some facts about the things of a domain: a `socialbot.planning.formulas.World`. Constants are instances.
+
+    ``version`` is another number after each change.
+    """
+
+    def __init__(self, domain: Domain, facts: Iterable[Fact] = ()) -> None:
+        self.domain = domain
+        self._tables: dict[int, dict[str, Table]] = {INSTANCE: {"": Table()}, PREDICATE: {}, FLUENT: {}}
+        self._objects: dict[tuple[str, ...], tuple[str, ...]] = {}
+        self._sorted: tuple[Fact, ...] | None = None
+        self.version = 0
+        for name, kinds in domain.constants.items():
+            self._put(Fact(name=name, pddl_type=INSTANCE, type=kinds[0]))
+        for fact in facts:
+            self._put(fact)
+
+    # Questions
+
+    def holds(self, predicate: Predicate) -> bool:
+        """Whether a predicate is among the facts."""
+        return predicate.terms in self.table(PREDICATE, predicate.name).facts
+
+    def value(self, fluent: Fluent) -> float | None:
+        """The value of a function; None when it has none."""
+        fact = self.table(FLUENT, fluent.function).facts.get(fluent.terms)
+        return None if fact is None else fact.value
+
+    def objects(self, types: tuple[str, ...] = (OBJECT,)) -> tuple[str, ...]:
+        """The objects of any of these types or of a sub-type, by name."""
+        found = self._objects.get(types)
+        if found is None:
+            names = (name for (name,) in self.table(INSTANCE).facts if self.fits(name, types))
+            found = self._objects[types] = tuple(sorted(names))
+        return found
+
+    def kinds(self, name: str) -> tuple[str, ...]:
+        """The types of an object as they were declared; none when it is not known."""
+        constant = self.domain.constants.get(name)
+        if constant is not None:
+            return constant
+        fact = self.table(INSTANCE).facts.get((name,))
+        return () if fact is None else (fact.type,)
+
+    def fits(self, name: str, types: tuple[str, ...]) -> bool:
+        """Whether an object is known and has any of these types."""
+        is_a = self.domain.is_a
+        return any(is_a(kind, wanted) for kind in self.kinds(name) for wanted in types)
+
+    def facts(self) -> tuple[Fact, ...]:
+        """All facts by type, name and parameters, but for constants of the domain and what it derives."""
+        if self._sorted is None:
+            left_out = {INSTANCE: self.domain.constants, PREDICATE: self.domain.derived, FLUENT: {}}
+            found = (
+                fact
+                for tables in self._tables.values()
+                for table in tables.values()
+                for fact in table.facts.values()
+                if fact.name not in left_out[fact.pddl_type]
+            )
+            self._sorted = tuple(sorted(found, key=lambda fact: fact.identity))
+        return self._sorted
+
+    def table(self, pddl_type: int, name: str = "") -> Table:
+        """The facts of a name; the name of the instances' table is empty."""
+        return self._tables[pddl_type].get(name, _EMPTY)
+
+    def names(self, pddl_type: int) -> Iterator[str]:
+        """The names of which there are, or were, facts."""
+        return iter(self._tables[pddl_type])
+
+    def mentioning(self, name: str) -> list[Fact]:
+        """The predicates and fluents about an object, by type, name and parameters."""
+        found: dict[Fact, None] = {}
+        for pddl_type in (PREDICATE, FLUENT):
+            for table in self._tables[pddl_type].values():
+                arity = len(next(iter(table.facts), ()))
+                for position in range(arity):
+                    for params in table.among(((position, name),)):
+                        if params[position] == name:
+                            found[table.facts[params]] = None
+        return sorted(found, key=lambda fact: fact.identity)
+
+    # Whether facts fit the domain
+
+    def unknown(self, fact: Fact) -> str | None:
+        """Why a fact makes no sense in this domain among these objects; None when it does."""
+        reason = self.unfit(fact)
+        if reason is not None or fact.pddl_type == INSTANCE:
+            return reason
+        for name in fact.params:
+            if not self.kinds(name):
+                return f"{fact}: there is no object {name!r}; {near(name, self.objects())}"
+        return None
+
+    def unfit(self, fact: Fact) -> str | None:
+        """Like `unknown`, but objects may be new: why a fact can never be among these."""
+        if fact.pddl_type == INSTANCE:
+            return self._unfit_instance(fact)
+        signature, reason = signature_of(self.domain, fact)
+        if signature is None:
+            return reason
+        asked: dict[str, tuple[str, ...]] = {}
+        for name, parameter in zip(fact.params, signature.parameters, strict=True):
+            reason = self._misplaced(name, parameter.types)
+            before = asked.setdefault(name, parameter.types)
+            settled = reason or self.fits(name, parameter.types)
+            if not settled and not any(self._related(one, two) for one in before for two in parameter.types):
+                reason = f"{name} cannot be both a {'|'.join(before)} and a {'|'.join(parameter.types)}"
+            if reason is not None:
+                return f"{fact}: {reason}"
+        return _no_number(fact)
+
+    def unfit_pattern(self, fact: Fact) -> str | None:
+        """Like `unfit`, for what may have wildcards or variables in its names: why it can never stand for anything."""
+        plain = [term for term in (fact.name, *fact.params) if not (has_wildcards(term) or variables_in(term))]
+        if fact.pddl_type == INSTANCE:
+            if fact.type and fact.type not in self.domain.types:
+                return f"{fact.name}: there is no type {fact.type!r}; {near(fact.type, self.domain.types)}"
+            return next(filter(None, map(misnamed, plain)), None)
+        if fact.name not in plain:
+            known = self.domain.functions if fact.pddl_type == FLUENT else self.domain.predicates
+            arities = (len(signature.parameters) for name, signature in known.items() if like(fact.name)(name))
+            if len(fact.params) not in arities:
+                return f"no {KINDS[fact.pddl_type].split()[1]} is like {fact}; {near(fact.name, known)}"
+            return next(filter(None, map(misnamed, plain)), None)
+        signature, reason = signature_of(self.domain, fact)
+        for name, parameter in zip(fact.params, signature.parameters if signature else (), strict=False):
+            misplaced = self._misplaced(name, parameter.types) if name in plain else None
+            reason = reason or (misplaced and f"{fact}: {misplaced}")
+        return reason or _no_number(fact)
+
+    def _misplaced(self, name: str, types: tuple[str, ...]) -> str | None:
+        """Why nothing of this name can be of these types."""
+        kinds = self.kinds(name)
+        if not kinds:
+            return misnamed(name)
+        return None if self._may_be(name, types) else f"{name} is a {'|'.join(kinds)}, not a {'|'.join(types)}"
+
+    def _unfit_instance(self, fact: Fact) -> str | None:
+        is_a, kinds = self.domain.is_a, self.kinds(fact.name)
+        if not fact.type:
+            return None if kinds else f"{fact.name}: its type is missing"
+        if fact.type not in self.domain.types:
+            return f"{fact.name}: there is no type {fact.type!r}; {near(fact.type, self.domain.types)}"
+        if not kinds:
+            return misnamed(fact.name)
+        if any(is_a(kind, fact.type) for kind in kinds) or self._may_be(fact.name, (fact.type,)):
+            return None
+        return f"{fact.name} is a {'|'.join(kinds)}, not a {fact.type}"
+
+    def _related(self, one: str, two: str) -> bool:
+        return self.domain.is_a(one, two) or self.domain.is_a(two, one)
+
+    def _may_be(self, name: str, types: tuple[str, ...]) -> bool:
+        return self.fits(name, types)
+
+    # Changes, for those who know that they fit
+
+    def _put(self, fact: Fact) -> None:
+        if fact.pddl_type == INSTANCE:
+            self._tables[INSTANCE][""].put((fact.name,), fact)
+            self._objects.clear()
+        else:
+            self._tables[fact.pddl_type].setdefault(fact.name, Table()).put(fact.params, fact)
+        self._sorted = None
+        self.version += 1
+
+    def _take(self, fact: Fact) -> Fact | None:
+        if fact.pddl_type == INSTANCE:
+            taken = self.table(INSTANCE).take((fact.name,))
+            self._objects.clear()
+        else:
+            taken = self.table(fact.pddl_type, fact.name).take(fact.params)
+        self._sorted = None
+        self.version += 1
+        return taken
+
+
+def signature_of(domain: Domain, fact: Fact) -> tuple[Signature | None, str | None]:
+    """What the domain says of the name of a predicate or fluent, or why that is not what the fact takes it for."""
+    mine, other = domain.predicates, domain.functions
+    if fact.pddl_type == FLUENT:
+        mine, other = other, mine
+    signature = mine.get(fact.name)
+    if signature is None and fact.name in other:
+        swapped = FLUENT if fact.pddl_type == PREDICATE else PREDICATE
+        return None, f"{fact.name!r} is {KINDS[swapped]}; its pddl_type is {swapped}"
+    if signature is None:
+        word = KINDS[fact.pddl_type].split()[1]
+        return None, f"there is no {word} {fact.name!r}; {near(fact.name, mine)}"
+    if len(fact.params) != len(signature.parameters):
+        return None, f"({' '.join((fact.name, *fact.params))}): {signature} has {_parameters(signature)}"
+    return signature, None
+
+
+def _parameters(signature: Signature) -> str:
+    number = len(signature.parameters)
+    return f"{number} parameter{'' if number == 1 else 's'}"
+
+
+def _no_number(fact: Fact) -> str | None:
+    return None if math.isfinite(fact.value) else f"{fact}: no number"
+
+
+def misnamed(name: str) -> str | None:
+    """Why nothing can have this name in PDDL; None when it can."""
+    if _NAME.match(name):
+        return None
+    return f"{name!r} is no name: it needs a small letter, then small letters, digits, _ and -"
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """What may have been meant by a wrong name."""
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, n=1)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    if not names:
+        return "there are none"
+    return f"there are {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}"

@@ -1,0 +1,369 @@
+"""What an agent believes, as facts of its planning domain.
+
+The engine holds the beliefs; its rules, plans and sensors may change them as any others:
+
+| fact | belief of the engine |
+|---|---|
+| instance ``box_a - box`` | ``instance(box_a, box)`` |
+| predicate ``(on box_a base_1)`` | ``on(box_a, base_1)`` |
+| fluent ``(stacked base_1) = 2`` | ``stacked(base_1, 2)`` |
+
+Objects are `Atom`\\ s. An object has one type and a fluent one value: a new one takes the place of the old.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from socialbot.agent_messages import FLUENT, INSTANCE, LONGEST_S, PREDICATE, Condition, Conjunction, Desire, Dnf, Fact
+from socialbot.bdi import Atom, Engine
+from socialbot.bdi.literals import PERCEPT, SELF, source
+from socialbot.deliberation.fact_index import FactIndex, near, signature_of
+from socialbot.deliberation.matching import Clause, clauses_of, fitting, mismatch
+from socialbot.deliberation.patterns import has_wildcards
+from socialbot.errors import PlanningError
+from socialbot.planning.derived import Derivation
+from socialbot.planning.domain import Domain, Problem
+from socialbot.planning.formulas import And, Comparator, Comparison, Fluent, Formula, Not, Number, Or, Predicate
+
+Watcher = Callable[[Fact, bool, str], object]
+"""Is told a fact, whether it holds now, and the trace record of the change."""
+
+Hear = Callable[[tuple[Any, ...], bool, str], None]
+
+COMPARATORS: dict[str, Comparator] = {"EQ": "=", "GR": ">", "GREQ": ">=", "LE": "<", "LEQ": "<="}
+
+
+class FactBase(FactIndex):
+    """The beliefs of an engine that its planning domain speaks of. All calls are for the engine's own thread.
+
+    An object that is not known yet becomes an instance of the type that the domain asks for, and of a sub-type when
+    another fact asks for that. What an object no longer known is mentioned in is forgotten. Predicates that the domain
+    derives hold, and are told, as others, but they are no beliefs of the engine, and not among `facts`.
+    """
+
+    def __init__(self, engine: Engine, domain: Domain) -> None:
+        super().__init__(domain)
+        self.engine = engine
+        self._watchers: tuple[Watcher, ...] = ()
+        self._assumed: set[str] = set()
+        self._untold: deque[tuple[Fact, bool, str]] = deque()
+        self._telling = False
+        self._derivation = Derivation(domain) if domain.derived else None
+        self._test_of = functools.lru_cache(512)(lambda dnf: _Test(clauses_of(dnf, domain), self))
+        self._clauses_of = functools.lru_cache(512)(functools.partial(clauses_of, domain=domain))
+        heard: dict[str, Hear] = {_KEY_OF_INSTANCES: self._hear_instance}
+        predicates = ((signature, 0, self._hear_predicate) for signature in domain.predicates.values())
+        functions = ((signature, 1, self._hear_fluent) for signature in domain.functions.values())
+        for signature, values, hear in (*predicates, *functions):
+            name, key = signature.name, f"{signature.name}/{len(signature.parameters) + values}"
+            if key in heard:
+                raise PlanningError(
+                    f"{name!r} would be the same belief as another name of the domain",
+                    where=domain.where or domain.name,
+                    remedy="choose another name; instance(name, type) is taken",
+                )
+            heard[key] = functools.partial(hear, name)
+        for key, hear in heard.items():
+            engine.watch(key, hear)
+            for args, (_, _, cause) in list(engine.relations[key].facts.items()):
+                hear(args, True, cause)
+        self._derive("")
+        self._untold.clear()
+
+    # Changes
+
+    def add(self, fact: Fact, *, source: str = "self", cause: str = "") -> bool:
+        """Believes a fact; True when that is new. Raises PlanningError when it does not fit the domain (`unfit`)."""
+        reason = self.unfit(fact)
+        if reason is not None:
+            raise PlanningError(reason, where=self.domain.name)
+        if self._derives(fact):
+            self._complain(str(fact), "it follows from other facts, and is not believed by itself", cause)
+            return False
+        before = self.current(fact)
+        if fact.pddl_type == INSTANCE and not fact.type:
+            return False
+        self.engine.add(self._relation(fact), _args(fact), _notes(source), cause)
+        if fact.pddl_type == INSTANCE:
+            self._assumed.discard(fact.name)
+        return self.current(fact) != before
+
+    def remove(self, fact: Fact, cause: str = "") -> tuple[Fact, ...]:
+        """Believes it no longer, and returns what was believed.
+
+        Parameters may have wildcards; the value of a fluent, or the type of an instance, is left out of account.
+        """
+        found = tuple(held for held in fitting(fact, self) if not self._derives(held))
+        for held in found:
+            self.engine.forget_one(self._relation(held), _args(held), cause)
+        return found
+
+    def current(self, fact: Fact) -> Fact | None:
+        """The fact of the same type, name and parameters as it is believed now, with its value; else None."""
+        if fact.pddl_type == INSTANCE:
+            return self.table(INSTANCE).facts.get((fact.name,))
+        return self.table(fact.pddl_type, fact.name).facts.get(fact.params)
+
+    # Questions
+
+    def check(self, condition: Condition) -> bool:
+        """Whether a condition holds. In its names ``*`` and ``?`` stand for any letters, ``{x}`` for any object."""
+        return self.satisfied(Dnf(clauses=(Conjunction(literals=(condition,)),)))
+
+    def satisfied(self, dnf: Dnf) -> bool:
+        """Whether one of the conjunctions holds, or there is none."""
+        return any(clause.holds(self) for clause in self._clauses_of(dnf))
+
+    def test(self, dnf: Dnf) -> Callable[[], bool]:
+        """Asks what `satisfied` does, again and again: whoever asks the same shares the answer until facts change."""
+        return self._test_of(dnf)
+
+    def fulfilled(self, desire: Desire) -> bool:
+        """Whether all holds that a desire wants, and it speaks of nothing unknown."""
+        return self.achieved(desire)()
+
+    def achieved(self, desire: Desire) -> Callable[[], bool]:
+        """Asks what `fulfilled` does, again and again."""
+        test = self.test(Dnf(clauses=(Conjunction(literals=desire.wanted),)))
+        # What is not so of an object that nobody knows is not achieved by that: the name may be wrong.
+        absent = tuple(
+            check
+            for check in desire.wanted
+            if check.check == "F" and not any(map(has_wildcards, check.condition_to_check.params))
+        )
+        return lambda: test() and not any(map(self.unknown_condition, absent))
+
+    def unknown_condition(self, condition: Condition) -> str | None:
+        """Why a condition without wildcards or variables makes no sense among these objects; None when it does."""
+        fact = condition.condition_to_check
+        if fact.pddl_type == INSTANCE and not self.kinds(fact.name):
+            return f"there is no object {fact.name!r}; {near(fact.name, self.objects())}"
+        return mismatch(condition) or self.unknown(fact)
+
+    # For planning
+
+    def goal(self, wanted: Iterable[Condition]) -> Formula:
+        """Conditions as a formula of PDDL. That an instance exists is settled now: no plan can make one."""
+        return And(tuple(self._formula(condition) for condition in wanted))
+
+    def problem(self, goal: Formula | None = None) -> Problem:
+        """What is believed now, with all objects, as a planning problem."""
+        return problem_of(self.facts(), self.domain, goal)
+
+    # Watching
+
+    def watch(self, watcher: Watcher) -> None:
+        """Has ``watcher`` called at once for each fact that begins or ends to hold, and for each new value of a fluent.
+
+        It may change facts; those changes are told when all watchers have heard of this one.
+        """
+        self._watchers = (*self._watchers, watcher)
+
+    # Within
+
+    def _may_be(self, name: str, types: tuple[str, ...]) -> bool:
+        if self.fits(name, types):
+            return True
+        return name in self._assumed and any(self.domain.is_a(kind, self.kinds(name)[0]) for kind in types)
+
+    def _relation(self, fact: Fact) -> Any:
+        if fact.pddl_type == INSTANCE:
+            return self.engine.relations[_KEY_OF_INSTANCES]
+        return self.engine.relations[f"{fact.name}/{len(fact.params) + (fact.pddl_type == FLUENT)}"]
+
+    def _formula(self, condition: Condition) -> Formula:
+        fact, check = condition.condition_to_check, condition.check
+        if check == "EX":
+            return And() if self.check(condition) else Or()
+        if check in COMPARATORS:
+            return Comparison(COMPARATORS[check], Fluent(fact.name, fact.params), Number(fact.value))
+        predicate = Predicate(fact.name, fact.params)
+        return predicate if check == "T" else Not(predicate)
+
+    def _hear_instance(self, args: tuple[Any, ...], held: bool, cause: str) -> None:
+        names = _names(args)
+        if names is None or names[0] in self.domain.constants:
+            return
+        fact = Fact(name=names[0], pddl_type=INSTANCE, type=names[1])
+        before = self.current(fact)
+        if not held:
+            if before == fact:
+                self._take(fact)
+                self._assumed.discard(fact.name)
+                self._tell(fact, False, cause)
+                for other in self.mentioning(fact.name):
+                    self.engine.forget_one(self._relation(other), _args(other), cause)
+            return
+        if self._complains(args, fact, cause) or before == fact:
+            return
+        if before is not None and (not fact.type or self.domain.is_a(before.type, fact.type)):
+            self.engine.forget_one(self._relation(fact), args, cause)
+            return
+        self._put(fact)
+        self._assumed.discard(fact.name)
+        if before is not None:
+            self.engine.forget_one(self._relation(fact), _args(before), cause)
+        self._tell(fact, True, cause)
+
+    def _hear_predicate(self, name: str, args: tuple[Any, ...], held: bool, cause: str) -> None:
+        params = _names(args)
+        fact = None if params is None else Fact(name=name, params=params)
+        if not held:
+            if fact is not None and self._take(fact):
+                self._tell(fact, False, cause)
+        elif not self._complains(args, fact, cause, name):
+            assert fact is not None
+            self._assume(fact, cause)
+            self._put(fact)
+            self._tell(fact, True, cause)
+
+    def _hear_fluent(self, name: str, args: tuple[Any, ...], held: bool, cause: str) -> None:
+        params, value, fact = _names(args[:-1]), args[-1], None
+        if params is not None and isinstance(value, (int, float)) and not isinstance(value, bool):
+            fact = Fact(name=name, pddl_type=FLUENT, params=params, value=float(value))
+        before = fact and self.current(fact)
+        if not held:
+            # Another value has taken its place, where this is not the one that is known.
+            if fact is not None and before == fact:
+                self._take(fact)
+                self._tell(fact, False, cause)
+        elif not self._complains(args, fact, cause, name):
+            assert fact is not None
+            self._assume(fact, cause)
+            self._put(fact)
+            if before is not None:
+                self.engine.forget_one(self._relation(fact), _args(before), cause)
+            self._tell(fact, True, cause)
+
+    def _complains(self, args: tuple[Any, ...], fact: Fact | None, cause: str, name: str = "instance") -> bool:
+        """Whether a belief is no fact of the domain, which goes on the trace."""
+        if fact is None:
+            reason = "its objects have to be atoms, and the value of a fluent a number"
+        elif self._derives(fact):
+            reason = "it follows from other facts, and is not believed by itself"
+        else:
+            reason = self.unfit(fact)
+        if reason is not None:
+            self._complain(f"{name}({', '.join(map(str, args))})", reason, cause)
+        return reason is not None
+
+    def _complain(self, what: str, reason: str, cause: str) -> None:
+        self.engine.record("failure", what, cause, reason="no_fact", message=reason)
+
+    def _derives(self, fact: Fact) -> bool:
+        return fact.pddl_type == PREDICATE and fact.name in self.domain.derived
+
+    def _derive(self, cause: str) -> None:
+        """Finds out what follows from the facts by now."""
+        if self._derivation is None:
+            return
+        now = {Fact(name=predicate.name, params=predicate.terms) for predicate in self._derivation.derived(self)}
+        before = {fact for name in self.domain.derived for fact in self.table(PREDICATE, name).facts.values()}
+        for fact in sorted(before ^ now, key=lambda fact: fact.identity):
+            if fact in now:
+                self._put(fact)
+            else:
+                self._take(fact)
+            self._untold.append((fact, fact in now, cause))
+
+    def _assume(self, fact: Fact, cause: str) -> None:
+        """Makes instances of objects that are not known, or only by a wider type, as the domain asks for them."""
+        signature, _ = signature_of(self.domain, fact)
+        assert signature is not None
+        for name, parameter in zip(fact.params, signature.parameters, strict=True):
+            if not self.fits(name, parameter.types):
+                known = self.kinds(name)
+                kind = next(kind for kind in parameter.types if not known or self.domain.is_a(kind, known[0]))
+                instance = Fact(name=name, pddl_type=INSTANCE, type=kind)
+                self.engine.add(self._relation(instance), _args(instance), SELF, cause)
+                self._assumed.add(name)
+
+    def _tell(self, fact: Fact, held: bool, cause: str) -> None:
+        self._untold.append((fact, held, cause))
+        self._derive(cause)
+        if self._telling:
+            return
+        self._telling = True
+        while self._untold:
+            change = self._untold.popleft()
+            for watcher in self._watchers:
+                try:
+                    watcher(*change)
+                except Exception as problem:  # noqa: BLE001 - user code
+                    self.engine.record_failure(f"watching {change[0]}", change[2], problem)
+        self._telling = False
+
+
+def problem_of(facts: Iterable[Fact], domain: Domain, goal: Formula | None) -> Problem:
+    """Facts, with the instances that they are about, as a planning problem."""
+    by_type: dict[int, list[Fact]] = {INSTANCE: [], PREDICATE: [], FLUENT: []}
+    for fact in facts:
+        by_type[fact.pddl_type].append(fact)
+    return Problem(
+        name="beliefs",
+        domain=domain.name,
+        objects={fact.name: (fact.type,) for fact in by_type[INSTANCE]},
+        facts=frozenset(Predicate(fact.name, fact.params) for fact in by_type[PREDICATE]),
+        values={Fluent(fact.name, fact.params): fact.value for fact in by_type[FLUENT]},
+        goal=goal,
+    )
+
+
+def out_of_range(desire: Desire) -> str | None:
+    """What is wrong with the priority or the deadline of a desire; None when nothing is."""
+    if not 0.0 <= desire.priority <= 1.0:
+        return f"the priority {desire.priority:g} is out of range; give a number from 0 to 1"
+    if not 0.0 <= desire.deadline <= LONGEST_S:
+        return f"the deadline {desire.deadline:g} is out of range; give seconds from 0 to {LONGEST_S:g}"
+    return None
+
+
+class _Test:
+    """Conjunctions of which one has to hold, and whether one did when that was asked last."""
+
+    __slots__ = ("_clauses", "_facts", "_held", "_version")
+
+    def __init__(self, clauses: tuple[Clause, ...], facts: FactBase) -> None:
+        self._clauses = clauses
+        self._facts = facts
+        self._held = False
+        self._version = -1
+
+    def __call__(self) -> bool:
+        facts = self._facts
+        if self._version != facts.version:
+            self._version = facts.version
+            self._held = False
+            for clause in self._clauses:  # no generator: a thousand desires are asked for one belief
+                if clause.holds(facts):
+                    self._held = True
+                    break
+        return self._held
+
+
+_KEY_OF_INSTANCES = "instance/2"
+
+
+def _names(args: tuple[Any, ...]) -> tuple[str, ...] | None:
+    """The names of objects; None when something else is among them."""
+    names = tuple(arg.name for arg in args if isinstance(arg, Atom))
+    return names if len(names) == len(args) else None
+
+
+def _args(fact: Fact) -> tuple[Any, ...]:
+    """What the belief that stands for a fact is about."""
+    if fact.pddl_type == INSTANCE:
+        return Atom(fact.name), Atom(fact.type)
+    objects = tuple(map(Atom, fact.params))
+    if fact.pddl_type == PREDICATE:
+        return objects
+    whole = fact.value == int(fact.value)
+    return (*objects, int(fact.value) if whole else fact.value)
+
+
+def _notes(name: str) -> tuple[Any, ...]:
+    return SELF if name == "self" else PERCEPT if name == "percept" else (source(Atom(name)),)

@@ -1,0 +1,313 @@
+"""Files of what an agent believes, desires, and concludes: the YAML of ROS2-BDI.
+
+Beliefs, a list of::
+
+    - {name: box_a, pddl_type: 1, type: box}                                # an instance
+    - {name: in, pddl_type: 2, params: [box_a, base_1]}                     # a predicate
+    - {name: stacked, pddl_type: 3, params: [base_1], value: 1}             # a fluent; 0 without value
+
+Desires, a list of::
+
+    - name: tidy_up
+      priority: 0.4                                                         # 0 to 1
+      deadline: 60                                                          # s
+      value: [{name: in, pddl_type: 2, params: [box_a, base_2]}]
+      conditions: [{check: LEQ, condition_to_check: {name: stacked, pddl_type: 3, params: [base_1], value: 1}}]
+      precondition: {clauses: [{literals: [{check: T, condition_to_check: {name: ready, pddl_type: 2}}]}]}
+      context: {clauses: []}
+      rollback_belief_add: []
+      rollback_belief_del: []
+
+Rules, a list of::
+
+    - name: tidy                                                            # rule_1, rule_2, ... without
+      condition:
+        clauses:
+          - literals: [{check: T, condition_to_check: {name: in, pddl_type: 2, params: ["{x}", "*"]}}]
+      reactive_rules:
+        - {set: belief, operation: ADD, value: {name: clear, pddl_type: 2, params: ["{x}"]}}
+
+ROS2-BDI knows neither the ``conditions`` of desires, for what ``value`` cannot say, nor the names of rules. Its older
+files give the type of an instance as its only parameter, which will do, too. Names of the domain are made lower case,
+and a list that is left out is empty. Everything is checked against the domain: mistakes are PlanningErrors with file
+and line.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, NoReturn, TypeVar, get_args
+
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from socialbot.agent_messages import (
+    FLUENT,
+    INSTANCE,
+    LONGEST_S,
+    PREDICATE,
+    Check,
+    Condition,
+    Conjunction,
+    Desire,
+    Dnf,
+    Fact,
+)
+from socialbot.bdi import Engine
+from socialbot.clock import ManualClock
+from socialbot.deliberation.fact_index import FactIndex, near
+from socialbot.deliberation.facts import FactBase
+from socialbot.deliberation.matching import mismatch, unfit_condition
+from socialbot.deliberation.rules import ReactiveRule, RuleEffect, misfit, unfit_effect
+from socialbot.errors import PlanningError
+from socialbot.planning.domain import Domain
+
+T = TypeVar("T")
+
+Source = str | PathLike[str]
+
+
+def load_beliefs(path: Source, domain: Domain) -> tuple[Fact, ...]:
+    """The facts of a file, instances first. Raises PlanningError with file and line."""
+    found = [(node, _fact(node)) for node in _page(path).items()]
+    found.sort(key=lambda item: item[1].pddl_type != INSTANCE)
+    believed = FactBase(Engine("file", ManualClock()), domain)
+    for node, fact in found:
+        _refuse(node, believed.unfit(fact))
+        before = believed.current(fact)
+        if before is not None and before.value != fact.value:
+            node.fail(f"{before} was given before", "give one value")
+        believed.add(fact)
+    return tuple(fact for _, fact in found)
+
+
+def load_desires(path: Source, domain: Domain) -> tuple[Desire, ...]:
+    """The desires of a file. Raises PlanningError with file and line."""
+    index, found = FactIndex(domain), {}
+    for node in _page(path).items():
+        desire = _desire(node, index, index.unfit)
+        if desire.name in found:
+            node.fail(f"there is another desire called {desire.name!r}", "choose another name", at="name")
+        found[desire.name] = desire
+    return tuple(found.values())
+
+
+def load_rules(path: Source, domain: Domain) -> tuple[ReactiveRule, ...]:
+    """The rules of a file. Raises PlanningError with file and line."""
+    index, found = FactIndex(domain), {}
+    for number, node in enumerate(_page(path).items(), 1):
+        node.only("name", "condition", "reactive_rules")
+        if "condition" not in node.value:
+            node.fail("a rule without condition", "for one that always holds write condition: {clauses: []}")
+        name = node.text("name", f"rule_{number}")
+        condition = _dnf(node.at("condition"), index)
+        effects = tuple(_effect(effect, index) for effect in node.at("reactive_rules").items())
+        if not effects:
+            node.fail("a rule without effects", "give it reactive_rules", at="reactive_rules")
+        rule = ReactiveRule(name, condition, effects)
+        _refuse(node, misfit(rule, index))
+        if name in found:
+            node.fail(f"there is another rule called {name!r}", "choose another name", at="name")
+        found[name] = rule
+    return tuple(found.values())
+
+
+class _Node:
+    """A part of a file that knows where it stands."""
+
+    def __init__(self, value: Any, file: str, line: int) -> None:
+        self.value = value
+        self.file = file
+        self.line = line
+
+    def fail(self, what: str, remedy: str | None = None, *, at: str = "") -> NoReturn:
+        """Raises PlanningError for the part, or for the one of it called ``at``."""
+        line = self.line
+        if isinstance(self.value, CommentedMap) and at in self.value:
+            line = self.value.lc.key(at)[0] + 1
+        raise PlanningError(what, where=f"{self.file}:{line}", remedy=remedy)
+
+    def items(self) -> Iterator[_Node]:
+        """The parts of a list; nothing is a list without any."""
+        if self.value is None:
+            return
+        if not isinstance(self.value, CommentedSeq):
+            self.fail(f"expected a list, got {_shown(self.value)}")
+        for number, item in enumerate(self.value):
+            yield _Node(item, self.file, self.value.lc.item(number)[0] + 1)
+
+    def at(self, key: str) -> _Node:
+        """A part by name; nothing when it is not there."""
+        known = key in self.value
+        line = self.value.lc.value(key)[0] + 1 if known else self.line
+        return _Node(self.value.get(key), self.file, line)
+
+    def only(self, *known: str) -> None:
+        """Refuses anything but named parts with these names."""
+        if not isinstance(self.value, CommentedMap):
+            self.fail(f"expected names with values, got {_shown(self.value)}", f"there may be {', '.join(known)}")
+        for key in self.value:
+            if key not in known:
+                self.fail(f"unknown key {key!r}", near(str(key), known), at=key)
+
+    def text(self, key: str, default: str | None = None) -> str:
+        """A text that is not empty."""
+        value = self.value.get(key, default)
+        if value is None:
+            self.fail(f"{key!r} is missing")
+        if not isinstance(value, str) or not value:
+            self.fail(f"{key!r} has to be a text, got {_shown(value)}", 'write "{x}" in quotes', at=key)
+        return str(value)
+
+    def number(self, key: str, default: float) -> float:
+        """A number."""
+        value = self.value.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            self.fail(f"{key!r} has to be a number, got {_shown(value)}", at=key)
+        return float(value)
+
+    def one_of(self, key: str, known: Mapping[Any, T]) -> T:
+        """What one of some words or numbers stands for."""
+        value = self.value.get(key)
+        if value is None:
+            self.fail(f"{key!r} is missing", f"it is one of {', '.join(map(str, known))}")
+        if isinstance(value, bool) or not isinstance(value, (str, int)) or value not in known:
+            self.fail(f"{key!r} has to be one of {', '.join(map(str, known))}, got {_shown(value)}", at=key)
+        return known[value]
+
+
+def _page(path: Source) -> _Node:
+    try:
+        text = Path(path).read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise PlanningError(f"cannot read it: {error}", where=str(path)) from error
+    try:
+        return _Node(YAML(typ="rt").load(text), str(path), 1)
+    except MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        remedy = 'write names with * or {x} in quotes: "*", "{x}"'
+        raise PlanningError(f"no valid YAML: {error.problem}", where=f"{path}:{line}", remedy=remedy) from error
+    except YAMLError as error:
+        raise PlanningError(f"no valid YAML: {error}", where=str(path)) from error
+
+
+_TYPES: Mapping[int, Literal[1, 2, 3]] = {INSTANCE: INSTANCE, PREDICATE: PREDICATE, FLUENT: FLUENT}
+_CHECKS: Mapping[str, Check] = {check: check for check in get_args(Check)}
+_SETS: Mapping[str, str] = {"belief": "belief", "desire": "desire"}
+_OPERATIONS: Mapping[str, Literal["ADD", "DEL"]] = {"ADD": "ADD", "DEL": "DEL"}
+
+
+def _fact(node: _Node) -> Fact:
+    node.only("name", "pddl_type", "type", "params", "value")
+    pddl_type = node.one_of("pddl_type", _TYPES)
+    params = tuple(_param(item) for item in node.at("params").items())
+    if pddl_type == INSTANCE:
+        if len(params) > ("type" not in node.value):
+            node.fail("an instance has no parameters", "give its type; predicates have pddl_type 2", at="params")
+        kind = node.text("type") if "type" in node.value else "".join(params)
+        return Fact(name=_lower(node.text("name")), pddl_type=INSTANCE, type=_lower(kind))
+    value = node.number("value", 0.0)
+    value = value if pddl_type == FLUENT else 0.0
+    return Fact(name=_lower(node.text("name")), pddl_type=pddl_type, params=params, value=value)
+
+
+def _param(node: _Node) -> str:
+    if not isinstance(node.value, str):
+        node.fail(f"expected the name of an object, got {_shown(node.value)}", 'write "{x}" in quotes')
+    return _lower(node.value)
+
+
+def _desire(node: _Node, index: FactIndex, objection: Callable[[Fact], str | None]) -> Desire:
+    """A desire; ``objection`` tells what is wrong with a fact that it names."""
+    node.only(
+        "name", "value", "conditions", "priority", "deadline", "precondition", "context", "rollback_belief_add",
+        "rollback_belief_del", "parent",
+    )  # fmt: skip
+    defaults = Desire(name="defaults")
+    priority, deadline = node.number("priority", defaults.priority), node.number("deadline", defaults.deadline)
+    if not 0.0 <= priority <= 1.0:
+        node.fail(f"the priority {priority:g} is out of range", "give a number from 0 to 1", at="priority")
+    if not 0.0 <= deadline <= LONGEST_S:
+        node.fail(f"the deadline {deadline:g} is out of range", f"give seconds from 0 to {LONGEST_S:g}", at="deadline")
+    conditions = []
+    for item in node.at("conditions").items():
+        condition = _condition(item)
+        _refuse(item, mismatch(condition) or objection(condition.condition_to_check))
+        conditions.append(condition)
+    return Desire(
+        name=node.text("name"),
+        value=_facts(node.at("value"), objection),
+        conditions=tuple(conditions),
+        priority=priority,
+        deadline=deadline,
+        precondition=_dnf(node.at("precondition"), index),
+        context=_dnf(node.at("context"), index),
+        rollback_belief_add=_facts(node.at("rollback_belief_add"), objection),
+        rollback_belief_del=_facts(node.at("rollback_belief_del"), index.unfit_pattern),
+        parent=node.text("parent") if "parent" in node.value else "",
+    )
+
+
+def _facts(node: _Node, objection: Callable[[Fact], str | None]) -> tuple[Fact, ...]:
+    found = []
+    for item in node.items():
+        fact = _fact(item)
+        _refuse(item, objection(fact))
+        found.append(fact)
+    return tuple(found)
+
+
+def _dnf(node: _Node, index: FactIndex) -> Dnf:
+    if node.value is None:
+        return Dnf()
+    node.only("clauses")
+    return Dnf(clauses=tuple(_conjunction(clause, index) for clause in node.at("clauses").items()))
+
+
+def _conjunction(node: _Node, index: FactIndex) -> Conjunction:
+    node.only("literals")
+    literals = []
+    for item in node.at("literals").items():
+        literals.append(_condition(item))
+        _refuse(item, unfit_condition(literals[-1], index))
+    return Conjunction(literals=tuple(literals))
+
+
+def _condition(node: _Node) -> Condition:
+    node.only("check", "condition_to_check")
+    fact = _fact(node.at("condition_to_check"))
+    return Condition(check=node.one_of("check", _CHECKS), condition_to_check=fact)
+
+
+def _effect(node: _Node, index: FactIndex) -> RuleEffect:
+    node.only("set", "operation", "value")
+    operation, value = node.one_of("operation", _OPERATIONS), node.at("value")
+    if node.one_of("set", _SETS) == "desire":
+        effect = RuleEffect(operation=operation, desire=_desire(value, index, index.unfit_pattern))
+    else:
+        effect = RuleEffect(operation=operation, fact=_fact(value))
+    _refuse(value, unfit_effect(effect, index))
+    return effect
+
+
+def _refuse(node: _Node, reason: str | None) -> None:
+    """Raises PlanningError when there is a reason to; what may have been meant is its remedy."""
+    if reason is not None:
+        what, _, hint = reason.partition("; ")
+        node.fail(what, hint or "mend the file, or the domain")
+
+
+def _lower(name: str) -> str:
+    """A name as PDDL has it, but for variables."""
+    parts = re.split(r"(\{\w+\})", name)
+    return "".join(part if part.startswith("{") else part.lower() for part in parts)
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, Mapping):
+        return "names with values"
+    return "a list" if isinstance(value, list) else "nothing" if value is None else repr(value)

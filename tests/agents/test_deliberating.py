@@ -1,0 +1,437 @@
+"""Deliberating agents as nodes: what comes in, what goes out, and how they are made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from socialbot.agent_messages import (
+    AgentReply,
+    AgentRequest,
+    Belief,
+    BeliefSet,
+    CurrentIntentions,
+    DesireItem,
+    DesireSet,
+    Fact,
+    LifecycleStatus,
+    PlanExecutionInfo,
+)
+from socialbot.agents.deliberating import Deliberating
+from socialbot.clock import SECOND
+from socialbot.deliberation.actions import PlanAction
+from socialbot.deliberation.reception import Reception
+from socialbot.deliberation.sensing import FactSensor
+from socialbot.errors import ParameterError, PlanningError
+from socialbot.graph import Graph, Input, Parameter, Placement
+from socialbot.inline import InlineRunner
+from socialbot.messages import Mind, Structured, TraceRecord
+from tests.deliberation.domains import i, n, p
+from tests.deliberation.office import JOBS, job
+
+BELIEFS = """\
+- {name: a, pddl_type: 1, type: job}
+- {name: b, pddl_type: 1, type: job}
+"""
+DESIRES = """\
+- name: do_a
+  priority: 0.7
+  deadline: 20.0
+  value:
+    - {name: done, pddl_type: 2, params: [a]}
+"""
+RULES = """\
+- name: call
+  condition:
+    clauses:
+      - literals:
+          - {check: T, condition_to_check: {name: begun, pddl_type: 2, params: ["{x}"]}}
+  reactive_rules:
+    - {set: belief, operation: ADD, value: {name: told, pddl_type: 2, params: []}}
+"""
+
+
+class Light(Structured, frozen=True, kw_only=True):
+    """Whether the light is on."""
+
+    on: bool
+
+
+class Timed(PlanAction):
+    """Takes its time; ``lasts_s`` s."""
+
+    rate_hz = 1.0
+    lasts_s = 6.0
+
+    def begin(self, *args: str) -> None:
+        self.begun = self.engine.clock.now()
+
+    def advance(self) -> float:
+        return (self.engine.clock.now() - self.begun) / SECOND / self.lasts_s
+
+
+class do(Timed):  # noqa: N801
+    pass
+
+
+class delegate(PlanAction):  # noqa: N801
+    """Has the worker do a job."""
+
+    rate_hz = 1.0
+
+    def begin(self, job_name: str) -> None:
+        self.asked = self.agent.ask("worker", "add", desire=job(job_name, 0.9), monitor=True, cause=self.id)
+
+    def advance(self) -> float:
+        if self.asked.state == "fulfilled":
+            return 1.0
+        if self.asked.state not in ("waiting", "done"):
+            self.fail(f"the worker does not: {self.asked.reason}")
+        return 0.5
+
+
+class Eye(FactSensor):
+    prototypes = (p("lit"),)
+    deadline_s = 2.0
+
+    def tell(self, percept: Light) -> Iterator[Fact]:
+        if percept.on:
+            yield p("lit")
+
+
+class Worker(Deliberating):
+    actions_known = (do,)
+    light = Input(Light, "/light")
+    desire_w = Parameter("bosses", "groups that may change its desires", fixed=True)
+    desire_pr = Parameter("0.6", "priorities", fixed=True)
+
+    def sensors(self):
+        self.eye = Eye()
+        return (self.eye,)
+
+    @light
+    def on_light(self, message: Light) -> None:
+        self.hear(self.eye, message)
+
+
+class Boss(Deliberating):
+    actions_known = (delegate,)
+    agent_group = Parameter("bosses", "the group it belongs to", fixed=True)
+
+
+class Hall:
+    """Where nodes run, and all that they say is noted."""
+
+    TYPES = (
+        BeliefSet,
+        DesireSet,
+        PlanExecutionInfo,
+        CurrentIntentions,
+        LifecycleStatus,
+        TraceRecord,
+        Mind,
+        AgentRequest,
+        AgentReply,
+    )
+
+    def __init__(self, *placements: Placement) -> None:
+        graph = Graph("hall", placements, frozenset({"/light", "/agents/requests", "/agents/replies"}))
+        self.runner = InlineRunner(graph)
+        self.said: list[tuple[str, Any]] = []
+        for topic, kind in graph.topics().items():
+            if kind in self.TYPES:
+                self.runner.tap(topic, lambda topic, message: self.said.append((topic, message)))
+        self.runner.start()
+
+    def until(self, seconds: float, *, lit: bool | None = True) -> None:
+        """Lets time pass; the light is seen each second, unless nobody looks."""
+        while self.now < seconds:
+            if lit is not None:
+                self.send("/light", Light(stamp=self.runner.clock.now(), on=lit))
+            self.runner.advance(min(self.runner.clock.now() + SECOND, round(seconds * SECOND)))
+
+    @property
+    def now(self) -> float:
+        return self.runner.clock.now() / SECOND
+
+    def send(self, topic: str, message: Structured) -> None:
+        self.runner.feed(topic, message, time=self.runner.clock.now())
+
+    def node(self, name: str) -> Deliberating:
+        node = self.runner.nodes[name]
+        assert isinstance(node, Deliberating)
+        return node
+
+    def heard(self, topic: str) -> list:
+        return [message for name, message in self.said if name == topic]
+
+    def trace(self, agent: str, kind: str) -> list[TraceRecord]:
+        return [record for record in self.heard(f"/{agent}/trace") if record.kind == kind]
+
+    def facts(self, agent: str) -> tuple[Fact, ...]:
+        return self.heard(f"/{agent}/belief_set")[-1].value
+
+    def desires(self, agent: str) -> list[str]:
+        return [desire.name for desire in self.heard(f"/{agent}/desire_set")[-1].value]
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    for name, text in (("jobs.pddl", JOBS.text), ("b.yaml", BELIEFS), ("d.yaml", DESIRES), ("r.yaml", RULES)):
+        (tmp_path / name).write_text(text)
+    delegating = JOBS.text.replace("(:durative-action do ", "(:durative-action delegate ")
+    (tmp_path / "boss.pddl").write_text(delegating)
+    return tmp_path
+
+
+def worker(files: Path, **more) -> Placement:
+    known = {"pddl_file": str(files / "jobs.pddl"), "init_bset": str(files / "b.yaml"), **more}
+    return Placement("worker", Worker, known)
+
+
+def boss(files: Path, **more) -> Placement:
+    known = {"pddl_file": str(files / "boss.pddl"), "init_bset": str(files / "b.yaml"), **more}
+    return Placement("boss", Boss, known)
+
+
+def now(message: type, hall: Hall, **about):
+    return message(stamp=hall.runner.clock.now(), **about)
+
+
+def test_an_agent_is_brought_up_from_its_files_and_does_what_it_desires(files):
+    hall = Hall(worker(files, init_dset=str(files / "d.yaml"), init_reactive_rules_set=str(files / "r.yaml")))
+    hall.until(10)
+    assert {p("done", "a"), p("told"), p("lit"), i("a", "job")} <= set(hall.facts("worker"))
+    assert hall.desires("worker") == []
+    assert hall.trace("worker", "desire")[0].cause == str(files / "d.yaml")
+    assert [record.what for record in hall.trace("worker", "desire_fulfilled")] == ["do_a"]
+    assert hall.runner.faults["worker"].failures == 0
+
+
+def test_it_shows_what_it_is_up_to_on_topics_of_its_own(files):
+    hall = Hall(worker(files, init_dset=str(files / "d.yaml")))
+    hall.until(10)
+    statuses = [status.status for status in hall.heard("/worker/lifecycle_status")]
+    assert statuses == ["BOOTING", "PLANNING", "EXECUTING", "SCHEDULING"]
+    infos = hall.heard("/worker/plan_execution_info")
+    assert infos[0].status == "RUNNING"
+    assert [step.name for step in infos[0].actions_exec_info] == ["do"]
+    assert infos[-1].target is None
+    intentions = hall.heard("/worker/current_intentions")
+    assert intentions[0].target_value == (p("done", "a"),)
+    assert intentions[-1].actions == ()
+    assert hall.heard("/worker/mind")[-1].intentions == ()
+
+
+def test_nothing_is_shown_again_while_nothing_changes(files):
+    hall = Hall(worker(files))
+    hall.until(3)
+    before = len(hall.said)
+    hall.until(20)
+    assert len(hall.said) == before
+
+
+def test_it_begins_nothing_before_it_has_seen_its_world(files):
+    hall = Hall(worker(files, init_dset=str(files / "d.yaml")))
+    hall.until(5, lit=None)
+    assert hall.trace("worker", "planning") == []
+    assert [status.status for status in hall.heard("/worker/lifecycle_status")] == ["BOOTING"]
+    hall.until(12)
+    assert hall.trace("worker", "desire_fulfilled")
+
+
+def test_people_give_and_take_beliefs_and_desires_by_topics(files):
+    hall = Hall(worker(files))
+    hall.send("/worker/add_belief", now(Belief, hall, belief=n("level", "a", value=3)))
+    hall.send("/worker/add_belief_set", now(BeliefSet, hall, agent_id="worker", value=(p("ready"), p("quiet"))))
+    hall.send("/worker/del_belief", now(Belief, hall, belief=p("quiet")))
+    assert {n("level", "a", value=3), p("ready")} <= set(hall.facts("worker"))
+    assert p("quiet") not in hall.facts("worker")
+    hall.send("/worker/del_belief_set", now(BeliefSet, hall, agent_id="worker", value=(p("ready"), n("level", "*"))))
+    assert set(hall.facts("worker")) == {i("a", "job"), i("b", "job")}
+    hall.send("/worker/add_desire", now(DesireItem, hall, desire=job("a")))
+    assert hall.desires("worker") == ["a"]
+    hall.send("/worker/del_desire", now(DesireItem, hall, desire=job("a")))
+    assert hall.desires("worker") == []
+
+
+def test_what_does_not_fit_or_is_for_somebody_else_is_refused_and_nothing_else_is_lost(files):
+    hall = Hall(worker(files))
+    values = (p("raedy"), n("level", "a"), p("done", "a", "b"), p("ready"))
+    hall.send("/worker/add_belief_set", now(BeliefSet, hall, agent_id="worker", value=values))
+    hall.send("/worker/add_belief_set", now(BeliefSet, hall, agent_id="boss", value=(p("quiet"),)))
+    hall.send("/worker/add_desire", now(DesireItem, hall, desire=job("x", value=(p("raedy"),))))
+    hall.send("/worker/del_belief", now(Belief, hall, belief=p("raedy", "*")))
+    assert p("ready") in hall.facts("worker")
+    assert p("quiet") not in hall.facts("worker")
+    refused = [(record.what, str(record.detail["reason"])) for record in hall.trace("worker", "refused")]
+    assert [what for what, _ in refused] == ["(raedy)", "(done a b)", "a belief set", "(raedy *)"]
+    assert "no predicate 'raedy'" in refused[0][1]
+    assert refused[2][1] == "it is for the agent 'boss'"
+    assert hall.trace("worker", "desire_refused")
+    assert hall.runner.faults["worker"].failures == 0
+
+
+def test_what_nobody_carries_out_is_said_at_the_start_and_in_the_log(files, caplog):
+    hall = Hall(worker(files))
+    hall.until(1)
+    (failure,) = hall.trace("worker", "failure")
+    assert failure.detail["reason"] == "nobody"
+    assert str(failure.detail["message"]).startswith("nobody carries out prepare, hush, light, report;")
+    assert "worker" in caplog.records[0].name
+    assert "nobody carries out prepare" in caplog.text
+
+
+def test_the_patience_of_the_director_is_set_by_parameters(files):
+    given = {
+        "patience_s": 1.5,
+        "tolerance_s": 0.25,
+        "overrun_factor": 3.0,
+        "overrun_s": 7.0,
+        "rtc_deadline": 4.0,
+        "stop_s": 2.5,
+        "retry_s": 0.75,
+    }
+    hall = Hall(worker(files, **given))
+    deliberator = hall.node("worker").deliberator
+    options = deliberator.director.options
+    assert {name: getattr(options, name) for name in given if name != "retry_s"} == {
+        name: value for name, value in given.items() if name != "retry_s"
+    }
+    assert deliberator.options.retry_s == 0.75
+    with pytest.raises(ParameterError, match="out of range"):
+        Hall(worker(files, overrun_factor=0.5))
+
+
+# Agents among each other
+
+
+def test_an_agent_has_another_one_do_what_it_desires(files):
+    hall = Hall(worker(files), boss(files, init_dset=str(files / "d.yaml")))
+    hall.until(15)
+    assert [record.what for record in hall.trace("boss", "desire_fulfilled")] == ["do_a"]
+    assert [record.what for record in hall.trace("worker", "desire_fulfilled")] == ["a"]
+    requests = hall.heard("/agents/requests")
+    request = requests[0]
+    assert [again.id for again in requests] == [request.id] * 2, "asked again once, after 5 s, as it monitors"
+    (asking,) = hall.trace("boss", "request")
+    (asked,) = hall.trace("worker", "asked")
+    (adopted,) = hall.trace("worker", "desire")
+    assert asking.detail["id"] == asked.cause == adopted.cause == request.id
+    assert adopted.detail["priority"] == 0.6, "it asked for 0.9"
+    assert [reply.state for reply in hall.heard("/agents/replies")] == ["done", "done", "fulfilled"]
+    assert [record.cause for record in hall.trace("boss", "reply")] == [request.id] * 2
+
+
+def test_who_has_forgotten_a_monitored_desire_is_reminded_of_it(files):
+    hall = Hall(worker(files), boss(files))
+    asked = hall.node("boss").ask("worker", "add", desire=job("a", deadline=30.0), monitor=True)
+    hall.until(1)
+    assert asked.state == "done"
+    forgetful = hall.node("worker")
+    forgetful._reception = Reception(forgetful.deliberator, forgetful._policies(), forgetful.replies_out.publish)
+    for wish in forgetful.deliberator.desires:
+        wish.listeners.clear()
+    hall.until(8)
+    assert asked.state == "fulfilled"
+
+
+def test_a_group_without_rights_is_refused_and_says_so(files):
+    hall = Hall(worker(files, desire_w="friends"), boss(files, init_dset=str(files / "d.yaml"), exec_plan_tries=2))
+    hall.until(15)
+    (dropped,) = hall.trace("boss", "desire_dropped")
+    assert "group 'bosses' may not add desires; these may: friends" in str(dropped.detail["reason"])
+    assert len(hall.trace("worker", "refused")) == 2
+    assert hall.trace("worker", "desire") == []
+
+
+def test_an_agent_that_never_answers_costs_one_desire(files):
+    hall = Hall(boss(files, init_dset=str(files / "d.yaml"), exec_plan_tries=1))
+    hall.until(15)
+    (dropped,) = hall.trace("boss", "desire_dropped")
+    assert "no answer from worker in 2 s" in str(dropped.detail["reason"])
+    assert len(hall.heard("/agents/requests")) == 4
+
+
+def test_the_same_runs_again_in_the_same_way(files):
+    def run() -> list[tuple[str, Any]]:
+        hall = Hall(worker(files), boss(files, init_dset=str(files / "d.yaml")))
+        hall.until(12)
+        return hall.said
+
+    assert run() == run()
+
+
+# Going on after the end
+
+
+def test_an_agent_goes_on_from_the_mind_that_it_kept(files):
+    mind = files / "mind.json"
+    hall = Hall(worker(files, init_dset=str(files / "d.yaml"), mind_file=str(mind)))
+    hall.send("/worker/add_desire", now(DesireItem, hall, desire=job("b")))
+    hall.until(8)
+    assert hall.desires("worker") == ["b"]
+    again = Hall(worker(files, init_dset=str(files / "d.yaml"), mind_file=str(mind)))
+    assert again.desires("worker") == ["b"], "and not what it desired at first"
+    again.until(10)
+    assert {p("done", "a"), p("done", "b")} <= set(again.facts("worker"))
+
+
+def test_a_damaged_mind_is_an_error_at_the_start(files):
+    (files / "mind.json").write_text("{")
+    with pytest.raises(PlanningError, match="no kept mind"):
+        Hall(worker(files, mind_file=str(files / "mind.json")))
+
+
+# What is wrong with files and parameters is one clear error before anything runs
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "where", "what"),
+    [
+        ("jobs.pddl", "(lit)", "(lit", "jobs.pddl:", ""),
+        ("jobs.pddl", "(:durative-action do ", "(:durative-action work ", "jobs.pddl", "there is no action do"),
+        ("b.yaml", "type: job}", "type: jop}", "b.yaml:1", "there is no type 'jop'"),
+        ("b.yaml", "- {name: a,", "- {nmae: a,", "b.yaml:1", "nmae"),
+        ("d.yaml", "deadline: 20.0", "deadline: soon", "d.yaml:3", "deadline"),
+        ("d.yaml", "name: done", "name: doen", "d.yaml:5", "there is no predicate 'doen'"),
+        ("r.yaml", "name: told", "name: tlod", "r.yaml:", "there is no predicate 'tlod'"),
+        ("r.yaml", "clauses:", "clauses: [", "r.yaml:", ""),
+    ],
+)
+def test_files_that_are_wrong_are_errors_with_file_and_line(files, file, old, new, where, what):
+    path = files / file
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.raises(PlanningError) as error:
+        Hall(worker(files, init_dset=str(files / "d.yaml"), init_reactive_rules_set=str(files / "r.yaml")))
+    assert where in str(error.value.where)
+    assert what in error.value.what
+
+
+@pytest.mark.parametrize(
+    ("parameters", "error", "what"),
+    [
+        ({"pddl_file": ""}, PlanningError, "no domain"),
+        ({"pddl_file": "nowhere.pddl"}, PlanningError, "cannot read the domain"),
+        ({"init_dset": "nowhere.yaml"}, PlanningError, "nowhere.yaml"),
+        ({"desire_pr": "0.6, 0.7"}, ParameterError, "2 priorities for 1 groups"),
+        ({"desire_pr": "high"}, ParameterError, "'high' is no priority"),
+        ({"reschedule_policy": "SOMETIMES"}, ParameterError, "unknown choice"),
+        ({"rtc_deadline": 0.5}, ParameterError, "out of range"),
+        ({"comp_plan_tries": 0}, ParameterError, "out of range"),
+        ({"autosub_cont": True}, ParameterError, "no parameter 'autosub_cont'"),
+        ({"planner": "guesswork"}, Exception, "guesswork"),
+    ],
+)
+def test_parameters_that_are_wrong_are_errors_at_the_start(files, parameters, error, what):
+    with pytest.raises(error, match=what):
+        Hall(worker(files, **parameters))
+
+
+def test_a_sensor_that_does_not_fit_the_domain_is_an_error_at_the_start(files):
+    (files / "jobs.pddl").write_text(JOBS.text.replace("(lit)", "(bright)"))
+    with pytest.raises(PlanningError, match="there is no predicate 'lit'"):
+        Hall(worker(files))

@@ -1,0 +1,224 @@
+"""An office with jobs to do: a deliberator in simulated time, a small domain, and a planner that does as it is told."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from socialbot.agent_messages import Desire, Fact, PlanExecutionInfo
+from socialbot.bdi import Atom, Engine, Trace, variables
+from socialbot.bdi.events import Change, Event
+from socialbot.bdi.literals import literal
+from socialbot.clock import SECOND, ManualClock
+from socialbot.deliberation.deliberator import Deliberator
+from socialbot.deliberation.options import Options
+from socialbot.planning.domain import Domain, Problem
+from socialbot.planning.formulas import And, Predicate
+from socialbot.planning.plan import Plan, Step
+from socialbot.planning.planner import Answer, Limits, Planner, Verdict
+from socialbot.planning.reader import read_domain
+from tests.deliberation.stage import Behaviour, Perform, facts
+
+JOBS = read_domain(
+    """
+    (define (domain jobs)
+      (:requirements :typing :durative-actions :fluents :negative-preconditions)
+      (:types job - object)
+      (:predicates (done ?j - job) (begun ?j - job) (ready) (quiet) (lit) (told))
+      (:functions (level ?j - job))
+      (:durative-action do :parameters (?j - job) :duration (= ?duration 6)
+        :condition (at start (not (done ?j)))
+        :effect (and (at start (begun ?j)) (at end (done ?j)) (at end (not (begun ?j)))))
+      (:durative-action prepare :parameters () :duration (= ?duration 2)
+        :condition (at start (not (ready))) :effect (at end (ready)))
+      (:durative-action hush :parameters () :duration (= ?duration 1)
+        :condition (at start (not (quiet))) :effect (at end (quiet)))
+      (:durative-action light :parameters () :duration (= ?duration 1)
+        :condition (at start (not (lit))) :effect (at end (lit)))
+      (:durative-action report :parameters (?j - job) :duration (= ?duration 1)
+        :condition (at start (done ?j)) :effect (at end (told))))
+    """,
+    where="jobs",
+)
+ACTIONS = {"done": ("do", 6.0), "ready": ("prepare", 2.0), "quiet": ("hush", 1.0), "lit": ("light", 1.0)}
+
+Reply = Answer | Exception | str | None
+"""What a planner answers; None: it plans as it always does."""
+
+
+class Clerk:
+    """Plans one step after the other for what is missing. ``script`` may say something else for a problem."""
+
+    name = "clerk"
+
+    def __init__(self) -> None:
+        self.script: Callable[[Problem], Reply] = lambda problem: None
+        self.asked: list[str] = []
+        self.limits: list[Limits] = []
+        self.cancelled: list[threading.Event] = []
+
+    def solve(
+        self, domain: Domain, problem: Problem, limits: Limits, cancelled: threading.Event | None = None
+    ) -> Answer:
+        self.asked.append(str(problem.goal))
+        self.limits.append(limits)
+        self.cancelled.append(cancelled or threading.Event())
+        reply = self.script(problem)
+        if isinstance(reply, Exception):
+            raise reply
+        return reply or self.plan(problem)  # type: ignore[return-value] - planners may be wrong in any way
+
+    def plan(self, problem: Problem) -> Answer:
+        assert isinstance(problem.goal, And)
+        steps, time = [], 0.0
+        for wanted in problem.goal.parts:
+            if not isinstance(wanted, Predicate) or wanted.name not in ACTIONS:
+                return Answer(Verdict.IMPOSSIBLE, message=f"nothing brings about {wanted}")
+            if wanted not in problem.facts:
+                action, duration = ACTIONS[wanted.name]
+                steps.append(Step(round(time, 3), action, wanted.terms, duration))
+                time += duration + 0.001
+        return Answer(Verdict.SOLVED, Plan(tuple(steps)))
+
+
+class Office:
+    """Where a deliberator is watched. With ``slow`` planning, answers come when `answer` is called."""
+
+    def __init__(
+        self,
+        *,
+        beliefs: str = "instance a job; instance b job; instance c job; instance d job",
+        domain: Domain = JOBS,
+        planner: Planner | None = None,
+        slow: bool = False,
+        observer: Any = None,
+        clock: ManualClock | None = None,
+        **options: Any,
+    ) -> None:
+        self.clock = clock or ManualClock()
+        self.trace = Trace()
+        self.engine = Engine("clerk", self.clock, robot=self, sink=self.trace)
+        self.clerk = Clerk()
+        self.pending: list[Callable[[], None]] = []
+        self.behaviour: dict[str, Behaviour] = {}
+        self.lasts_s = {"do": 6.0, "prepare": 2.0, "hush": 1.0, "light": 1.0, "report": 1.0}
+        self.timeline: list[tuple[float, str, str]] = []
+        self.ends: list[tuple[str, str, str]] = []
+        for name, action in domain.actions.items():
+            parameters = variables(" ".join(f"P{number}" for number in range(len(action.parameters))))
+            wanted = Event(Change.WANTED, literal(name, tuple(parameters)))
+            self.engine.add_rules(wanted >> [Perform(Atom(name), *parameters)])
+        self.deliberator = Deliberator(
+            self.engine,
+            domain,
+            planner or self.clerk,
+            self._later if slow else self._aside,
+            options=Options(**options),
+            observer=observer,
+        )
+        self.facts = self.deliberator.facts
+        for known in facts(beliefs):
+            self.facts.add(known)
+        self.engine.run_until_idle()
+
+    def _aside(self, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
+        try:
+            then(work())
+        except Exception as error:  # noqa: BLE001 - as a runner does
+            then(error)
+
+    def _later(self, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
+        self.pending.append(lambda: self._aside(work, then))
+
+    def answer(self) -> None:
+        """Lets the planner answer what it was asked first."""
+        self.pending.pop(0)()
+        self.engine.run_until_idle()
+
+    def log(self, what: str, call: str) -> None:
+        self.timeline.append((self.now, what, call))
+
+    @property
+    def now(self) -> float:
+        return self.clock.now() / SECOND
+
+    def run(self, call: Callable[[], object]) -> None:
+        self.engine.call(call)
+        self.engine.run_until_idle()
+
+    def want(self, *desires: Desire, cause: str = "test") -> list[str]:
+        """Adopts desires at once; returns why not."""
+        replies: list[str] = []
+
+        def adopt() -> None:
+            for desire in desires:
+                listener = lambda how, reason, name=desire.name: self.ends.append((name, how, reason))  # noqa: E731
+                replies.append(self.deliberator.desire(desire, cause=cause, listener=listener))
+
+        self.run(adopt)
+        return replies
+
+    def believe(self, *texts: str) -> None:
+        self.run(lambda: [self.facts.add(fact, source="percept") for text in texts for fact in facts(text)])
+
+    def forget(self, *texts: str) -> None:
+        self.run(lambda: [self.facts.remove(fact) for text in texts for fact in facts(text)])
+
+    def until(self, seconds: float) -> None:
+        """Lets time pass."""
+        end = round(seconds * SECOND)
+        self.engine.run_until_idle()
+        while (due := self.engine.next_wakeup()) is not None and due <= end:
+            self.clock.set(max(due, self.clock.now()))
+            self.engine.run_until_idle()
+        self.clock.set(max(end, self.clock.now()))
+
+    @property
+    def wants(self) -> list[str]:
+        return [wish.name for wish in self.deliberator.desires]
+
+    @property
+    def pursued(self) -> str | None:
+        wish = self.deliberator.pursuit.wish
+        return None if wish is None else wish.name
+
+    def begun(self) -> list[tuple[float, str]]:
+        """What was begun, and when."""
+        return [(time, call) for time, what, call in self.timeline if what == "begins"]
+
+    def found(self, kind: str, what: str | None = None) -> list[Any]:
+        """Records of the trace."""
+        return self.trace.find(kind, what)
+
+    def plans(self) -> list[tuple[str, str]]:
+        """How plans have ended: for which desire, and how."""
+        return [(record.what, str(record.detail["outcome"])) for record in self.found("plan_end")]
+
+
+class Watcher:
+    """An observer that notes what it is told."""
+
+    def __init__(self) -> None:
+        self.statuses: list[tuple[str, str]] = []
+        self.beliefs = 0
+        self.desires = 0
+        self.infos: list[PlanExecutionInfo] = []
+
+    def beliefs_changed(self) -> None:
+        self.beliefs += 1
+
+    def desires_changed(self) -> None:
+        self.desires += 1
+
+    def plan_changed(self, info: PlanExecutionInfo) -> None:
+        self.infos.append(info)
+
+    def status_changed(self, status: str, reason: str) -> None:
+        self.statuses.append((status, reason))
+
+
+def job(name: str, priority: float = 0.5, deadline: float = 60.0, **more: Any) -> Desire:
+    """The desire that a job is done."""
+    more.setdefault("value", (Fact(name="done", params=(name,)),))
+    return Desire(name=name, priority=priority, deadline=deadline, **more)

@@ -1,0 +1,208 @@
+"""A stage for directors: an engine in simulated time, a small domain, and actions that do as they are told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from socialbot.agent_messages import FLUENT, INSTANCE, Desire, Fact, PlanExecutionInfo
+from socialbot.bdi import Atom, Engine, LongAction, Trace, variables
+from socialbot.bdi.events import Change, Event
+from socialbot.bdi.literals import literal
+from socialbot.clock import SECOND, ManualClock
+from socialbot.deliberation.director import Director, DirectorOptions, Outcome
+from socialbot.deliberation.facts import FactBase
+from socialbot.planning.domain import Domain
+from socialbot.planning.plan import parse_plan
+from socialbot.planning.reader import read_domain
+
+WORKSHOP = read_domain(
+    """
+    (define (domain workshop)
+      (:requirements :typing :durative-actions :fluents :negative-preconditions)
+      (:types robot place box - object)
+      (:predicates (at ?r - robot ?p - place) (in ?b - box ?p - place) (holding ?r - robot ?b - box)
+                   (open ?p - place) (lit) (painted ?b - box) (rung))
+      (:functions (load ?r - robot) (paint))
+      (:durative-action move :parameters (?r - robot ?a ?b - place) :duration (= ?duration 5)
+        :condition (at start (at ?r ?a))
+        :effect (and (at start (not (at ?r ?a))) (at end (at ?r ?b))))
+      (:durative-action pick :parameters (?r - robot ?b - box ?p - place) :duration (= ?duration 3)
+        :condition (and (at start (in ?b ?p)) (at start (< (load ?r) 1)) (over all (at ?r ?p)))
+        :effect (and (at start (increase (load ?r) 1)) (at end (not (in ?b ?p))) (at end (holding ?r ?b))))
+      (:durative-action put :parameters (?r - robot ?b - box ?p - place) :duration (= ?duration 3)
+        :condition (and (at start (holding ?r ?b)) (over all (at ?r ?p)))
+        :effect (and (at end (decrease (load ?r) 1)) (at end (in ?b ?p)) (at end (not (holding ?r ?b)))))
+      (:durative-action unlock :parameters (?p - place) :duration (= ?duration 2)
+        :condition (at start (not (open ?p)))
+        :effect (at end (open ?p)))
+      (:durative-action shine :parameters () :duration (= ?duration 10)
+        :condition (at start (not (lit)))
+        :effect (and (at start (lit)) (at end (not (lit)))))
+      (:durative-action spray :parameters (?b - box) :duration (= ?duration 4)
+        :condition (and (over all (lit)) (at end (>= (paint) 1)))
+        :effect (and (at end (painted ?b)) (at end (decrease (paint) 1))))
+      (:action ring :parameters () :precondition (lit) :effect (rung)))
+    """,
+    where="workshop",
+)
+
+FACTS = """
+instance r1 robot; instance r2 robot; instance home place; instance shop place; instance yard place
+instance b1 box; instance b2 box; instance b3 box
+at r1 home; at r2 yard; in b1 home; in b2 yard; in b3 shop
+load r1 = 0; load r2 = 0; paint = 3
+"""
+
+
+def fact(text: str) -> Fact:
+    """``at r1 home``, ``load r1 = 2``, ``instance r1 robot`` as a fact."""
+    left, _, value = text.partition("=")
+    name, *params = left.split()
+    if name == "instance":
+        return Fact(name=params[0], pddl_type=INSTANCE, type=params[1])
+    if value:
+        return Fact(name=name, pddl_type=FLUENT, params=tuple(params), value=float(value))
+    return Fact(name=name, params=tuple(params))
+
+
+def facts(text: str) -> list[Fact]:
+    return [fact(part) for line in text.splitlines() for part in line.split(";") if part.strip()]
+
+
+@dataclass
+class Behaviour:
+    """How an action goes on: it lasts so long, then fails if there is a reason; it stops so long after it is asked to.
+
+    With ``stop_s`` None it never stops, and never ends when it was asked to.
+    """
+
+    lasts_s: float | None = None
+    fails: str = ""
+    stop_s: float | None = 0.0
+
+
+class Perform(LongAction):
+    """Does what the stage says of it."""
+
+    def start(self, *args: Any) -> None:
+        stage: Stage = self.engine.robot
+        self.stage, self.call = stage, f"({' '.join(map(str, args))})"
+        self.behaviour = stage.behaviour.get(self.call, Behaviour())
+        stage.log("begins", self.call)
+        self.stopping = False
+        lasts_s = self.behaviour.lasts_s
+        if lasts_s is None:
+            lasts_s = stage.lasts_s.get(str(args[0]), 1.0)
+        if lasts_s == 0:
+            self.end()
+        else:
+            self.engine.at_in(lasts_s, self.end)
+
+    def end(self) -> None:
+        if self.stopping:
+            return
+        if self.behaviour.fails:
+            self.failed(self.behaviour.fails)
+        else:
+            self.stage.log("ends", self.call)
+            self.done()
+
+    def cancel(self) -> None:
+        self.stopping = True
+        self.stage.log("is asked to stop", self.call)
+        if self.behaviour.stop_s is not None:
+            self.engine.at_in(self.behaviour.stop_s, self.cancelled)
+
+
+class Stage:
+    """Where a director is watched; ``timeline`` is what the actions did, with the seconds at which."""
+
+    def __init__(
+        self,
+        *,
+        watched: set[str] | None = None,
+        domain: Domain = WORKSHOP,
+        beliefs: str = FACTS,
+        options: DirectorOptions | None = None,
+    ) -> None:
+        self.clock = ManualClock()
+        self.trace = Trace()
+        self.engine = Engine("stage", self.clock, robot=self, sink=self.trace)
+        self.facts = FactBase(self.engine, domain)
+        self.domain = domain
+        self.behaviour: dict[str, Behaviour] = {}
+        self.lasts_s = {
+            "move": 5.0, "pick": 3.0, "put": 3.0, "unlock": 2.0, "shine": 10.0, "spray": 4.0, "ring": 0.0
+        }  # fmt: skip
+        self.timeline: list[tuple[float, str, str]] = []
+        self.outcomes: list[Outcome] = []
+        self.infos: list[PlanExecutionInfo] = []
+        for name, action in domain.actions.items():
+            parameters = variables(" ".join(f"P{number}" for number in range(len(action.parameters))))
+            wanted = Event(Change.WANTED, literal(name, tuple(parameters)))
+            self.engine.add_rules(wanted >> [Perform(Atom(name), *parameters)])
+        for known in facts(beliefs):
+            self.facts.add(known)
+        self.director = Director(
+            self.engine,
+            self.facts,
+            domain,
+            options,
+            watched=lambda name, objects: name in (watched or ()),
+            ended=self.outcomes.append,
+            changed=lambda: self.infos.append(self.director.info),
+        )
+
+    def log(self, what: str, call: str) -> None:
+        self.timeline.append((self.now, what, call))
+
+    @property
+    def now(self) -> float:
+        return self.clock.now() / SECOND
+
+    def execute(self, plan: str, **about: Any) -> None:
+        """Has a plan executed; ``wanted`` are the facts of the desire, ``about`` what else there is to it."""
+        self.run(lambda: self.director.execute(parse_plan(plan), desire(**about), "desire-1"))
+
+    def run(self, call: Any) -> None:
+        self.engine.call(call)
+        self.engine.run_until_idle()
+
+    def believe(self, *texts: str) -> None:
+        for text in texts:
+            self.run(lambda text=text: self.facts.add(fact(text), source="percept"))
+
+    def forget(self, *texts: str) -> None:
+        for text in texts:
+            self.run(lambda text=text: self.facts.remove(fact(text)))
+
+    def holds(self, text: str) -> bool:
+        wanted = fact(text)
+        return self.facts.current(wanted) == wanted
+
+    def until(self, seconds: float) -> None:
+        """Lets time pass."""
+        end = round(seconds * SECOND)
+        self.engine.run_until_idle()
+        while (due := self.engine.next_wakeup()) is not None and due <= end:
+            self.clock.set(max(due, self.clock.now()))
+            self.engine.run_until_idle()
+        self.clock.set(end)
+
+    def begun(self) -> dict[str, float]:
+        """When each action began."""
+        return {call: time for time, what, call in self.timeline if what == "begins"}
+
+    def status(self) -> dict[str, str]:
+        """How the steps fare, as it was told last while there was a plan."""
+        info = [info for info in self.infos if info.target is not None][-1]
+        return {f"({' '.join((step.name, *step.args))})": step.status for step in info.actions_exec_info}
+
+    @property
+    def ends(self) -> list[tuple[str, str]]:
+        return [(outcome.how, outcome.reason) for outcome in self.outcomes]
+
+
+def desire(wanted: str = "", **more: Any) -> Desire:
+    return Desire(name="goal", value=tuple(facts(wanted)), **{"deadline": 1000.0, **more})

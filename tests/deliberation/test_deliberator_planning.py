@@ -1,0 +1,295 @@
+"""Planners that are late, wrong, dead or silent, and deadlines that cannot be met."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from socialbot.planning.formulas import And
+from socialbot.planning.kairos import Kairos
+from socialbot.planning.plan import parse_plan
+from socialbot.planning.planner import Answer, Limits, Verdict
+from tests.deliberation.domains import dnf, p
+from tests.deliberation.office import JOBS, Clerk, Office, job
+from tests.deliberation.stage import Behaviour
+
+
+def last_reason(office: Office) -> str:
+    return office.ends[-1][2]
+
+
+@pytest.mark.parametrize(
+    ("reply", "stated"),
+    [
+        (Answer(Verdict.INVALID), "invalid"),
+        (Answer(Verdict.GAVE_UP, message="found no plan in 5 s"), "found no plan in 5 s"),
+        (Answer(Verdict.FAILED, message="killed by signal 11"), "killed by signal 11"),
+        (Answer(Verdict.SOLVED), "the planner gives no plan"),
+        ("a plan", "str: a plan"),
+        (RuntimeError("no such planner"), "RuntimeError: no such planner"),
+    ],
+)
+def test_a_planner_without_a_plan_costs_one_desire_and_the_others_go_on(reply, stated):
+    office = Office(comp_plan_tries=3)
+    office.clerk.script = lambda problem: reply if "(done a)" in str(problem.goal) else None
+    office.want(job("a", 0.9), job("b"))
+    office.until(30)
+    assert office.ends == [("b", "fulfilled", ""), ("a", "dropped", f"no plan after 3 tries: {stated}")]
+    assert [record.time / 1e9 for record in office.found("planning", "a")] == [0.0, 6.0, 7.0], "b was not interrupted"
+
+
+class Mute:
+    name = "mute"
+
+    def solve(self, *question: Any) -> Any:
+        """Returns nothing at all."""
+
+
+def test_a_planner_that_returns_nothing_is_said_to():
+    mute: Any = Mute()
+    office = Office(comp_plan_tries=1, planner=mute)
+    office.want(job("a"))
+    assert last_reason(office) == "no plan after 1 try: the planner gives no answer"
+    assert office.found("planning")[0].detail["verdict"] == "failed"
+
+
+def test_what_is_proved_impossible_is_asked_again_much_later_or_when_something_else_is_believed():
+    office = Office(comp_plan_tries=3)
+    office.clerk.script = lambda problem: Answer(Verdict.IMPOSSIBLE)
+    office.want(job("a"))
+    office.until(2.5)
+    office.believe("lit")
+    office.until(30)
+    assert [record.time / 1e9 for record in office.found("planning", "a")] == [0.0, 2.5, 10.5]
+    assert last_reason(office) == "no plan after 3 tries: impossible"
+
+
+def test_not_even_new_beliefs_have_it_asked_again_before_the_pause_is_over():
+    office = Office()
+    office.clerk.script = lambda problem: Answer(Verdict.IMPOSSIBLE)
+    office.want(job("a"))
+    office.believe("lit")
+    office.until(2)
+    assert [record.time / 1e9 for record in office.found("planning", "a")] == [0.0, 1.0]
+
+
+def test_executions_that_fail_at_once_are_tried_again_after_a_pause():
+    office = Office(exec_plan_tries=8)
+    office.behaviour["(do a)"] = Behaviour(lasts_s=0.0, fails="the arm is booting")
+    office.want(job("a"))
+    office.until(2.5)
+    office.behaviour.clear()
+    office.until(20)
+    assert office.begun() == [(float(second), "(do a)") for second in range(4)]
+    assert office.ends == [("a", "fulfilled", "")]
+
+
+def test_a_plan_that_needs_what_nobody_carries_out_ends_its_desire_at_once_with_the_reason():
+    office = Office()
+    office.run(lambda: office.engine.remove_plan(next(iter(office.engine.triggers["+!prepare/0"].plans)).plan))
+    office.want(job("x", value=(p("ready"), p("lit"))), job("b"))
+    office.until(10)
+    assert office.ends == [("x", "dropped", "nobody carries out prepare"), ("b", "fulfilled", "")]
+    assert office.begun() == [(0.0, "(do b)")]
+
+
+def test_between_two_tries_some_time_passes():
+    office = Office(comp_plan_tries=3, retry_s=2.0)
+    office.clerk.script = lambda problem: Answer(Verdict.GAVE_UP)
+    office.want(job("a"))
+    office.until(10)
+    assert [record.time / 1e9 for record in office.found("planning", "a")] == [0.0, 2.0, 4.0]
+
+
+def test_tries_are_counted_anew_when_a_plan_was_carried_out():
+    office = Office(comp_plan_tries=3)
+    office.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
+    impossible = iter([True, True, False, True, True, False])
+    office.clerk.script = lambda problem: Answer(Verdict.GAVE_UP) if next(impossible, False) else None
+    office.want(job("a"))
+    office.until(2.5)
+    assert office.pursued == "a"
+    office.until(3.5)
+    office.behaviour.clear()
+    office.until(20)
+    assert len(office.clerk.asked) == 6
+    assert office.ends == [("a", "fulfilled", "")]
+
+
+def test_a_planner_that_never_answers_is_given_up_and_asked_again():
+    office = Office(slow=True, limits=Limits(timeout_s=2.0))
+    office.want(job("a"))
+    assert len(office.pending) == 1
+    office.until(6.9)
+    assert not office.clerk.cancelled
+    office.until(8.1)
+    (record,) = office.found("planning", "a")
+    assert (record.detail["verdict"], record.detail["message"]) == ("failed", "the planner does not answer")
+    assert len(office.pending) == 2
+    office.answer()
+    assert office.pursued is None, "the first answer comes too late"
+    assert office.clerk.cancelled[0].is_set()
+    office.answer()
+    assert office.pursued == "a"
+
+
+def test_a_plan_longer_than_the_deadline_is_not_accepted_whoever_made_it():
+    office = Office(comp_plan_tries=2)
+    office.clerk.script = lambda problem: Answer(Verdict.SOLVED, parse_plan("1.0: (do a) [6]"))
+    office.want(job("a", deadline=6.5))
+    office.until(10)
+    assert office.begun() == []
+    assert last_reason(office) == "no plan after 2 tries: the plan lasts 7 s, longer than the 6.5 s there are"
+    assert office.clerk.limits[0].makespan_s == 6.5
+
+
+def test_an_impossible_deadline_is_stated_by_the_real_planner_too():
+    office = Office(planner=Kairos(), comp_plan_tries=1, limits=Limits(timeout_s=0.5))
+    office.want(job("a", deadline=5.9), job("b", deadline=0.0, priority=0.1))
+    office.until(10)
+    assert [name for name, how, _ in office.ends if how == "dropped"] == ["a", "b"]
+    assert "the shortest plan found lasts 6 s, longer than the 5.9 s there are" in office.ends[0][2]
+
+
+def test_a_new_plan_may_not_last_longer_than_the_time_until_it_would_be_aborted():
+    office = Office(rtc_deadline=1.5)
+    office.behaviour["(do a)"] = Behaviour(lasts_s=6.0, fails="slipped")
+    office.want(job("a", deadline=8.0))
+    office.until(6)
+    assert [limits.makespan_s for limits in office.clerk.limits] == [8.0, 6.0]
+
+
+def test_a_plan_that_takes_far_longer_than_its_deadline_is_aborted():
+    office = Office(exec_plan_tries=1)
+    office.behaviour["(do a)"] = Behaviour(lasts_s=15.0)
+    office.want(job("a", deadline=7.0))
+    office.until(40)
+    assert office.ends == [("a", "dropped", "aborted 1 time: not achieved in 14 s, 2 times the deadline")]
+    assert office.plans() == [("a", "aborted")]
+
+
+def test_a_plan_that_does_not_fit_the_domain_any_more_fails_before_anything_begins():
+    office = Office(exec_plan_tries=2, slow=True)
+    office.want(job("a"))
+    office.run(lambda: setattr(office.deliberator.director, "domain", replace(JOBS, name="other")))
+    office.answer()
+    assert office.begun() == []
+    office.until(1)
+    office.answer()
+    assert last_reason(office) == "aborted 2 times: the domain has changed since the plan was made"
+
+
+def test_a_plan_with_an_unknown_action_fails_before_anything_begins():
+    office = Office(exec_plan_tries=1)
+    office.clerk.script = lambda problem: Answer(Verdict.SOLVED, parse_plan("0.0: (fly a) [1]"))
+    office.want(job("a"))
+    assert office.begun() == []
+    assert last_reason(office).startswith("aborted 1 time: ")
+    assert "no action fly" in last_reason(office)
+
+
+# While a plan is being made
+
+
+def test_a_desire_that_ends_meanwhile_cancels_the_planner():
+    office = Office(slow=True)
+    office.want(job("a"))
+    (answer,) = office.pending
+    office.believe("done a")
+    assert office.ends == [("a", "fulfilled", "")]
+    office.run(answer)
+    assert office.begun() == []
+    assert office.clerk.cancelled[0].is_set()
+
+
+def test_a_precondition_that_ends_meanwhile_makes_the_plan_useless_but_counts_for_nothing():
+    office = Office(slow=True)
+    office.believe("ready")
+    office.want(job("a", precondition=dnf([("T", p("ready"))])))
+    office.forget("ready")
+    office.answer()
+    assert office.pursued is None
+    assert next(iter(office.deliberator.desires)).failed_planning == 0
+    office.believe("ready")
+    office.answer()
+    assert office.pursued == "a"
+
+
+def test_somebody_more_urgent_is_planned_for_first_and_the_question_withdrawn():
+    office = Office(slow=True)
+    office.want(job("a"))
+    office.want(job("b", 0.9), job("c", 0.1))
+    assert len(office.pending) == 2
+    office.answer()
+    assert office.clerk.cancelled[0].is_set()
+    assert office.pursued is None
+    office.answer()
+    assert office.pursued == "b"
+
+
+def test_beliefs_that_change_meanwhile_are_seen_when_the_plan_begins():
+    office = Office(slow=True, exec_plan_tries=2)
+    office.want(job("x", value=(p("done", "a"), p("ready"))))
+    office.believe("ready")
+    office.answer()
+    assert office.plans() == [("x", "failed")]
+    office.until(1)
+    office.answer()
+    office.until(10)
+    assert office.ends == [("x", "fulfilled", "")]
+
+
+def test_the_context_that_ends_while_a_new_plan_is_made_ends_the_pursuit():
+    office = Office(slow=True)
+    office.believe("quiet")
+    office.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
+    office.want(job("a", context=dnf([("T", p("quiet"))])))
+    office.answer()
+    office.until(2)
+    office.forget("quiet")
+    office.answer()
+    office.until(3)
+    assert office.pursued is None or office.plans()[-1][1] != "succeeded"
+    assert office.wants == ["a"]
+    assert office.begun() == [(0.0, "(do a)")]
+
+
+def test_after_stop_no_answer_is_wanted():
+    office = Office(slow=True)
+    office.want(job("a"))
+    office.run(office.deliberator.stop)
+    (answer,) = office.pending
+    office.run(answer)
+    assert office.begun() == []
+    assert office.clerk.cancelled[0].is_set()
+
+
+def test_a_planner_that_hangs_in_its_thread_does_not_hold_up_the_agent():
+    entered, leave = threading.Event(), threading.Event()
+
+    class Stuck(Clerk):
+        def solve(self, domain, problem, limits, cancelled=None):
+            assert isinstance(problem.goal, And)
+            entered.set()
+            leave.wait(30)
+            return super().solve(domain, problem, limits, cancelled)
+
+    office = Office(planner=Stuck())
+    threads = []
+
+    def aside(work, then):
+        threads.append(threading.Thread(target=lambda: then(work())))
+        threads[-1].start()
+
+    office.deliberator.pursuit._aside = aside
+    office.want(job("a"))
+    assert entered.wait(10)
+    office.believe("lit")
+    assert office.facts.check(dnf([("T", p("lit"))]).clauses[0].literals[0])
+    leave.set()
+    threads[0].join(10)
+    office.until(7)
+    assert office.ends == [("a", "fulfilled", "")]

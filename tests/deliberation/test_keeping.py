@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from socialbot.clock import ManualClock
+from socialbot.deliberation.keeping import keep, recall
+from socialbot.errors import PlanningError
+from socialbot.planning.reader import read_domain
+from tests.deliberation.domains import dnf, n, p
+from tests.deliberation.office import JOBS, Office, job
+from tests.deliberation.stage import WORKSHOP, Behaviour, Stage, facts
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "mind" / "clerk.json"
+
+
+def revived(path, **more) -> Office:
+    """Another process, some seconds later."""
+    office = Office(beliefs="", clock=ManualClock(50_000_000_000), **more)
+    office.run(lambda: recall(office.deliberator, path))
+    return office
+
+
+def test_beliefs_and_desires_outlive_the_agent(path):
+    office = Office()
+    office.believe("level a = 2.5; lit")
+    wanted = job("x", 0.7, 33.0, precondition=dnf([("T", p("ready"))]), rollback_belief_del=(p("done", "*"),))
+    office.want(wanted, job("a"))
+    office.until(1)
+    keep(office.deliberator, path)
+    later = revived(path)
+    assert n("level", "a", value=2.5) in later.facts.facts()
+    assert [wish.desire for wish in later.deliberator.desires if wish.name == "x"] == [wanted]
+    assert later.pursued == "a"
+    later.until(60)
+    assert later.wants == ["x"]
+
+
+def test_without_a_file_nothing_is_recalled(path):
+    office = Office(beliefs="")
+    assert not recall(office.deliberator, path)
+    assert office.facts.facts() == ()
+
+
+def test_what_has_failed_before_is_counted_on(path):
+    office = Office(exec_plan_tries=3)
+    office.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
+    office.want(job("a"))
+    office.until(2.5)
+    keep(office.deliberator, path)
+    later = Office(beliefs="", exec_plan_tries=3)
+    later.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
+    recall(later.deliberator, path)
+    later.until(60)
+    assert later.begun() == [(0.0, "(do a)")]
+    assert later.found("desire_dropped", "a")
+
+
+def test_what_a_step_had_begun_is_taken_back_and_the_desire_rolled_back(path):
+    office = Office()
+    office.believe("told", "quiet")
+    office.want(job("a", rollback_belief_add=(p("lit"),), rollback_belief_del=(p("to*"), p("told"))))
+    office.until(2)
+    assert p("begun", "a") in office.facts.facts()
+    keep(office.deliberator, path)
+    later = Office(beliefs="")
+    recall(later.deliberator, path)
+    held = later.facts.facts()
+    assert p("begun", "a") not in held
+    assert p("lit") in held
+    assert p("told") not in held
+    assert p("quiet") in held
+    assert p("begun", "a") in office.facts.facts(), "to keep changes nothing"
+
+
+def test_numbers_that_steps_have_changed_as_they_began_are_taken_back():
+    stage = Stage()
+    stage.execute("0: (pick r1 b1 home) [3]\n0: (move r2 yard shop) [5]", wanted="holding r1 b1; at r2 shop")
+    stage.until(1)
+    assert stage.holds("load r1 = 1")
+    kept = stage.director.beliefs_if_aborted()
+    assert n("load", "r1", value=0) in kept
+    assert p("at", "r2", "yard") in kept
+    stage.run(lambda: stage.director.abort("to compare"))
+    assert kept == stage.facts.facts()
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"schema": "socialbot/Kept/9"}', '{"schema": "socialbot/Kept/1"}'])
+def test_a_damaged_file_is_an_error_that_names_it(path, content):
+    path.parent.mkdir()
+    path.write_text(content)
+    with pytest.raises(PlanningError, match="no kept mind") as error:
+        recall(Office().deliberator, path)
+    assert error.value.where == str(path)
+    assert "delete the file" in str(error.value.remedy)
+
+
+def test_a_rollback_forgets_first_in_what_is_kept_too():
+    stage = Stage()
+    stage.execute(
+        "0: (move r2 yard shop) [5]",
+        wanted="at r2 shop",
+        rollback_belief_del=tuple(facts("open *")),
+        rollback_belief_add=tuple(facts("open home")),
+    )
+    stage.until(1)
+    kept = stage.director.beliefs_if_aborted()
+    stage.run(lambda: stage.director.abort("to compare"))
+    assert p("open", "home") in kept
+    assert kept == stage.facts.facts()
+
+
+def test_the_mind_of_an_agent_with_another_domain_is_refused(path):
+    keep(Office().deliberator, path)
+    other = Office(beliefs="", domain=WORKSHOP)
+    with pytest.raises(PlanningError, match="domain jobs"):
+        recall(other.deliberator, path)
+
+
+def test_a_mind_that_does_not_fit_the_domain_any_more_is_refused_as_a_whole(path):
+    office = Office()
+    office.believe("lit; quiet")
+    keep(office.deliberator, path)
+    changed = read_domain(JOBS.text.replace("(quiet)", "(silent)"), where="jobs")
+    other = Office(beliefs="", domain=changed)
+    with pytest.raises(PlanningError, match="there is no predicate 'quiet'"):
+        recall(other.deliberator, path)
+    assert other.facts.facts() == ()
+
+
+def test_the_file_is_the_old_one_until_it_is_the_new_one(path, monkeypatch):
+    office = Office()
+    keep(office.deliberator, path)
+    before = path.read_text()
+    office.believe("lit")
+
+    def fail(*names):
+        raise OSError("no space left")
+
+    monkeypatch.setattr("os.replace", fail)
+    with pytest.raises(OSError, match="no space"):
+        keep(office.deliberator, path)
+    assert path.read_text() == before
+    assert json.loads(before)["domain"] == "jobs"

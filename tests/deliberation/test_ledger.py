@@ -1,0 +1,107 @@
+"""What a step has changed is taken back, unless somebody else has changed it since."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from socialbot.deliberation.ledger import Ledger
+from socialbot.planning.formulas import Add, Delete, Fluent, Predicate
+from socialbot.planning.semantics import SetValue
+from tests.deliberation.stage import Stage, fact
+
+LOAD, PAINT = Fluent("load", ("r1",)), Fluent("paint", ())
+OPEN = Predicate("open", ("home",))
+
+
+def start() -> tuple[Stage, Ledger]:
+    stage = Stage()
+    return stage, Ledger(stage.facts)
+
+
+def test_all_that_an_owner_has_changed_is_taken_back():
+    stage, ledger = start()
+    before = stage.facts.facts()
+    ledger.apply("a", [Delete(Predicate("at", ("r1", "home"))), Add(OPEN), SetValue(PAINT, 7.0)], "")
+    ledger.apply("a", [SetValue(PAINT, 9.0)], "")
+    assert stage.facts.facts() != before
+    ledger.undo("a", "")
+    assert stage.facts.facts() == before
+
+
+def test_what_was_so_before_is_not_taken_back():
+    stage, ledger = start()
+    stage.facts.add(fact("open home"))
+    ledger.apply("a", [Add(OPEN), Delete(Predicate("lit"))], "")
+    ledger.undo("a", "")
+    assert stage.holds("open home")
+    assert not stage.holds("lit")
+
+
+def test_a_number_that_had_no_value_has_none_again():
+    stage, ledger = start()
+    stage.facts.remove(fact("paint = 0"))
+    ledger.apply("a", [SetValue(PAINT, 7.0)], "")
+    ledger.undo("a", "")
+    assert stage.facts.value(PAINT) is None
+
+
+def test_what_stands_for_good_is_not_taken_back():
+    stage, ledger = start()
+    ledger.apply("a", [Add(OPEN)], "")
+    ledger.close("a")
+    ledger.undo("a", "")
+    assert stage.holds("open home")
+
+
+def test_what_another_has_changed_since_is_left_alone():
+    stage, ledger = start()
+    ledger.apply("a", [SetValue(PAINT, 7.0), Add(OPEN)], "")
+    ledger.apply("b", [SetValue(PAINT, 8.0), Delete(OPEN)], "")
+    ledger.undo("a", "")
+    assert stage.holds("paint = 8")
+    assert not stage.holds("open home")
+    ledger.undo("b", "")
+    assert stage.holds("paint = 7")
+    assert stage.holds("open home")
+
+
+def test_what_the_same_change_would_have_brought_about_again_is_left_to_the_first():
+    stage, ledger = start()
+    ledger.apply("a", [Add(OPEN)], "")
+    ledger.apply("b", [Add(OPEN)], "")
+    ledger.undo("b", "")
+    assert stage.holds("open home")
+
+
+def test_what_comes_from_elsewhere_is_left_alone():
+    stage, ledger = start()
+    ledger.apply("a", [Add(OPEN), SetValue(LOAD, 1.0)], "")
+    stage.forget("open home")
+    stage.believe("load r1 = 5")
+    ledger.undo("a", "")
+    assert not stage.holds("open home")
+    assert stage.holds("load r1 = 5")
+
+
+@given(
+    st.permutations("abcd"),
+    st.lists(st.sampled_from([-2.0, -1.0, 1.0, 3.0]), min_size=4, max_size=4),
+    st.sets(st.sampled_from("abcd")),
+)
+def test_of_increases_each_is_taken_back_alone(order, amounts, kept):
+    stage, ledger = start()
+    by = dict(zip("abcd", amounts, strict=True))
+    for owner in "abcd":
+        ledger.apply(owner, [SetValue(LOAD, (stage.facts.value(LOAD) or 0.0) + by[owner])], "", {LOAD})
+    for owner in order:
+        (ledger.close if owner in kept else lambda owner: ledger.undo(owner, ""))(owner)
+    assert stage.facts.value(LOAD) == sum(by[owner] for owner in kept)
+
+
+def test_the_trace_says_why():
+    stage, ledger = start()
+    ledger.apply("a", [Add(OPEN)], "step-1")
+    ledger.undo("a", "end-1")
+    assert stage.trace.find("belief", "open(home)")[0].cause == "step-1"
+    assert stage.trace.find("unbelief", "open(home)")[0].cause == "end-1"

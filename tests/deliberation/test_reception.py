@@ -1,0 +1,239 @@
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from socialbot.agent_messages import AgentReply, AgentRequest, Condition, Desire, Fact
+from socialbot.deliberation.policies import Policies
+from socialbot.deliberation.reception import Reception
+from tests.deliberation.domains import i, n, p
+from tests.deliberation.office import Office, job
+
+ALL = Policies(
+    belief_ck=("friends", "readers"),
+    belief_w=("friends",),
+    desire_ck=("friends", "readers"),
+    desire_w=("friends", "late"),
+    desire_pr=(0.6,),
+)
+
+
+class Desk:
+    """Where requests come in, and answers go out."""
+
+    def __init__(self, **more) -> None:
+        self.office = Office(**more)
+        self.replies: list[AgentReply] = []
+        self.reception = Reception(self.office.deliberator, ALL, self.replies.append)
+        self.count = 0
+
+    def ask(self, operation, about: Fact | Desire, group="friends", receiver="clerk", **more) -> AgentReply | None:
+        self.count += 1
+        what = {"belief": about} if isinstance(about, Fact) else {"desire": about}
+        known = {"id": f"r-{self.count}", "sender": "boss", "group": group, "receiver": receiver}
+        return self.send(AgentRequest(stamp=0, operation=operation, **{**known, **what, **more}))
+
+    def send(self, request: AgentRequest) -> AgentReply | None:
+        before = len(self.replies)
+        self.office.run(lambda: self.reception.take(request))
+        return self.replies[before] if len(self.replies) > before else None
+
+
+@pytest.fixture
+def desk() -> Desk:
+    return Desk()
+
+
+def test_beliefs_are_checked_added_and_deleted(desk):
+    assert not desk.ask("check", p("lit")).found
+    assert desk.ask("add", p("lit")).accepted
+    assert desk.ask("check", p("lit"), group="readers").found
+    assert desk.ask("add", n("level", "a", value=3)).accepted
+    assert desk.ask("check", n("level", "a", value=3)).found
+    assert not desk.ask("check", n("level", "a", value=4)).found
+    assert desk.ask("check", i("a", "job")).found
+    assert desk.ask("del", p("lit")).accepted
+    assert not desk.ask("check", p("lit")).found
+
+
+def test_a_belief_is_remembered_with_who_told_it_and_the_id_of_the_request(desk):
+    reply = desk.ask("add", p("lit"))
+    (asked,) = desk.office.found("asked")
+    (belief,) = desk.office.found("belief", "lit")
+    assert asked.cause == belief.cause == reply.id
+    assert belief.detail["source"] == "boss"
+
+
+@pytest.mark.parametrize(
+    ("operation", "about", "group", "why"),
+    [
+        ("add", p("lit"), "readers", "group 'readers' may not add beliefs; these may: friends"),
+        ("del", p("lit"), "late", "may not delete beliefs"),
+        ("check", p("lit"), "strangers", "may not check beliefs"),
+        ("add", job("a"), "readers", "may not add desires"),
+        ("check", job("a"), "late", "may not check desires"),
+        ("add", p("raedy"), "friends", "there is no predicate 'raedy'"),
+        ("check", p("level", "a"), "friends", "is a function"),
+        ("add", job("a", value=(p("raedy"),)), "friends", "there is no predicate 'raedy'"),
+        ("add", job("a", value=()), "friends", "it wants nothing"),
+    ],
+)
+def test_what_may_not_be_or_makes_no_sense_is_refused_with_the_reason_on_the_trace(desk, operation, about, group, why):
+    reply = desk.ask(operation, about, group)
+    assert (reply.accepted, reply.state) == (False, "refused")
+    assert why in reply.reason
+    (record,) = desk.office.found("refused")
+    assert (record.cause, record.detail["reason"]) == (reply.id, reply.reason)
+    assert p("lit") not in desk.office.facts.facts()
+    assert desk.office.wants == []
+
+
+def test_a_request_has_to_name_one_thing(desk):
+    for what in ({}, {"belief": p("lit"), "desire": job("a")}):
+        request = AgentRequest(
+            stamp=0, id=f"r{len(what)}", sender="boss", group="friends", receiver="clerk", operation="add", **what
+        )
+        assert "has to name" in desk.send(request).reason
+
+
+def test_requests_for_other_agents_are_left_alone(desk):
+    assert desk.ask("add", p("lit"), receiver="somebody") is None
+    assert desk.office.found("asked") == []
+
+
+def test_a_desire_is_adopted_with_a_priority_that_its_group_may_give(desk):
+    reply = desk.ask("add", job("a", 0.9))
+    assert (reply.accepted, reply.priority) == (True, 0.6)
+    assert next(iter(desk.office.deliberator.desires)).desire.priority == 0.6
+    assert desk.ask("add", job("b", 0.2)).priority == 0.2
+    assert desk.ask("add", job("c", 0.9), group="late").priority == 0.0
+    assert desk.office.found("desire", "a")[0].cause == reply.id
+    assert desk.ask("check", job("b")).found
+    assert not desk.ask("check", job("d")).found
+
+
+def test_a_desire_is_deleted_by_its_name(desk):
+    desk.ask("add", job("a"))
+    assert desk.ask("del", job("a")).found
+    assert not desk.ask("del", job("a")).found
+    assert desk.office.found("desire_dropped", "a")[0].detail["reason"] == "boss asked for it"
+
+
+def test_a_request_that_comes_twice_is_carried_out_once_and_answered_twice(desk):
+    request = AgentRequest(
+        stamp=0,
+        id="r",
+        sender="boss",
+        group="friends",
+        receiver="clerk",
+        operation="add",
+        desire=job("a"),
+        monitor=True,
+    )
+    first = desk.send(request)
+    desk.office.run(lambda: desk.office.deliberator.drop("a"))
+    ended = desk.replies[-1]
+    assert (ended.state, ended.id) == ("dropped", "r")
+    assert desk.send(request) == ended, "what has become of it"
+    assert desk.office.wants == []
+    assert first.state == "done"
+    assert len(desk.office.found("asked")) == 1
+    other = desk.send(msgspec.structs.replace(request, sender="other"))
+    assert other.state == "done", "another sender's request of the same id is another one"
+
+
+def test_a_request_that_comes_again_to_a_receiver_started_anew_is_answered_anew(desk):
+    request = AgentRequest(
+        stamp=0,
+        id="r",
+        sender="boss",
+        group="friends",
+        receiver="clerk",
+        operation="add",
+        desire=job("a"),
+        monitor=True,
+    )
+    desk.send(request)
+    anew: Any = Desk()
+    assert anew.send(request).state == "done"
+    assert anew.office.wants == ["a"]
+    done: Any = Desk()
+    done.office.believe("done a")
+    assert done.send(request).state == "fulfilled"
+    kept: Any = Desk()
+    kept.office.want(job("a", 0.2))
+    assert kept.send(request).state == "done"
+    kept.office.until(20)
+    assert kept.replies[-1].state == "fulfilled"
+
+
+def test_a_desire_that_is_asked_for_anew_has_the_new_priority_and_deadline(desk):
+    assert desk.ask("add", job("a", 0.2, 50)).priority == 0.2
+    desk.office.want(job("c", 0.3))
+    assert desk.ask("add", job("a", 0.9, 5)).priority == 0.6, "not more than it may give"
+    wish = desk.office.deliberator.desires.get("a")
+    assert (wish.desire.priority, wish.desire.deadline) == (0.6, 5)
+    assert desk.office.wants == ["a", "c"]
+
+
+def test_a_desire_over_an_unknown_object_is_not_fulfilled_by_what_is_not_so_of_it(desk):
+    typo = job("typo", value=(), conditions=(Condition(check="F", condition_to_check=p("done", "aa")),))
+    assert desk.ask("add", typo, monitor=True).state == "done"
+    desk.office.until(20)
+    assert desk.replies[-1].state == "dropped"
+    assert "there is no object 'aa'" in desk.replies[-1].reason
+
+
+def test_whether_a_deleted_belief_was_held_is_told(desk):
+    desk.office.believe("lit")
+    assert desk.ask("del", p("lit")).found
+    reply = desk.ask("del", p("lit"))
+    assert (reply.accepted, reply.found) == (True, False)
+
+
+@pytest.mark.parametrize("deadline", [float("inf"), float("nan"), 1e300, -1.0])
+def test_a_deadline_out_of_range_is_refused(desk, deadline):
+    assert "the deadline" in desk.ask("add", job("a", deadline=deadline)).reason
+
+
+def test_a_monitored_desire_is_told_about_when_it_ends(desk):
+    desk.ask("add", job("a"), monitor=True)
+    desk.ask("add", job("b"))
+    desk.office.until(20)
+    done, ended = [reply for reply in desk.replies if reply.id == "r-1"]
+    assert (done.state, ended.state, ended.found) == ("done", "fulfilled", True)
+    assert [reply.state for reply in desk.replies if reply.id == "r-2"] == ["done"]
+
+
+def test_a_monitored_desire_that_fails_is_told_about_with_the_reason():
+    desk = Desk(comp_plan_tries=1)
+    desk.ask("add", job("a", deadline=1.0), monitor=True)
+    desk.office.until(20)
+    done, ended = desk.replies
+    assert (done.state, ended.state, ended.found) == ("done", "dropped", False)
+    assert "longer than the 1 s there are" in ended.reason
+
+
+def test_what_holds_already_is_fulfilled_at_once(desk):
+    desk.office.believe("done a")
+    reply = desk.ask("add", job("a"), monitor=True)
+    assert (reply.state, reply.accepted, reply.found) == ("fulfilled", True, True)
+    assert len(desk.replies) == 1
+
+
+def test_another_desire_of_the_same_name_is_refused(desk):
+    desk.ask("add", job("a"))
+    reply = desk.ask("add", job("a", value=(p("lit"),)))
+    assert (reply.accepted, reply.reason) == (False, "there is another desire called a")
+
+
+def test_an_answer_that_cannot_be_sent_stops_nobody():
+    desk = Desk()
+    desk.reception = Reception(desk.office.deliberator, ALL, lambda reply: 1 / 0)
+    desk.ask("add", job("a"), monitor=True)
+    desk.office.want(job("b"))
+    desk.office.until(20)
+    assert ("b", "fulfilled", "") in desk.office.ends
+    assert desk.office.wants == []

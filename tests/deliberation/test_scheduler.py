@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from socialbot.deliberation.desires import DesireSet, Wish
+from socialbot.deliberation.options import Policy
+from socialbot.deliberation.scheduler import next_wish
+from tests.deliberation.office import job
+
+
+def ranked(*desires, blocked=(), not_before=None) -> list[Wish]:
+    found = DesireSet()
+    for desire in desires:
+        wish = found.add(desire)
+        assert wish is not None
+        wish.blocked = desire.name in blocked
+        wish.not_before = (not_before or {}).get(desire.name, 0)
+    return list(found)
+
+
+def turn(wishes: list[Wish], pursued: str = "", policy: Policy = "NO_PREEMPT", now: int = 0) -> str | None:
+    pursuing = next((wish for wish in wishes if wish.name == pursued), None)
+    wish = next_wish(wishes, pursuing, policy, lambda wish: wish.not_before <= now)
+    return None if wish is None else wish.name
+
+
+def test_the_highest_priority_has_its_turn_first():
+    assert turn(ranked(job("a", 0.4), job("b", 0.6), job("c", 0.5))) == "b"
+
+
+def test_among_equals_the_earliest_deadline_comes_first_and_then_who_was_first():
+    assert turn(ranked(job("a", deadline=30), job("b", deadline=20), job("c", deadline=20))) == "b"
+
+
+def test_who_is_blocked_or_has_just_failed_is_passed_over():
+    wishes = ranked(job("a", 0.9), job("b", 0.8), job("c", 0.1), blocked="a", not_before={"b": 5})
+    assert turn(wishes, now=4) == "c"
+    assert turn(wishes, now=5) == "b"
+
+
+def test_nobody_interrupts_without_preemption():
+    assert turn(ranked(job("a", 0.1), job("b", 1.0)), pursued="a") is None
+
+
+def test_a_higher_priority_preempts():
+    assert turn(ranked(job("a", 0.1, 5), job("b", 0.2, 500)), "a", "PREEMPT") == "b"
+
+
+def test_an_equal_priority_preempts_only_with_a_strictly_shorter_deadline():
+    wishes = ranked(job("a", deadline=30), job("b", deadline=30), job("c", deadline=29.9))
+    assert turn(wishes, "a", "PREEMPT") == "c"
+    assert turn(wishes, "c", "PREEMPT") is None
+    assert turn(wishes[1:], "b", "PREEMPT") is None
+
+
+def test_who_outranks_but_may_not_leaves_its_turn_to_the_next_who_does():
+    wishes = ranked(job("a", 0.1), job("b", 0.9), job("c", 0.5), blocked="b")
+    assert turn(wishes, "a", "PREEMPT") == "c"
+
+
+def test_who_has_interrupted_somebody_in_vain_does_not_do_so_again():
+    wishes = ranked(job("a", 0.1), job("b", 0.9), job("c", 0.5))
+    best, middle, low = wishes
+    best.in_vain.append(low)
+    assert turn(wishes, "a", "PREEMPT") == "c"
+    assert turn(wishes, "c", "PREEMPT") == "b", "but others"
+    assert turn(wishes) == "b", "and has its turn when nobody is pursued"
+    assert middle.in_vain == []
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from([0.2, 0.5]), st.sampled_from([5.0, 9.0]), st.booleans()), max_size=6),
+    st.integers(0, 5),
+)
+def test_whoever_has_a_turn_is_the_best_of_all_who_may(desires, number):
+    names = "abcdef"
+    blocked = {names[index] for index, (_, _, blocked) in enumerate(desires) if blocked}
+    wishes = ranked(*(job(names[index], *about[:2]) for index, about in enumerate(desires)), blocked=blocked)
+    pursued = next((wish for wish in wishes if wish.name == names[number]), None)
+    chosen = next_wish(wishes, pursued, "PREEMPT", lambda wish: True)
+    able = [wish for wish in wishes if not wish.blocked and (pursued is None or wish.outranks(pursued))]
+    assert chosen is min(able, key=lambda wish: wish.rank, default=None)

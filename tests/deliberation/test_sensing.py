@@ -1,0 +1,249 @@
+from __future__ import annotations
+
+import pytest
+
+from socialbot.deliberation.sensing import FactSensor, fits, fluent, instance, predicate, watched_by
+from socialbot.errors import PlanningError
+from socialbot.planning.plan import parse_plan
+from socialbot.planning.planner import Answer, Verdict
+from tests.deliberation.domains import i, n, p
+from tests.deliberation.office import Office, Watcher, job
+from tests.deliberation.stage import Behaviour
+
+
+class Levels(FactSensor):
+    """Tells of levels and lights; a percept is a list of facts, or None."""
+
+    prototypes = (fluent("level", "*"), predicate("lit"), instance("j*", "job"))
+
+    def tell(self, percept):
+        if isinstance(percept, Exception):
+            raise percept
+        return percept
+
+
+class Eye(Levels):
+    deadline_s = 1.0
+
+
+class Ear(FactSensor):
+    prototypes = (predicate("quiet"),)
+    deadline_s = 1.0
+
+    def tell(self, percept):
+        return percept
+
+
+def join(office: Office, *sensors: FactSensor) -> None:
+    for sensor in sensors:
+        office.run(lambda sensor=sensor: sensor.join(office.deliberator))
+
+
+def show(office: Office, sensor: FactSensor, *facts) -> None:
+    sensor.push(list(facts))
+    office.engine.run_until_idle()
+
+
+def keep_showing(office: Office, sensor: FactSensor, end: float, *facts) -> None:
+    while office.now < end:
+        show(office, sensor, *facts)
+        office.until(min(end, office.now + 0.5))
+
+
+def test_a_percept_says_all_that_holds_of_its_kind():
+    office, sensor = Office(), Levels()
+    join(office, sensor)
+    office.believe("level a = 1; level b = 2; quiet")
+    show(office, sensor, n("level", "a", value=7), p("lit"))
+    held = office.facts.facts()
+    assert n("level", "a", value=7) in held
+    assert office.facts.current(n("level", "b")) is None
+    assert p("quiet") in held
+    show(office, sensor)
+    assert office.facts.current(p("lit")) is None
+
+
+def test_a_percept_that_says_nothing_changes_nothing():
+    office, sensor = Office(), Levels()
+    join(office, sensor)
+    office.believe("lit")
+    sensor.push(None)
+    office.engine.run_until_idle()
+    assert office.facts.current(p("lit"))
+
+
+def test_the_same_percept_again_touches_no_beliefs_unless_somebody_else_has_changed_them():
+    office, sensor = Office(), Levels()
+    join(office, sensor)
+    show(office, sensor, p("lit"), n("level", "a", value=1))
+    records = len(office.trace)
+    show(office, sensor, p("lit"), n("level", "a", value=1))
+    assert len(office.trace) == records
+    office.forget("lit")
+    show(office, sensor, p("lit"), n("level", "a", value=1))
+    assert office.facts.current(p("lit"))
+
+
+def test_what_has_no_prototype_or_does_not_fit_is_left_out_and_stated_once():
+    office, sensor = Office(), Levels()
+    join(office, sensor)
+    for _ in range(3):
+        show(office, sensor, p("quiet"), n("level", "Not a name", value=1), p("lit"))
+    assert office.facts.current(p("lit"))
+    assert office.facts.current(p("quiet")) is None
+    messages = [record.detail["message"] for record in office.found("failure")]
+    assert len(messages) == 2
+    assert "it has no prototype for (quiet)" in messages[0]
+    assert "is no name" in messages[1]
+
+
+def test_a_sensor_that_raises_stops_nobody():
+    office, sensor = Office(), Levels()
+    join(office, sensor)
+    sensor.push(ValueError("dust"))
+    office.engine.run_until_idle()
+    show(office, sensor, p("lit"))
+    assert office.facts.current(p("lit"))
+    assert [record.detail["message"] for record in office.found("failure")] == ["dust"]
+
+
+def test_a_prototype_that_the_domain_has_nothing_like_is_refused():
+    class Wrong(Levels):
+        prototypes = (predicate("lit", "*"),)
+
+    with pytest.raises(PlanningError, match=r"sensor Wrong.*\(lit \*\)"):
+        Wrong().join(Office().deliberator)
+
+    class Kind(Levels):
+        prototypes = (instance("*", "robot"),)
+
+    with pytest.raises(PlanningError, match="no type 'robot'"):
+        Kind().join(Office().deliberator)
+
+
+def test_two_sensors_with_deadlines_need_two_names():
+    office = Office()
+    Eye().join(office.deliberator)
+    with pytest.raises(PlanningError, match="another sensor of this name"):
+        Eye().join(office.deliberator)
+
+
+def test_prototypes_tell_what_is_left_to_sensors():
+    class Stacks(Levels):
+        prototypes = (predicate("clear", "base_[0-9]*"), predicate("in", "*", "*"), instance("*", "box"))
+
+    watched = watched_by([Stacks()])
+    assert watched("clear", ("base_1",))
+    assert not watched("clear", ("base_a",))
+    assert not watched("in", ("a",))
+    assert not watched("box_a", ())
+    assert fits(i("box_a", "box"), instance("box_*", "box"))
+    assert not fits(i("box_a", "base"), instance("box_*", "box"))
+    assert not fits(n("in", "a", "b"), predicate("in", "*", "*"))
+
+
+# Silence
+
+
+def test_nothing_is_begun_before_all_sensors_have_told_something():
+    watcher = Watcher()
+    office, eye, ear = Office(observer=watcher), Eye(), Ear()
+    join(office, eye, ear)
+    office.want(job("a"))
+    show(office, eye, p("lit"))
+    assert office.pursued is None
+    assert watcher.statuses[-1] == ("BOOTING", "sensor Ear is silent")
+    ear.push(None)
+    office.engine.run_until_idle()
+    assert office.pursued is None, "it has told nothing"
+    show(office, ear)
+    assert office.pursued == "a"
+    assert office.found("silent") == []
+    assert watcher.statuses[-1][0] == "EXECUTING"
+
+
+def test_a_sensor_that_is_late_from_the_start_is_stated_too():
+    watcher = Watcher()
+    office, eye = Office(observer=watcher), Eye()
+    join(office, eye)
+    office.until(1.5)
+    assert [record.what for record in office.found("silent")] == ["Eye"]
+    assert watcher.statuses[-1] == ("BOOTING", "sensor Eye is silent")
+    show(office, eye)
+    assert [record.what for record in office.found("heard")] == ["Eye"]
+    assert watcher.statuses[-1] == ("SCHEDULING", "")
+
+
+def test_while_a_sensor_is_silent_nothing_new_is_begun_and_what_runs_goes_on():
+    watcher = Watcher()
+    office, eye = Office(observer=watcher), Eye()
+    join(office, eye)
+    show(office, eye)
+    office.clerk.script = lambda problem: Answer(Verdict.SOLVED, parse_plan("0: (do a) [6]\n6.001: (report a) [1]"))
+    office.want(job("x", value=(p("told"),)))
+    office.until(10)
+    assert office.begun() == [(0.0, "(do a)")]
+    assert (6.0, "ends", "(do a)") in office.timeline
+    assert [(record.kind, record.time / 1e9) for record in office.trace if record.kind in ("silent", "hold")] == [
+        ("silent", 1.0),
+        ("hold", 1.0),
+    ]
+    assert watcher.statuses[-1] == ("PAUSED", "sensor Eye is silent")
+    keep_showing(office, eye, 13)
+    assert office.begun()[1:] == [(10.0, "(report a)")]
+    assert office.ends == [("x", "fulfilled", "")]
+
+
+def test_a_new_desire_waits_until_the_sensor_is_back():
+    office, eye = Office(), Eye()
+    join(office, eye)
+    show(office, eye)
+    office.until(5)
+    office.want(job("a"))
+    office.until(9)
+    assert office.begun() == []
+    keep_showing(office, eye, 16)
+    assert office.begun() == [(9.0, "(do a)")]
+
+
+def test_a_plan_that_comes_while_a_sensor_is_silent_waits():
+    office, eye = Office(slow=True), Eye()
+    join(office, eye)
+    show(office, eye)
+    office.want(job("a"))
+    office.until(2)
+    office.answer()
+    office.until(4)
+    assert office.begun() == []
+    keep_showing(office, eye, 5)
+    assert office.begun() == [(4.0, "(do a)")]
+
+
+def test_a_plan_is_given_up_when_a_sensor_stays_silent_and_taken_up_when_it_is_back():
+    office, eye = Office(give_up_silent_s=5.0), Eye()
+    office.behaviour["(do a)"] = Behaviour(lasts_s=6.9)
+    join(office, eye)
+    keep_showing(office, eye, 1.0)
+    office.want(job("a"))
+    office.until(20)
+    (ending,) = office.found("plan_end")
+    assert ending.time / 1e9 == 6.5
+    assert (ending.detail["outcome"], ending.detail["reason"]) == ("aborted", "sensor Eye is silent for 5 s")
+    assert office.wants == ["a"]
+    keep_showing(office, eye, 30)
+    assert office.ends == [("a", "fulfilled", "")]
+
+
+def test_a_plan_that_fails_while_a_sensor_is_silent_is_mended_when_it_is_back():
+    office, eye = Office(), Eye()
+    office.behaviour["(do a)"] = Behaviour(lasts_s=3.0, fails="slipped")
+    join(office, eye)
+    show(office, eye)
+    office.want(job("a"))
+    office.until(5)
+    assert office.plans() == [("a", "failed")]
+    assert len(office.clerk.asked) == 1
+    office.behaviour.clear()
+    keep_showing(office, eye, 12)
+    assert office.begun() == [(0.0, "(do a)"), (5.0, "(do a)")]
+    assert office.ends == [("a", "fulfilled", "")]
