@@ -32,16 +32,27 @@ from socialbot.graph import Graph, Node, Placement, suggestion
 
 NODE_TYPES: Mapping[str, str] = {
     "camera": "socialbot.vision.camera_node:Camera",
+    "carrier": "socialbot.agents.warehouse.carrier:Carrier",
+    "cleaner": "socialbot.agents.cleaner.cleaner:Cleaner",
+    "gripper": "socialbot.agents.warehouse.gripper:Gripper",
     "head": "socialbot.agents.waldo.head:Head",
     "image_converter": "socialbot.vision.image_converter:ImageConverter",
     "listener": "socialbot.agents.waldo.listener:Listener",
     "person_detector": "socialbot.vision.person_detector:PersonDetector",
     "speaker": "socialbot.speech.speaker:Speaker",
+    "sweeper": "socialbot.agents.cleaner.team:Sweeper",
+    "team_cleaner": "socialbot.agents.cleaner.team:TeamCleaner",
     "waldo": "socialbot.agents.waldo.waldo_node:WaldoNode",
+    "warehouse_world": "socialbot.agents.warehouse.world_node:World",
 }
 """The nodes that come with socialbot."""
 
-GRAPHS: Mapping[str, str] = {"waldo": "agents/waldo/graph.yaml"}
+GRAPHS: Mapping[str, str] = {
+    "cleaner": "agents/cleaner/graph.yaml",
+    "cleaner-sweeper": "agents/cleaner/pair.yaml",
+    "waldo": "agents/waldo/graph.yaml",
+    "warehouse": "agents/warehouse/graph.yaml",
+}
 """The graphs that come with socialbot."""
 
 

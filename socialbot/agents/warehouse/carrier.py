@@ -1,0 +1,119 @@
+"""A carrier: the agent that takes boxes from its loading bay to its deposit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from socialbot.agent_messages import Fact
+from socialbot.agents.deliberating import Deliberating
+from socialbot.agents.warehouse.cast import CARRIER_DOMAIN, CARRIER_RULES, FOLDER, carrier_beliefs
+from socialbot.agents.warehouse.layout import is_carried
+from socialbot.agents.warehouse.messages import OBEYED_NS, BoxPositions, MoveCommand, MoveStatus, UnloadCommand
+from socialbot.deliberation.actions import PlanAction
+from socialbot.deliberation.sensing import FactSensor, fluent, predicate
+from socialbot.graph import Input, Output, Parameter
+
+SILENT_S = 1.0
+
+
+class Place(FactSensor):
+    """Knows whether the carrier is at its bay or its deposit."""
+
+    prototypes = (predicate("in", "*", "*"),)
+    deadline_s = SILENT_S
+
+    def tell(self, percept: MoveStatus) -> Iterator[Fact]:
+        if percept.current_name in ("base", "deposit"):
+            yield predicate("in", percept.robot, percept.current_name)
+
+
+class Load(FactSensor):
+    """Knows how many boxes are on the carrier: those over its deck."""
+
+    prototypes = (fluent("moving_boxes", "*"),)
+    deadline_s = SILENT_S
+
+    def __init__(self, carrier: str) -> None:
+        self.carrier = carrier
+        self.status: MoveStatus | None = None
+
+    def tell(self, percept: BoxPositions) -> Iterator[Fact] | None:
+        status = self.status
+        if status is None:
+            return None
+        carried = [box for box in percept.boxes if is_carried(status.current_pos, box.position)]
+        return iter([fluent("moving_boxes", self.carrier, value=len(carried))])
+
+
+class carrier_move(PlanAction):  # noqa: N801 - the name in the domain
+    """Goes to the bay or to the deposit."""
+
+    def begin(self, carrier: str, start: str, target: str) -> None:
+        self.told_at = self.engine.clock.now()
+        self.agent.cmd_target.publish(MoveCommand(stamp=self.told_at, target=target))
+
+    def advance(self) -> float:
+        status, target = self.agent.status, self.args[2]
+        if status is None or status.stamp <= self.told_at:
+            return self.progress_made
+        if status.target_name != target:
+            if status.stamp - self.told_at > OBEYED_NS:
+                self.fail(f"somebody has sent it to {status.target_name}")
+            return self.progress_made
+        return 1.0 if status.current_name == target else min(status.progress, 0.99)
+
+
+class carrier_unload(PlanAction):  # noqa: N801
+    """Puts all boxes into the deposit."""
+
+    def begin(self, carrier: str, deposit: str) -> None:
+        self.agent.cmd_unload.publish(UnloadCommand(stamp=self.engine.clock.now()))
+
+    def advance(self) -> float:
+        return self.progress_made + 0.25
+
+
+PHRASES = {"carrier_move": "drives from {1} to {2}", "carrier_unload": "unloads"}
+"""How the actions are said."""
+
+
+class Carrier(Deliberating):
+    """A carrier, which bears the name of its node: ``carrier_a``. It obeys grippers, and unloads by itself."""
+
+    folder = FOLDER
+    actions_known = (carrier_move, carrier_unload)
+    phrases = PHRASES
+
+    move_status = Input(MoveStatus, "~/move_status")
+    box_positions = Input(BoxPositions, "/warehouse/boxes")
+    cmd_target = Output(MoveCommand, "~/cmd_target")
+    cmd_unload = Output(UnloadCommand, "~/cmd_unload")
+
+    pddl_file = Parameter(CARRIER_DOMAIN.name, "the domain, PDDL 2.1", fixed=True)
+    init_reactive_rules_set = Parameter(CARRIER_RULES.name, "its rules (YAML)", fixed=True)
+    agent_group = Parameter("carriers", "the group it belongs to", fixed=True)
+    belief_ck = Parameter("grippers", "groups that may check its beliefs, separated by commas", fixed=True)
+    belief_w = Parameter("grippers", "groups that may change its beliefs", fixed=True)
+    desire_ck = Parameter("grippers", "groups that may check its desires", fixed=True)
+    desire_w = Parameter("grippers", "groups that may change its desires", fixed=True)
+    desire_pr = Parameter("0.6", "the highest priority that each group of desire_w may give", fixed=True)
+
+    status: MoveStatus | None = None
+
+    def sensors(self) -> Sequence[FactSensor]:
+        self.place, self.load_sensor = Place(), Load(self.name)
+        return (self.place, self.load_sensor)
+
+    @move_status
+    def on_move_status(self, message: MoveStatus) -> None:
+        """Notes where the carrier is."""
+        self.status = self.load_sensor.status = message
+        self.hear(self.place, message)
+
+    @box_positions
+    def on_boxes(self, message: BoxPositions) -> None:
+        """Shows the boxes to the sensor of the load."""
+        self.hear(self.load_sensor, message)
+
+    def beliefs_at_first(self) -> Sequence[Fact]:
+        return super().beliefs_at_first() if self.init_bset else carrier_beliefs(self.name)

@@ -1,0 +1,152 @@
+"""The world of the warehouse as a node: it obeys the topics of crane and carriers, and publishes their sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+from socialbot.agents.warehouse.cast import GRIPPER, cast_of
+from socialbot.agents.warehouse.faults import BOXES, parse_faults
+from socialbot.agents.warehouse.messages import (
+    BoxPositions,
+    GripperPose,
+    GripperStatus,
+    MoveCommand,
+    MoveStatus,
+    Point,
+    UnloadCommand,
+)
+from socialbot.agents.warehouse.world import Warehouse
+from socialbot.clock import nanoseconds
+from socialbot.graph import Context, Input, Node, Output, Parameter
+from socialbot.messages import Structured
+
+
+class WarehouseWorld(Node):
+    """The warehouse in place of a simulator or the real thing; `world_of` makes it for some boxes and carriers.
+
+    Each carrier adds ``/carrier_x/cmd_target``, ``/carrier_x/cmd_unload`` and ``/carrier_x/move_status``.
+    """
+
+    stands_for_world = True
+
+    boxes: ClassVar[int] = 6
+    carriers: ClassVar[int] = 3
+
+    cmd_motors_pose = Input(MoveCommand, f"/{GRIPPER}/cmd_motors_pose")
+    cmd_gripper_pose = Input(GripperPose, f"/{GRIPPER}/cmd_gripper_pose")
+    cmd_gripper_status = Input(GripperStatus, f"/{GRIPPER}/cmd_gripper_status")
+    motors_move_status = Output(MoveStatus, f"/{GRIPPER}/motors_move_status")
+    gripper_status = Output(GripperStatus, f"/{GRIPPER}/gripper_status")
+    box_positions = Output(BoxPositions, "/warehouse/boxes")
+
+    seed = Parameter(0, "chance of the run: the same seed gives the same speeds and stalls", fixed=True)
+    noise = Parameter(
+        0.1,
+        "by how much speeds differ from what they should be, at most; 0 is none",
+        minimum=0.0,
+        maximum=0.5,
+        fixed=True,
+    )
+    faults = Parameter("", "what goes wrong: 30 leaves carrier_c; 40 slips; 50 silent carrier_a 10", fixed=True)
+    period_s = Parameter(0.1, "s from one report of the sensors to the next", minimum=0.01, maximum=10.0)
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        """Raises ParameterError for faults that cannot be."""
+        super().__init__(name, context, parameters)
+        cast = cast_of(self.boxes, self.carriers)
+        self.world = Warehouse(
+            cast,
+            seed=self.seed,
+            noise=self.noise,
+            faults=parse_faults(self.faults, cast),
+            start=self.clock.now(),
+        )
+
+    def start(self) -> None:
+        self.context.call_at(self.clock.now(), self._report)
+
+    @cmd_motors_pose
+    def on_motors_pose(self, command: MoveCommand) -> None:
+        self.obey(lambda: self.world.move_crane(command.target))
+
+    @cmd_gripper_pose
+    def on_gripper_pose(self, command: GripperPose) -> None:
+        self.obey(lambda: self.world.set_fingers(command.pose))
+
+    @cmd_gripper_status
+    def on_gripper_status(self, command: GripperStatus) -> None:
+        self.obey(lambda: self.world.set_grip(command.status))
+
+    def obey(self, command: Callable[[], str]) -> None:
+        """Gives the world, as it is now, a command, and logs why it is refused if it is."""
+        self.world.advance(self.clock.now())
+        if refusal := command():
+            self.log.warning("refused: %s", refusal)
+
+    def _report(self) -> None:
+        now = self.clock.now()
+        self.world.advance(now)
+        if not self.world.is_silent(GRIPPER):
+            self.motors_move_status.publish(self._move_status(GRIPPER))
+            self.gripper_status.publish(GripperStatus(stamp=now, status="close" if self.world.is_closed else "open"))
+        for carrier in self.world.cast.carriers:
+            if not self.world.is_silent(carrier):
+                self._publish(f"{carrier}_move_status", self._move_status(carrier))
+        if not self.world.is_silent(BOXES):
+            self.box_positions.publish(BoxPositions(stamp=now, boxes=self.world.boxes()))
+        self.context.call_at(now + nanoseconds(self.period_s), self._report)
+
+    def _publish(self, output: str, message: Structured) -> None:
+        self.context.publish(self.outputs()[output], message)
+
+    def _move_status(self, robot: str) -> MoveStatus:
+        place = self.world.whereabouts(robot)
+        z = self.world.finger_z if robot == GRIPPER else 0.0
+        return MoveStatus(
+            stamp=self.world.now,
+            robot=robot,
+            start_name=place.start_name,
+            current_name=place.current_name,
+            target_name=place.target_name,
+            current_pos=Point(place.position.x, place.position.y, z),
+            target_pos=place.target,
+            dist=place.left_m,
+            progress=place.progress,
+        )
+
+
+def world_of(boxes: int, carriers: int, name: str) -> type[WarehouseWorld]:
+    """The node type, called ``name`` in the calling module, of a world with so many boxes and carriers."""
+    members: dict[str, Any] = {"boxes": boxes, "carriers": carriers, "__doc__": WarehouseWorld.__doc__}
+    for carrier in cast_of(boxes, carriers).carriers:
+        members |= _ports_of(carrier)
+    return type(name, (WarehouseWorld,), members)
+
+
+def _ports_of(carrier: str) -> dict[str, Any]:
+    """The ports of one carrier, and the methods that take its commands."""
+    target = Input(MoveCommand, f"/{carrier}/cmd_target")
+    unload = Input(UnloadCommand, f"/{carrier}/cmd_unload")
+
+    def on_target(node: WarehouseWorld, command: MoveCommand) -> None:
+        node.obey(lambda: node.world.move_carrier(carrier, command.target))
+
+    def on_unload(node: WarehouseWorld, command: UnloadCommand) -> None:
+        node.obey(lambda: node.world.unload(carrier))
+
+    on_target.__name__ = f"on_{carrier}_target"
+    on_unload.__name__ = f"on_{carrier}_unload"
+    return {
+        f"{carrier}_cmd_target": target,
+        f"{carrier}_cmd_unload": unload,
+        f"{carrier}_move_status": Output(MoveStatus, f"/{carrier}/move_status"),
+        on_target.__name__: target(on_target),
+        on_unload.__name__: unload(on_unload),
+    }
+
+
+World = world_of(6, 3, "World")
+"""The demonstration: six boxes and three carriers."""
+World12 = world_of(12, 3, "World12")
+World24 = world_of(24, 6, "World24")

@@ -1,0 +1,51 @@
+"""What an agent of these beliefs plans and concludes, without the agent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from socialbot.agent_messages import Desire, Fact
+from socialbot.bdi import Engine
+from socialbot.clock import ManualClock
+from socialbot.deliberation.facts import FactBase
+from socialbot.deliberation.files import load_rules
+from socialbot.deliberation.rules import RuleBook
+from socialbot.planning.domain import Domain
+from socialbot.planning.plan import Plan
+from socialbot.planning.planner import Limits, Verdict
+from socialbot.planning.planners import make_planner
+from socialbot.planning.reader import read_domain
+
+
+def domain_of(path: Path) -> Domain:
+    return read_domain(path.read_text("utf-8"), where=str(path))
+
+
+def believing(path: Path, facts: Iterable[Fact]) -> FactBase:
+    base = FactBase(Engine("agent", ManualClock()), domain_of(path))
+    for fact in facts:
+        base.add(fact)
+    return base
+
+
+def plan_for(facts: FactBase, desire: Desire) -> Plan:
+    problem = facts.problem(facts.goal(desire.wanted))
+    limits = Limits(timeout_s=20.0, makespan_s=desire.deadline)
+    answer = make_planner("kairos").solve(facts.domain, problem, limits)
+    assert answer.verdict is Verdict.SOLVED, answer.message
+    assert answer.plan is not None
+    return answer.plan
+
+
+def settled(facts: FactBase, rules: Path) -> list[str]:
+    """What follows from the rules, as text; beliefs are changed by it until nothing follows any more."""
+    book, followed = RuleBook(facts), []
+    for rule in load_rules(rules, facts.domain):
+        book.add(rule)
+    while effects := book.react():
+        for effect in effects:
+            followed.append(str(effect))
+            if effect.fact is not None:
+                (facts.add if effect.operation == "ADD" else facts.remove)(effect.fact)
+    return followed

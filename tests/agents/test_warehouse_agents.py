@@ -1,0 +1,569 @@
+"""Gripper and carriers one by one: what their sensors tell, what their actions do, and what they let others do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from socialbot.agent_messages import (
+    AgentReply,
+    AgentRequest,
+    Belief,
+    Desire,
+    DesireItem,
+    Fact,
+    Operation,
+    RequestState,
+)
+from socialbot.agents.warehouse.carrier import Carrier, Load, Place
+from socialbot.agents.warehouse.cast import SIX
+from socialbot.agents.warehouse.gripper import Boxes, CarrierStatus, Gripper, Whereabouts
+from socialbot.agents.warehouse.layout import DECK_M, Layout
+from socialbot.agents.warehouse.messages import (
+    BoxPosition,
+    BoxPositions,
+    GripperPose,
+    GripperStatus,
+    MoveCommand,
+    MoveStatus,
+    Point,
+    UnloadCommand,
+)
+from socialbot.agents.warehouse.world_node import World
+from socialbot.bdi import Atom, Engine
+from socialbot.bdi.literals import literal
+from socialbot.clock import SECOND, ManualClock
+from socialbot.deliberation.requests import Correspondence
+from socialbot.graph import Graph, Node, Placement
+from socialbot.inline import InlineRunner
+from socialbot.messages import Message, TraceRecord
+
+GRIPPER = "gripper_a"
+LAYOUT = Layout(SIX)
+NOWHERE = Point(0.0, 0.0, 0.0)
+
+
+def status(current: str, *, start: str = "start", target: str = "", robot: str = GRIPPER, z: float = 1.5) -> MoveStatus:
+    return MoveStatus(
+        stamp=0, robot=robot, start_name=start, current_name=current, target_name=target or current,
+        current_pos=Point(0.0, 0.0, z), target_pos=NOWHERE, dist=0.0, progress=0.5,
+    )  # fmt: skip
+
+
+def boxes(**holders: str) -> BoxPositions:
+    """Boxes and what bears them; of those on one stack each stands on the one before."""
+    heights: dict[str, int] = {}
+    found = []
+    for box, holder in holders.items():
+        heights[holder] = number = heights.get(holder, 0) + 1
+        found.append(BoxPosition(name=box, position=Point(0.0, 0.0, number * 0.22), holder=holder))
+    return BoxPositions(stamp=0, boxes=tuple(found))
+
+
+def told(facts: Iterable[Fact] | None) -> set[str]:
+    return {str(fact) for fact in facts or ()}
+
+
+class TestSensorsOfTheGripper:
+    @pytest.mark.parametrize(
+        ("place", "fact"),
+        [
+            ("base", "(carrier_in_base carrier_a base_a)"),
+            ("deposit", "(carrier_in_deposit carrier_a deposit_a)"),
+            ("moving", None),
+        ],
+    )
+    def test_a_carrier_is_in_its_bay_its_deposit_or_between(self, place: str, fact: str | None) -> None:
+        sensor = CarrierStatus("carrier_a", "base_a", "deposit_a")
+        assert told(sensor.tell(status(place, robot="carrier_a"))) == ({fact} if fact else set())
+
+    @pytest.mark.parametrize(
+        ("percept", "place"),
+        [
+            (status("base_1"), "base_1"),
+            (status("base_a1"), "base_a"),
+            (status("base_a2"), "base_a"),
+            (status("moving", start="base_a", target="base_a2"), "base_a"),
+            (status("moving", start="base_a1", target="base_a2"), "base_a"),
+            (status("moving", start="base_a", target="base_b"), None),
+            (status("moving", start="base_a1", target="base_b1"), None),
+        ],
+    )
+    def test_the_two_slots_of_a_bay_and_the_way_between_them_are_the_bay(
+        self, percept: MoveStatus, place: str | None
+    ) -> None:
+        assert told(Whereabouts(SIX.bays).tell(percept)) == ({f"(upon gripper_a {place})"} if place else set())
+
+    def test_boxes_stand_on_each_other_and_the_top_is_clear(self) -> None:
+        facts = told(Boxes(SIX).tell(boxes(box_a1="base_1", box_c2="base_1")))
+        assert {
+            "(on box_a1 base_1 base_1)", "(on box_c2 box_a1 base_1)", "(in box_a1 base_1)", "(in box_c2 base_1)",
+            "(clear box_c2)", "(stacked base_1) = 2", "(stacked base_2) = 0", "(clear base_2)", "(clear base_3)",
+            "(holding_boxes gripper_a) = 0", "(moving_boxes carrier_a) = 0",
+        } <= facts  # fmt: skip
+        assert not {"(clear base_1)", "(clear box_a1)"} & facts
+
+    def test_a_box_in_the_gripper_is_held_and_in_no_stack(self) -> None:
+        facts = told(Boxes(SIX).tell(boxes(box_a1=GRIPPER)))
+        assert {"(holding gripper_a box_a1)", "(holding_boxes gripper_a) = 1"} <= facts
+        assert not [fact for fact in facts if fact.startswith(("(on ", "(in "))]
+
+    def test_boxes_went_with_their_carrier_also_when_it_has_unloaded_them(self) -> None:
+        facts = told(Boxes(SIX).tell(boxes(box_a1="carrier_a", box_b1="deposit_b")))
+        assert {"(carrier_moving carrier_a box_a1)", "(carrier_moving carrier_b box_b1)"} <= facts
+        assert {"(moving_boxes carrier_a) = 1", "(moving_boxes carrier_b) = 0"} <= facts
+
+    def test_a_box_that_has_missed_its_carrier_stands_in_the_bay_and_can_be_taken_from_there(self) -> None:
+        facts = told(Boxes(SIX).tell(boxes(box_a1="base_a")))
+        assert {"(on box_a1 base_a base_a)", "(in box_a1 base_a)", "(clear box_a1)", "(stacked base_a) = 1"} <= facts
+        assert not {"(clear base_a)", "(carrier_moving carrier_a box_a1)"} & facts
+
+    def test_whether_a_bay_without_a_box_is_clear_is_left_to_the_rules(self) -> None:
+        assert not {"(clear base_a)", "(clear base_b)"} & told(Boxes(SIX).tell(boxes()))
+
+    def test_a_box_on_the_floor_is_nowhere(self) -> None:
+        assert not [fact for fact in told(Boxes(SIX).tell(boxes(box_a1="floor"))) if "box_a1" in fact]
+
+
+class TestSensorsOfACarrier:
+    def test_it_knows_where_it_is(self) -> None:
+        assert told(Place().tell(status("base", robot="carrier_a"))) == {"(in carrier_a base)"}
+        assert told(Place().tell(status("moving", robot="carrier_a"))) == set()
+
+    def test_boxes_over_its_deck_count_as_its_load(self) -> None:
+        sensor = Load("carrier_a")
+        assert sensor.tell(boxes()) is None, "it does not know where it is"
+        bay = LAYOUT.bays["base_a"]
+        sensor.status = MoveStatus(
+            stamp=0, robot="carrier_a", start_name="base", current_name="base", target_name="base",
+            current_pos=bay, target_pos=bay, dist=0.0, progress=1.0,
+        )  # fmt: skip
+
+        def load(*positions: Point) -> set[str]:
+            lying = (BoxPosition(name=f"box_{n}", position=at, holder="?") for n, at in enumerate(positions))
+            return told(sensor.tell(BoxPositions(stamp=0, boxes=tuple(lying))))
+
+        on_deck = Point(bay.x, bay.y - 0.16, DECK_M + 0.11)
+        assert load(on_deck) == {"(moving_boxes carrier_a) = 1"}
+        assert load(on_deck, Point(bay.x, bay.y + 0.16, DECK_M + 0.11)) == {"(moving_boxes carrier_a) = 2"}
+        assert load(Point(bay.x, bay.y, 1.4), Point(bay.x + 0.5, bay.y, 0.4)) == {"(moving_boxes carrier_a) = 0"}
+
+
+class IdleGripper(Gripper):
+    """A gripper that wants nothing, so that its actions can be tried one by one."""
+
+    def desires_at_first(self) -> tuple[Desire, ...]:
+        return ()
+
+
+@dataclass
+class Try:
+    """An action that was asked for; ``end`` is how it ended: ``done``, or why not."""
+
+    end: str = ""
+    intention: Any = None
+    log: list[str] = field(default_factory=list)
+
+
+class Hall:
+    """The world with some agents, and what came on the topics; the test plays everybody who is not there."""
+
+    def __init__(self, *agents: Placement, **world: Any) -> None:
+        placements = (Placement("world", World, {"noise": 0.0, **world}), *agents)
+        inputs = frozenset(topic for placement in placements for topic, _ in placement.subscriptions)
+        self.runner = InlineRunner(Graph("hall", placements, inputs=inputs))
+        self.said: list[tuple[str, Message]] = []
+        self.sent = 0
+        for topic in {topic for placement in placements for topic, _ in placement.publications}:
+            self.runner.tap(topic, lambda name, message: self.said.append((name, message)))
+        self.runner.start()
+        self.until(0.2)
+
+    def node(self, name: str) -> Any:
+        node: Node = self.runner.nodes[name]
+        return node
+
+    @property
+    def now(self) -> float:
+        return self.runner.clock.now() / SECOND
+
+    def until(self, second: float) -> None:
+        self.runner.advance(round(second * SECOND))
+        assert not [fault for fault in self.runner.faults.values() if fault.failures], self.runner.faults
+
+    def after(self, seconds: float) -> None:
+        self.until(self.now + seconds)
+
+    def of(self, kind: type[Any], topic: str = "") -> list[Any]:
+        return [message for name, message in self.said if isinstance(message, kind) and topic in ("", name)]
+
+    def feed(self, topic: str, message: Message) -> None:
+        self.runner.feed(topic, message, time=self.runner.clock.now())
+
+    def attempt(self, agent: str, name: str, *args: str) -> Try:
+        """Has an agent carry out an action, without a plan."""
+        engine, trial = self.node(agent).engine, Try()
+
+        def ended(failure: Any) -> None:
+            trial.end = "done" if failure is None else failure.message
+
+        goal = literal(name, tuple(map(Atom, args)))
+        engine.call(lambda: setattr(trial, "intention", engine.attempt(goal, ended)))
+        self.after(0.0)
+        return trial
+
+    def finish(self, trial: Try, limit_s: float = 20.0) -> str:
+        """Lets time pass until an action has ended, and says how."""
+        end = self.now + limit_s
+        while not trial.end and self.now < end:
+            self.after(0.1)
+        return trial.end
+
+    def give_up(self, agent: str, trial: Try) -> None:
+        engine = self.node(agent).engine
+        engine.call(lambda: engine.drop(trial.intention, lambda: setattr(trial, "end", "stopped")))
+        self.after(0.0)
+
+    def request(
+        self, operation: Operation, receiver: str = "carrier_a", *, group: str = "grippers", **about: Any
+    ) -> str:
+        """Asks an agent for something, as gripper_a would; returns the id."""
+        self.sent += 1
+        message = AgentRequest(
+            stamp=0, id=f"r{self.sent}", sender=GRIPPER, group=group, receiver=receiver, operation=operation, **about
+        )
+        self.feed("/agents/requests", message)
+        self.after(0.0)
+        return message.id
+
+    def replies(self, request: str) -> list[AgentReply]:
+        return [reply for reply in self.of(AgentReply) if reply.id == request]
+
+    def answer(self, request: AgentRequest, state: RequestState = "done", reason: str = "") -> None:
+        """Answers a request as its receiver would."""
+        reply = AgentReply(
+            stamp=0, id=request.id, sender=request.receiver, receiver=request.sender,
+            accepted=state != "refused", state=state, reason=reason,
+        )  # fmt: skip
+        self.feed("/agents/replies", reply)
+
+    def requests(self) -> list[AgentRequest]:
+        """The requests that came, each once."""
+        return list({request.id: request for request in self.of(AgentRequest)}.values())
+
+    def desire(self, agent: str, desire: Desire) -> None:
+        self.feed(f"/{agent}/add_desire", DesireItem(stamp=0, desire=desire))
+        self.after(0.0)
+
+    def records(self, kind: str, source: str) -> list[TraceRecord]:
+        return [record for record in self.of(TraceRecord) if record.kind == kind and record.source == source]
+
+    def holder(self, box: str) -> str:
+        return next(found.holder for found in self.of(BoxPositions)[-1].boxes if found.name == box)
+
+
+def hall_with_gripper(**world: Any) -> Hall:
+    return Hall(Placement(GRIPPER, IdleGripper), **world)
+
+
+def hall_with_carrier(**parameters: Any) -> Hall:
+    return Hall(Placement("carrier_a", Carrier, parameters))
+
+
+def at(place: str) -> Hall:
+    """The crane over a stack or bay."""
+    hall = hall_with_gripper()
+    assert hall.finish(hall.attempt(GRIPPER, "gripper_move", GRIPPER, "start", place)) == "done"
+    return hall
+
+
+def carrying(place: str = "base_a") -> Hall:
+    """The crane over a bay with box_a2, and carrier a there; its agent is the test."""
+    hall = at("base_1")
+    assert hall.finish(hall.attempt(GRIPPER, "gripper_pickup", GRIPPER, "box_a2", "box_c2", "base_1")) == "done"
+    hall.feed("/carrier_a/cmd_target", MoveCommand(stamp=0, target="base"))
+    assert hall.finish(hall.attempt(GRIPPER, "gripper_move", GRIPPER, "base_1", place)) == "done"
+    hall.after(6.0)
+    assert hall.holder("box_a2") == GRIPPER
+    return hall
+
+
+class TestActionsOfTheGripper:
+    def test_a_move_ends_when_the_crane_is_there(self) -> None:
+        hall = hall_with_gripper()
+        trial = hall.attempt(GRIPPER, "gripper_move", GRIPPER, "start", "base_3")
+        assert hall.of(MoveCommand)[-1].target == "base_3"
+        hall.after(1.0)
+        assert not trial.end
+        assert hall.finish(trial) == "done"
+        assert 1.5 <= hall.now <= 5.5
+        assert hall.node(GRIPPER).is_at("base_3")
+
+    def test_a_move_to_where_it_stands_is_done_at_once(self) -> None:
+        hall = hall_with_gripper()
+        assert hall.finish(hall.attempt(GRIPPER, "gripper_move", GRIPPER, "start", "start"), 1.0) == "done"
+
+    def test_a_move_fails_when_somebody_else_sends_the_crane_away(self) -> None:
+        hall = hall_with_gripper()
+        trial = hall.attempt(GRIPPER, "gripper_move", GRIPPER, "start", "base_3")
+        hall.after(1.0)
+        hall.feed("/gripper_a/cmd_motors_pose", MoveCommand(stamp=0, target="base_1"))
+        assert hall.finish(trial) == "somebody has sent the crane to base_1"
+
+    def test_a_pickup_lowers_closes_and_lifts_and_waits_for_each(self) -> None:
+        hall = at("base_1")
+        begun = len(hall.said)
+        trial = hall.attempt(GRIPPER, "gripper_pickup", GRIPPER, "box_a2", "box_c2", "base_1")
+        assert hall.finish(trial) == "done"
+        commands = [
+            message.pose if isinstance(message, GripperPose) else message.status
+            for topic, message in hall.said[begun:]
+            if topic.startswith("/gripper_a/cmd_gripper") and isinstance(message, GripperPose | GripperStatus)
+        ]
+        assert commands == ["low"] * 3 + ["close"] * 3 + ["high"] * 3
+        assert hall.holder("box_a2") == GRIPPER
+
+    def test_a_pickup_with_closed_fingers_opens_them_first(self) -> None:
+        hall = at("base_1")
+        hall.feed("/gripper_a/cmd_gripper_status", GripperStatus(stamp=0, status="close"))
+        hall.after(1.0)
+        trial = hall.attempt(GRIPPER, "gripper_pickup", GRIPPER, "box_a2", "box_c2", "base_1")
+        assert hall.finish(trial) == "done"
+        assert hall.of(GripperStatus, "/gripper_a/cmd_gripper_status")[1].status == "open"
+        assert hall.holder("box_a2") == GRIPPER
+
+    def test_a_putdown_leaves_the_box_on_the_stack(self) -> None:
+        hall = carrying("base_3")
+        assert hall.finish(hall.attempt(GRIPPER, "gripper_putdown", GRIPPER, "box_a2", "base_3", "base_3")) == "done"
+        assert hall.holder("box_a2") == "base_3"
+
+    @pytest.mark.parametrize("number", [0, 1])
+    def test_a_box_is_put_into_the_first_or_second_slot_of_a_carrier(self, number: int) -> None:
+        hall = carrying()
+        hall.node(GRIPPER).boxes_on = lambda carrier: number
+        trial = hall.attempt(GRIPPER, "gripper_put_on_carrier", GRIPPER, "box_a2", "carrier_a", "base_a")
+        assert hall.of(MoveCommand, "/gripper_a/cmd_motors_pose")[-1].target in ("base_a", f"base_a{number + 1}")
+        self.answer_all(hall, trial)
+        assert trial.end == "done"
+        assert hall.node(GRIPPER).is_at(f"base_a{number + 1}")
+        assert hall.holder("box_a2") == "carrier_a"
+
+    def test_the_carrier_is_told_only_when_the_fingers_are_up_again(self) -> None:
+        hall = carrying()
+        trial = hall.attempt(GRIPPER, "gripper_put_on_carrier", GRIPPER, "box_a2", "carrier_a", "base_a")
+        (first,) = hall.requests()
+        assert (first.operation, str(first.belief)) == ("del", "(lb_load_completed carrier_a)")
+        while len(hall.requests()) < 2:
+            hall.answer(hall.requests()[-1])
+            hall.after(0.1)
+            assert hall.now < 40.0
+        second = hall.requests()[1]
+        assert (second.operation, str(second.belief)) == ("add", "(lb_load_completed carrier_a)")
+        assert hall.node(GRIPPER).motors.current_pos.z > 1.4
+        assert hall.node(GRIPPER).fingers == "open"
+        hall.after(1.0)
+        assert not trial.end, "it waits for the answer"
+        hall.answer(second)
+        assert hall.finish(trial, 1.0) == "done"
+
+    @staticmethod
+    def answer_all(hall: Hall, trial: Try, *answer: Any) -> None:
+        answered: set[str] = set()
+        while not trial.end and hall.now < 60.0:
+            for request in hall.requests():
+                if request.id not in answered:
+                    answered.add(request.id)
+                    hall.answer(request, *(answer if request.operation == "add" else ()))
+            hall.after(0.1)
+
+    def test_a_carrier_that_refuses_to_know_of_its_load_fails_the_action(self) -> None:
+        hall = carrying()
+        trial = hall.attempt(GRIPPER, "gripper_put_on_carrier", GRIPPER, "box_a2", "carrier_a", "base_a")
+        self.answer_all(hall, trial, "refused", "grippers may not change beliefs")
+        assert trial.end == "carrier_a does not want to know whether it was loaded: grippers may not change beliefs"
+
+    def test_a_carrier_that_does_not_answer_fails_the_action(self) -> None:
+        hall = carrying()
+        trial = hall.attempt(GRIPPER, "gripper_put_on_carrier", GRIPPER, "box_a2", "carrier_a", "base_a")
+        assert "no answer from carrier_a in 2 s" in hall.finish(trial, 40.0)
+        assert not hall.of(GripperStatus, "/gripper_a/cmd_gripper_status")[3:], "it keeps the box"
+        assert hall.holder("box_a2") == GRIPPER
+
+    @pytest.mark.parametrize("action", ["gripper_pickup", "gripper_putdown", "gripper_put_on_carrier"])
+    def test_an_action_that_is_given_up_lifts_the_fingers(self, action: str) -> None:
+        hall = carrying()
+        args = {
+            "gripper_pickup": ("box_c2", "box_a1", "base_1"),
+            "gripper_putdown": ("box_a2", "base_a", "base_a"),
+            "gripper_put_on_carrier": ("box_a2", "carrier_a", "base_a"),
+        }[action]
+        trial = hall.attempt(GRIPPER, action, GRIPPER, *args)
+        hall.after(1.2)
+        hall.give_up(GRIPPER, trial)
+        assert trial.end == "stopped"
+        assert hall.of(GripperPose)[-1].pose == "high"
+        hall.after(2.0)
+        assert hall.of(GripperPose)[-1].pose == "high", "nothing more is told after that"
+        assert hall.node(GRIPPER).motors.current_pos.z == 1.5
+
+
+class TestAskingACarrierToCome:
+    def asked(self) -> tuple[Hall, Try, AgentRequest]:
+        hall = hall_with_gripper()
+        trial = hall.attempt(GRIPPER, "req_carrier_to_come", "carrier_a", "deposit_a", "base_a")
+        (request,) = hall.requests()
+        return hall, trial, request
+
+    def test_it_sends_a_desire_that_is_monitored(self) -> None:
+        _, _, request = self.asked()
+        assert (request.receiver, request.group, request.operation) == ("carrier_a", "grippers", "add")
+        assert request.monitor
+        assert request.desire == Desire(
+            name="gripper_a_cometo_base",
+            value=(Fact(name="in", params=("carrier_a", "base")),),
+            priority=0.6,
+            deadline=6.0,
+        )
+
+    def test_it_is_done_when_the_carrier_says_so(self) -> None:
+        hall, trial, request = self.asked()
+        hall.answer(request)
+        hall.after(4.0)
+        assert not trial.end
+        hall.answer(request, "fulfilled")
+        assert hall.finish(trial, 1.1) == "done"
+
+    @pytest.mark.parametrize(
+        ("state", "reason", "message"),
+        [
+            ("refused", "not for you", "carrier_a does not come: not for you"),
+            ("dropped", "no plan after 8 tries", "carrier_a does not come: no plan after 8 tries"),
+        ],
+    )
+    def test_it_fails_with_the_reason_of_the_carrier(self, state: RequestState, reason: str, message: str) -> None:
+        hall, trial, request = self.asked()
+        hall.answer(request, state, reason)
+        assert hall.finish(trial, 1.1) == message
+
+    def test_it_fails_when_no_answer_comes(self) -> None:
+        hall, trial, request = self.asked()
+        assert hall.finish(trial) == "carrier_a does not come: no answer from carrier_a in 2 s"
+        assert hall.now < 4.0
+        assert len([sent for sent in hall.of(AgentRequest) if sent.id == request.id]) == 4, "it has asked again"
+
+    def test_it_fails_when_the_carrier_takes_too_long(self) -> None:
+        hall, trial, request = self.asked()
+        hall.answer(request)
+        assert hall.finish(trial) == "Too much time waited"
+        assert hall.now == pytest.approx(0.2 + 8.0, abs=0.11)
+
+    def test_after_a_restart_it_asks_anew(self) -> None:
+        sent: list[AgentRequest] = []
+        for time in (4, 7):
+            clock = ManualClock()
+            letters = Correspondence(Engine(GRIPPER, clock), "grippers", sent.append)
+            clock.set(time * SECOND)
+            letters.ask("carrier_a", "add", desire=to_be_in("base", 0.6))
+        assert sent[0].id != sent[1].id
+
+    def test_given_up_it_waits_no_longer(self) -> None:
+        hall, trial, request = self.asked()
+        hall.give_up(GRIPPER, trial)
+        assert trial.end == "stopped"
+        hall.answer(request, "fulfilled")
+        hall.after(5.0)
+        assert trial.end == "stopped"
+
+
+def to_be_in(place: str, priority: float, name: str = "") -> Desire:
+    wanted = (Fact(name="in", params=("carrier_a", place)),)
+    return Desire(name=name or f"go_to_{place}", value=wanted, priority=priority, deadline=20.0)
+
+
+class TestACarrier:
+    def test_moves_and_unloads(self) -> None:
+        hall = hall_with_carrier()
+        assert hall.finish(hall.attempt("carrier_a", "carrier_move", "carrier_a", "deposit", "base")) == "done"
+        assert hall.node("carrier_a").status.current_name == "base"
+        assert hall.finish(hall.attempt("carrier_a", "carrier_move", "carrier_a", "base", "deposit")) == "done"
+        assert hall.finish(hall.attempt("carrier_a", "carrier_unload", "carrier_a", "deposit")) == "done"
+        assert len(hall.of(UnloadCommand)) == 1
+
+    def test_a_move_fails_when_somebody_else_sends_it_away(self) -> None:
+        hall = hall_with_carrier()
+        trial = hall.attempt("carrier_a", "carrier_move", "carrier_a", "deposit", "base")
+        hall.after(1.0)
+        hall.feed("/carrier_a/cmd_target", MoveCommand(stamp=0, target="deposit"))
+        assert hall.finish(trial) == "somebody has sent it to deposit"
+
+    def test_comes_when_a_gripper_asks_and_tells_it_when_it_is_there(self) -> None:
+        hall = hall_with_carrier()
+        request = hall.request("add", desire=to_be_in("base", 0.6), monitor=True)
+        (reply,) = hall.replies(request)
+        assert (reply.accepted, reply.state, reply.priority) == (True, "done", 0.6)
+        hall.after(8.0)
+        assert [reply.state for reply in hall.replies(request)] == ["done", "fulfilled"]
+        assert hall.node("carrier_a").status.current_name == "base"
+
+    def test_does_nothing_for_groups_that_may_not_ask(self) -> None:
+        hall = hall_with_carrier()
+        loaded = Fact(name="lb_load_completed", params=("carrier_a",))
+        requests = [
+            hall.request(operation, group="strangers", desire=desire, belief=belief)
+            for operation in ("check", "add", "del")
+            for desire, belief in ((to_be_in("base", 0.6), None), (None, loaded))
+        ]
+        for request in requests:
+            (reply,) = hall.replies(request)
+            assert not reply.accepted
+            assert reply.state == "refused"
+            assert "strangers" in reply.reason
+        assert len(hall.records("refused", "carrier_a")) == len(requests)
+        hall.after(8.0)
+        assert hall.node("carrier_a").status.current_name == "deposit"
+
+    def test_gives_a_desire_no_higher_priority_than_its_group_may(self) -> None:
+        hall = hall_with_carrier()
+        (reply,) = hall.replies(hall.request("add", desire=to_be_in("base", 0.9)))
+        assert (reply.accepted, reply.priority) == (True, 0.6)
+        (held,) = hall.node("carrier_a").deliberator.desires
+        assert held.desire.priority == 0.6
+
+    @pytest.mark.parametrize("policy", ["NO_PREEMPT", "PREEMPT"])
+    def test_busy_with_something_more_urgent_it_comes_afterwards(self, policy: str) -> None:
+        hall = hall_with_carrier(reschedule_policy=policy)
+        hall.desire("carrier_a", to_be_in("base", 0.8))
+        hall.after(2.0)
+        request = hall.request("add", desire=to_be_in("deposit", 0.6), monitor=True)
+        hall.after(1.0)
+        assert [reply.state for reply in hall.replies(request)] == ["done"]
+        assert hall.node("carrier_a").status.target_name == "base"
+        hall.after(12.0)
+        assert [reply.state for reply in hall.replies(request)] == ["done", "fulfilled"]
+        ends = [(record.what, record.detail["outcome"]) for record in hall.records("plan_end", "carrier_a")]
+        assert ends == [("go_to_base", "succeeded"), ("go_to_deposit", "succeeded")]
+
+    @pytest.mark.parametrize(("policy", "first"), [("NO_PREEMPT", "succeeded"), ("PREEMPT", "aborted")])
+    def test_only_where_it_may_be_preempted_it_drops_what_it_does_for_what_is_more_urgent(
+        self, policy: str, first: str
+    ) -> None:
+        hall = hall_with_carrier(reschedule_policy=policy)
+        hall.request("add", desire=to_be_in("base", 0.6))
+        hall.after(2.0)
+        hall.desire("carrier_a", to_be_in("deposit", 0.8))
+        hall.after(20.0)
+        ends = [(record.what, record.detail["outcome"]) for record in hall.records("plan_end", "carrier_a")]
+        assert ends[0] == ("go_to_base", first)
+        assert ("go_to_deposit", "succeeded") in ends
+
+    def test_believes_what_it_is_told_by_those_who_may(self) -> None:
+        hall = hall_with_carrier()
+        loaded = Fact(name="lb_load_completed", params=("carrier_a",))
+        assert [reply.found for reply in hall.replies(hall.request("check", belief=loaded))] == [False]
+        hall.request("add", belief=loaded)
+        assert [reply.found for reply in hall.replies(hall.request("check", belief=loaded))] == [True]
+        hall.feed("/carrier_a/del_belief", Belief(stamp=0, belief=loaded))
+        assert [reply.found for reply in hall.replies(hall.request("check", belief=loaded))] == [False]

@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from socialbot.agent_messages import FLUENT, Condition, Desire, Fact
+from socialbot.agents.warehouse import cast
+from socialbot.agents.warehouse.cast import SIX, carrier_beliefs, cast_of, gripper_beliefs, gripper_desires
+from socialbot.deliberation.facts import FactBase
+from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
+from socialbot.errors import ParameterError
+from tests.agents.brief import believing, domain_of, plan_for, settled
+
+
+def test_the_files_of_the_demonstration_say_what_the_cast_of_six_boxes_says():
+    domain = domain_of(cast.GRIPPER_DOMAIN)
+    assert load_beliefs(cast.FOLDER / "gripper_beliefs.yaml", domain) == gripper_beliefs(SIX)
+    assert load_desires(cast.FOLDER / "gripper_desires.yaml", domain) == gripper_desires(SIX)
+    domain = domain_of(cast.CARRIER_DOMAIN)
+    for carrier in SIX.carriers:
+        assert load_beliefs(cast.FOLDER / f"{carrier}_beliefs.yaml", domain) == carrier_beliefs(carrier)
+
+
+def test_the_files_of_rules_and_the_lighter_wish_can_be_read():
+    gripper, carrier = domain_of(cast.GRIPPER_DOMAIN), domain_of(cast.CARRIER_DOMAIN)
+    assert len(load_desires(cast.FOLDER / "light_gripper_desires.yaml", gripper)) == 1
+    assert [rule.name for rule in load_rules(cast.GRIPPER_RULES, gripper)] == ["free_bay", "box_in_bay"]
+    for path in (cast.CARRIER_RULES, cast.HASTY_CARRIER_RULES):
+        assert [rule.name for rule in load_rules(path, carrier)] == ["empty", "not_empty", "loaded"]
+
+
+@pytest.mark.parametrize(("boxes", "carriers"), [(6, 3), (12, 3), (24, 6), (5, 2), (1, 1)])
+def test_each_box_stands_in_one_stack_and_is_for_one_carrier(boxes, carriers):
+    found = cast_of(boxes, carriers)
+    assert len(found.boxes) == boxes
+    assert sorted(box for load in found.loads for box in load) == list(found.boxes)
+    assert max(map(len, found.stacks)) <= cast.STACK_HEIGHT
+    assert found.stacks[-1] == ()
+    sizes = Counter(map(len, found.loads))
+    assert max(sizes) - min(sizes) <= 1
+    assert found == cast_of(boxes, carriers)
+
+
+@pytest.mark.parametrize(("boxes", "carriers"), [(2, 3), (6, 0), (0, 0), (40, 27)])
+def test_casts_that_cannot_be_are_refused(boxes, carriers):
+    with pytest.raises(ParameterError, match="1 to 26 carriers"):
+        cast_of(boxes, carriers)
+
+
+def test_the_demonstration_is_planned_in_28_actions_and_107_s():
+    plan = plan_for(believing(cast.GRIPPER_DOMAIN, gripper_beliefs(SIX)), gripper_desires(SIX)[0])
+    assert Counter(step.action for step in plan.steps) == {
+        "gripper_move": 13,
+        "gripper_pickup": 6,
+        "gripper_put_on_carrier": 6,
+        "req_carrier_to_come": 3,
+    }
+    assert plan.makespan_s <= 107.1
+
+
+@pytest.mark.parametrize(("boxes", "carriers", "trips"), [(12, 3, 3), (24, 6, 6)])
+def test_carriers_come_again_where_there_are_more_boxes_than_they_take(boxes, carriers, trips):
+    found = cast_of(boxes, carriers)
+    (desire,) = gripper_desires(found)
+    plan = plan_for(believing(cast.GRIPPER_DOMAIN, gripper_beliefs(found)), desire)
+    counts = Counter(step.action for step in plan.steps)
+    assert counts["carrier_unloading"] == trips
+    assert counts["gripper_put_on_carrier"] == boxes
+    assert plan.makespan_s <= desire.deadline
+
+
+def test_the_light_wish_needs_one_carrier_and_puts_a_box_aside():
+    facts = believing(cast.GRIPPER_DOMAIN, gripper_beliefs(SIX))
+    (desire,) = load_desires(cast.FOLDER / "light_gripper_desires.yaml", facts.domain)
+    counts = Counter(step.action for step in plan_for(facts, desire).steps)
+    assert counts["req_carrier_to_come"] == counts["gripper_putdown"] == 1
+
+
+def test_carriers_plan_to_come_and_to_unload():
+    facts = believing(cast.CARRIER_DOMAIN, carrier_beliefs("carrier_b"))
+    come = Fact(name="in", params=("carrier_b", "base"))
+    plan = plan_for(facts, Desire(name="come", value=(come,)))
+    assert [step.call for step in plan.steps] == ["(carrier_move carrier_b deposit base)"]
+    facts.remove(Fact(name="in", params=("carrier_b", "*")))
+    facts.add(come)
+    for fact in boxes_of("carrier_b", 2):
+        facts.add(fact)
+    facts.add(Fact(name="lb_load_completed", params=("carrier_b",)))
+    assert "ADD desire go_unload" in settled(facts, cast.CARRIER_RULES)
+    unloaded = Fact(name="fully_unloaded", params=("carrier_b",))
+    plan = plan_for(facts, Desire(name="go_unload", value=(unloaded,), deadline=16.0))
+    assert [step.action for step in plan.steps] == ["carrier_move", "carrier_unload"]
+
+
+def boxes_of(carrier: str, number: int) -> list[Fact]:
+    return [Fact(name="moving_boxes", pddl_type=FLUENT, params=(carrier,), value=float(number))]
+
+
+@pytest.mark.parametrize(("rules", "boxes", "leaves"), [
+    (cast.CARRIER_RULES, 1, False), (cast.CARRIER_RULES, 2, True),
+    (cast.HASTY_CARRIER_RULES, 0, False), (cast.HASTY_CARRIER_RULES, 1, True),
+])  # fmt: skip
+def test_a_carrier_leaves_with_two_boxes_and_a_hasty_one_with_one(rules, boxes, leaves):
+    facts = believing(cast.CARRIER_DOMAIN, (*carrier_beliefs("carrier_c"), *boxes_of("carrier_c", boxes)))
+    facts.add(Fact(name="lb_load_completed", params=("carrier_c",)))
+    assert ("ADD desire go_unload" in settled(facts, rules)) is leaves
+    assert holds(facts, "fully_loaded") is leaves
+    assert holds(facts, "lb_load_completed") is not leaves
+    assert holds(facts, "fully_unloaded") is (boxes == 0)
+
+
+def holds(facts: FactBase, name: str) -> bool:
+    return facts.check(Condition(condition_to_check=Fact(name=name, params=("carrier_c",))))
+
+
+def test_a_bay_is_clear_again_once_its_carrier_has_left_and_no_box_stands_there():
+    facts = believing(cast.GRIPPER_DOMAIN, gripper_beliefs(SIX))
+    settled(facts, cast.GRIPPER_RULES)
+    facts.remove(Fact(name="clear", params=("base_?",)))
+    facts.add(Fact(name="carrier_in_base", params=("carrier_a", "base_a")))
+    facts.add(Fact(name="in", params=("box_b1", "base_b")))
+    assert settled(facts, cast.GRIPPER_RULES) == ["ADD belief (clear base_c)"]
+
+
+def test_a_bay_is_not_clear_while_a_box_that_has_missed_its_carrier_stands_there():
+    facts = believing(cast.GRIPPER_DOMAIN, gripper_beliefs(SIX))
+    clear = Condition(condition_to_check=Fact(name="clear", params=("base_b",)))
+    facts.add(Fact(name="in", params=("box_b1", "base_b")))
+    assert "DEL belief (clear base_b)" in settled(facts, cast.GRIPPER_RULES)
+    assert not facts.check(clear)
+    facts.remove(Fact(name="in", params=("box_b1", "base_b")))
+    settled(facts, cast.GRIPPER_RULES)
+    assert facts.check(clear)

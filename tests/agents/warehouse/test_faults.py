@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from socialbot.agents.warehouse.cast import SIX
+from socialbot.agents.warehouse.faults import Fault, parse_faults, random_faults
+from socialbot.errors import ParameterError
+
+
+def test_faults_are_read_in_the_order_in_which_they_are_written():
+    assert parse_faults("30 leaves carrier_c; 40.5 slips ; 50 silent boxes 10; 60 stalls gripper_a 3;", SIX) == (
+        Fault(30.0, "leaves", "carrier_c"),
+        Fault(40.5, "slips"),
+        Fault(50.0, "silent", "boxes", 10.0),
+        Fault(60.0, "stalls", "gripper_a", 3.0),
+    )
+    assert parse_faults("", SIX) == ()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["30", "leaves carrier_c", "30 leaves carrier_d", "30 leaves gripper_a", "x slips", "-1 slips", "nan slips",
+     "30 silent boxes", "30 silent box 3", "30 stalls boxes 3", "30 explodes", "30 stalls carrier_a inf"],
+)  # fmt: skip
+def test_what_is_no_fault_is_refused_with_a_remedy(text):
+    with pytest.raises(ParameterError, match="remedy: write faults as"):
+        parse_faults(text, SIX)
+
+
+@given(st.text("0123456789 ;silentcarrier_abgpoxes", max_size=40))
+def test_any_text_is_read_or_refused(text):
+    try:
+        faults = parse_faults(text, SIX)
+    except ParameterError:
+        return
+    assert parse_faults("; ".join(map(str, faults)), SIX) == faults
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [Fault(50.0, "silent", "boxes", 0.0), Fault(123456.789012, "slips"), Fault(0.1, "stalls", "carrier_a", 1e-7)],
+)
+def test_a_fault_that_is_written_down_is_read_as_it_was(fault):
+    assert parse_faults(str(fault), SIX) == (fault,)
+
+
+def test_random_faults_depend_on_the_seed_only_and_can_be_written_down():
+    kinds = set()
+    for seed in range(50):
+        faults = random_faults(seed, SIX)
+        assert 1 <= len(faults) <= 4
+        assert faults == random_faults(seed, SIX) == parse_faults("; ".join(map(str, faults)), SIX)
+        assert [fault.time_s for fault in faults] == sorted(fault.time_s for fault in faults)
+        kinds |= {fault.kind for fault in faults}
+    assert kinds == {"leaves", "slips", "silent", "stalls"}

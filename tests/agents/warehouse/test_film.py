@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import pytest
+
+from socialbot.agents.warehouse.cast import GRIPPER, SIX
+from socialbot.agents.warehouse.film import Film
+from socialbot.agents.warehouse.messages import GripperPose, GripperStatus, MoveCommand
+from socialbot.clock import SECOND
+from socialbot.messages import Utterance
+from tests.agents.warehouse.test_world_node import Hall
+
+SVG = "{http://www.w3.org/2000/svg}"
+START = 1_700_000_000 * SECOND
+
+
+@pytest.fixture(scope="module")
+def hall() -> Hall:
+    """The crane takes box_a2 to base_3 while carrier_a comes: 30 s."""
+    hall = Hall(noise=0.0)
+    hall.tell(0.0, "/carrier_a/cmd_target", MoveCommand, target="base")
+    for second, topic, kind, fields in (
+        (0.0, "cmd_motors_pose", MoveCommand, {"target": "base_1"}),
+        (5.0, "cmd_gripper_pose", GripperPose, {"pose": "low"}),
+        (7.0, "cmd_gripper_status", GripperStatus, {"status": "close"}),
+        (8.0, "cmd_gripper_pose", GripperPose, {"pose": "high"}),
+        (10.0, "cmd_motors_pose", MoveCommand, {"target": "base_3"}),
+        (16.0, "cmd_gripper_pose", GripperPose, {"pose": "low"}),
+        (18.0, "cmd_gripper_status", GripperStatus, {"status": "open"}),
+    ):
+        hall.tell(second, f"/{GRIPPER}/{topic}", kind, **fields)
+    hall.until(30.0)
+    return hall
+
+
+@pytest.fixture(scope="module")
+def film(hall: Hall) -> Film:
+    film = Film(SIX)
+    for message in sorted((m for said in hall.said.values() for m in said), key=lambda m: m.stamp):
+        film.take(message)
+    return film
+
+
+def places(picture: str) -> dict[str, str]:
+    groups = ElementTree.fromstring(picture).iter(f"{SVG}g")
+    return {group.attrib["data-name"]: group.attrib["transform"] for group in groups if "data-name" in group.attrib}
+
+
+def at(track: list[tuple[float, ...]], second: float) -> list[float]:
+    """What a page shows of a track at a time."""
+    before = max((n for n, moment in enumerate(track) if moment[0] <= second), default=0)
+    if before + 1 == len(track):
+        return list(track[-1][1:])
+    (begin, *first), (end, *last) = track[before], track[before + 1]
+    share = (second - begin) / (end - begin)
+    return [a + (b - a) * share for a, b in zip(first, last, strict=True)]
+
+
+def test_where_boxes_are_is_known_at_every_moment(film):
+    holders = [{box.name: box.holder for box in film.boxes(START + s * SECOND)}["box_a2"] for s in (0, 12, 29)]
+    assert holders == ["base_1", GRIPPER, "base_3"]
+
+
+@pytest.mark.parametrize("second", [0.0, 3.3, 5.7, 7.1, 8.5, 11.2, 12.9, 17.0, 19.0, 30.0])
+def test_what_moves_by_its_track_is_where_the_pictures_have_it(film, second):
+    shown = places(film.picture(START + round(second * SECOND)))
+    tracks = film.tracks(START)
+    for name, track in (tracks["robots"] | tracks["boxes"]).items():
+        x, y = (float(word) for word in shown[name].removeprefix("translate(").rstrip(")").split())
+        assert at(track, second)[:2] == pytest.approx([x, y], abs=8.0 if name in (GRIPPER, "box_a2") else 4.0), name
+
+
+def test_tracks_leave_out_what_lies_on_the_way(film, hall):
+    tracks = film.tracks(START)
+    assert len(tracks["boxes"]["box_b1"]) == 2
+    assert len(tracks["robots"][GRIPPER]) < 60
+
+
+def test_tracks_tell_when_the_gripper_holds_a_box(film):
+    (_, before), (taken, held), (put, after) = film.tracks(START)["holding"]
+    assert (before, held, after) == (0.0, 1.0, 0.0)
+    assert 7.0 <= taken < 8.0
+    assert 18.0 <= put < 19.0
+
+
+def test_a_film_of_nothing_is_empty():
+    film = Film(SIX)
+    assert not film
+    film.take(Utterance(stamp=1, id="a", text="a"))
+    assert not film
+
+
+def test_messages_from_the_past_are_left_out(film, hall):
+    late = Film(SIX)
+    for message in hall.said["/warehouse/boxes"]:
+        late.take(message)
+        late.take(hall.said["/warehouse/boxes"][0])
+    assert late.boxes(START + 29 * SECOND) == film.boxes(START + 29 * SECOND)

@@ -1,0 +1,334 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.agents.warehouse.cast import GRIPPER, SIX, cast_of
+from socialbot.agents.warehouse.faults import Fault, random_faults
+from socialbot.agents.warehouse.layout import carried, is_carried
+from socialbot.agents.warehouse.messages import Point
+from socialbot.agents.warehouse.world import Warehouse
+from socialbot.clock import SECOND
+
+
+class Story:
+    """A world that is told one thing after the other."""
+
+    def __init__(self, *faults: Fault, noise: float = 0.0, seed: int = 0) -> None:
+        self.world = Warehouse(faults=faults, noise=noise, seed=seed)
+
+    def wait(self, seconds: float) -> None:
+        self.world.advance(self.world.now + round(seconds * SECOND))
+
+    def go(self, place: str) -> None:
+        assert self.world.move_crane(place) == ""
+        self.wait(6.0)
+        assert self.world.whereabouts(GRIPPER).current_name == place
+
+    def send(self, carrier: str, target: str, seconds: float = 6.0) -> None:
+        assert self.world.move_carrier(carrier, target) == ""
+        self.wait(seconds)
+
+    def fingers(self, *orders: str) -> None:
+        for order in orders:
+            tell = self.world.set_fingers if order in ("low", "high") else self.world.set_grip
+            assert tell(order) == ""
+            self.wait(1.0)
+
+    def take(self, base: str) -> None:
+        self.go(base)
+        self.fingers("low", "close", "high")
+
+    def put(self, place: str) -> None:
+        self.go(place)
+        self.fingers("low", "open", "high")
+
+    def holder(self, box: str) -> str:
+        return next(found.holder for found in self.world.boxes() if found.name == box)
+
+    def position(self, box: str) -> Point:
+        return next(found.position for found in self.world.boxes() if found.name == box)
+
+    def carried(self, carrier: str) -> tuple[str, ...]:
+        boxes = {box.name: box.position for box in self.world.boxes()}
+        return carried(self.world.whereabouts(carrier).position, boxes)
+
+
+def test_two_boxes_ride_to_the_deposit_and_are_unloaded_there():
+    story = Story()
+    story.send("carrier_a", "base")
+    for box, slot in (("box_a2", "base_a1"), ("box_c2", "base_a2")):
+        story.take("base_1")
+        assert story.world.held == box
+        story.put(slot)
+        assert story.holder(box) == "carrier_a"
+    assert story.carried("carrier_a") == ("box_a2", "box_c2")
+    assert story.world.unload("carrier_a") == "carrier_a is not at its deposit"
+    story.send("carrier_a", "deposit")
+    assert story.carried("carrier_a") == ("box_a2", "box_c2")
+    assert story.world.unload("carrier_a") == ""
+    story.wait(1.0)
+    assert story.world.unload("carrier_a") == "", "asking again does not begin anew"
+    story.wait(0.6)
+    assert story.carried("carrier_a") == ()
+    assert story.world.load["deposit_a"] == ["box_a2", "box_c2"]
+
+
+def test_the_longest_ways_take_about_as_long_as_plans_say():
+    story = Story()
+    story.go("base_c2")
+    story.world.move_crane("start")
+    assert (story.world.crane.drive.arrival - story.world.now) / SECOND == pytest.approx(4.8)
+    story.world.move_carrier("carrier_a", "base")
+    assert (story.world.carriers["carrier_a"].drive.arrival - story.world.now) / SECOND == pytest.approx(5.44, abs=0.01)
+    large = Warehouse(cast_of(24, 6), noise=0.0)
+    large.move_crane("base_f2")
+    assert large.crane.drive.arrival / SECOND < 5.0
+
+
+def test_a_status_tells_start_target_and_progress_on_the_way():
+    story = Story()
+    story.world.move_crane("base_1")
+    story.wait(1.2)
+    status = story.world.whereabouts(GRIPPER)
+    assert (status.start_name, status.current_name, status.target_name) == ("start", "moving", "base_1")
+    assert 0.0 < status.progress < 1.0
+    story.wait(2.0)
+    status = story.world.whereabouts(GRIPPER)
+    assert (status.current_name, status.progress, status.left_m) == ("base_1", 1.0, 0.0)
+    story.world.move_crane("base_1")
+    assert story.world.whereabouts(GRIPPER) == status, "it is there already"
+
+
+def test_what_is_let_go_where_no_carrier_is_stands_in_the_bay_and_is_in_the_way():
+    story = Story()
+    story.take("base_1")
+    story.put("base_a")
+    assert story.holder("box_a2") == "base_a"
+    story.send("carrier_a", "base", seconds=10.0)
+    status = story.world.whereabouts("carrier_a")
+    assert status.current_name == "moving"
+    assert 0.6 < status.progress < 1.0
+    story.fingers("low", "close", "high")
+    assert story.world.held == "box_a2"
+    story.wait(6.0)
+    assert story.world.whereabouts("carrier_a").current_name == "base"
+
+
+def test_a_carrier_on_its_way_stops_before_a_box_that_is_put_down_in_its_bay():
+    story = Story()
+    story.take("base_1")
+    story.go("base_a")
+    story.fingers("low")
+    story.world.move_carrier("carrier_a", "base")
+    story.wait(1.0)
+    story.fingers("open")
+    story.wait(10.0)
+    assert story.world.whereabouts("carrier_a").current_name == "moving"
+    assert story.holder("box_a2") == "base_a"
+
+
+def test_a_carrier_that_leaves_before_the_gripper_lets_go_leaves_the_box_behind():
+    story = Story(Fault(30.0, "leaves", "carrier_a"))
+    story.send("carrier_a", "base")
+    story.take("base_1")
+    story.go("base_a1")
+    story.fingers("low")
+    story.world.advance(36 * SECOND)
+    assert story.world.whereabouts("carrier_a").current_name == "deposit"
+    assert story.holder("box_a2") == GRIPPER
+    story.fingers("open")
+    assert story.carried("carrier_a") == ()
+    assert story.holder("box_a2") == "base_a", "it stands in the bay now"
+
+
+def test_a_second_box_in_the_same_place_of_a_carrier_stands_on_the_first_and_is_not_counted():
+    story = Story()
+    story.send("carrier_a", "base")
+    for _ in range(2):
+        story.take("base_1")
+        story.put("base_a")
+    assert story.holder("box_c2") == story.holder("box_a2") == "carrier_a"
+    assert story.position("box_c2").z == pytest.approx(story.position("box_a2").z + 0.22)
+    assert story.carried("carrier_a") == ("box_a2",)
+
+
+def test_a_box_that_slips_stays_where_it_is_and_can_be_taken_again():
+    story = Story(Fault(0.0, "slips"))
+    story.take("base_1")
+    assert story.world.held == ""
+    assert story.holder("box_a2") == "base_1"
+    story.fingers("open", "low", "close", "high")
+    assert story.world.held == "box_a2"
+
+
+def test_fingers_that_are_up_or_on_the_way_grasp_nothing():
+    story = Story()
+    story.go("base_1")
+    story.fingers("close")
+    assert story.world.held == ""
+    story.fingers("open")
+    story.world.move_crane("base_2")
+    story.world.set_fingers("low")
+    story.fingers("close")
+    assert story.world.held == ""
+
+
+def test_the_crane_lifts_its_fingers_before_it_moves_and_lowers_them_when_it_rests():
+    story = Story()
+    story.go("base_1")
+    story.fingers("low")
+    low = story.world.finger_z
+    assert low == pytest.approx(0.66)
+    story.world.move_crane("base_3")
+    story.wait(0.3)
+    assert story.world.whereabouts(GRIPPER).progress == 0.0
+    assert story.world.finger_z > low
+    story.wait(0.8)
+    assert story.world.whereabouts(GRIPPER).progress > 0.0
+    assert story.world.finger_z == 1.5
+    story.world.set_fingers("low")
+    story.wait(0.1)
+    assert story.world.finger_z == 1.5
+    story.wait(6.0)
+    assert story.world.finger_z == 0.0
+
+
+def test_what_is_dropped_on_the_way_lies_on_the_floor():
+    story = Story()
+    story.take("base_1")
+    story.world.move_crane("base_c")
+    story.wait(1.0)
+    story.fingers("open")
+    assert story.holder("box_a2") == "floor"
+    assert story.position("box_a2").z == pytest.approx(0.11)
+
+
+def test_a_robot_that_stalls_goes_on_afterwards_and_a_silent_sensor_speaks_again():
+    story = Story(Fault(2.0, "stalls", "carrier_a", 3.0), Fault(1.0, "silent", "carrier_a", 10.0))
+    story.world.move_carrier("carrier_a", "base")
+    story.wait(8.3)
+    assert story.world.is_silent("carrier_a")
+    assert not story.world.is_silent("carrier_b")
+    assert story.world.whereabouts("carrier_a").current_name == "moving"
+    story.wait(2.8)
+    assert not story.world.is_silent("carrier_a")
+    assert story.world.whereabouts("carrier_a").current_name == "base"
+
+
+def test_a_carrier_that_is_sent_away_while_it_unloads_keeps_its_boxes():
+    story = Story()
+    story.send("carrier_a", "base")
+    story.take("base_1")
+    story.put("base_a")
+    story.send("carrier_a", "deposit")
+    story.world.unload("carrier_a")
+    story.wait(1.0)
+    story.send("carrier_a", "base", seconds=20.0)
+    assert story.carried("carrier_a") == ("box_a2",)
+
+
+@pytest.mark.parametrize(
+    "tell",
+    [
+        lambda world: world.move_crane("base_9"),
+        lambda world: world.move_crane(""),
+        lambda world: world.move_carrier("carrier_z", "base"),
+        lambda world: world.move_carrier("carrier_a", "home"),
+        lambda world: world.set_fingers("sideways"),
+        lambda world: world.set_grip("shut"),
+        lambda world: world.unload("carrier_z"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_with_a_reason_and_changes_nothing(tell):
+    world, same = Warehouse(seed=3), Warehouse(seed=3)
+    assert tell(world)
+    for one in (world, same):
+        one.move_crane("base_1")
+        one.move_carrier("carrier_a", "base")
+        one.advance(3 * SECOND)
+    assert state(world) == state(same)
+
+
+def state(world: Warehouse) -> list[Any]:
+    robots = (GRIPPER, *world.cast.carriers)
+    return [world.now, world.boxes(), world.finger_z, *(world.whereabouts(robot) for robot in robots)]
+
+
+PLACES = [*Warehouse().layout.places, "nowhere"]
+commands = st.one_of(
+    st.tuples(st.just("move_crane"), st.sampled_from(PLACES)),
+    st.tuples(st.just("set_fingers"), st.sampled_from(["low", "high"])),
+    st.tuples(st.just("set_grip"), st.sampled_from(["open", "close"])),
+    st.tuples(st.just("move_carrier"), st.sampled_from(SIX.carriers), st.sampled_from(["base", "deposit"])),
+    st.tuples(st.just("unload"), st.sampled_from(SIX.carriers)),
+    # Handling that gets somewhere, which single commands seldom do.
+    st.tuples(st.just("take"), st.sampled_from(PLACES[:-1])),
+    st.tuples(st.just("put"), st.sampled_from(PLACES[:-1])),
+)
+scripts = st.lists(st.tuples(st.floats(0.0, 6.0), commands), max_size=30)
+
+
+def steps_of(command: Sequence[str]) -> list[tuple[float, Sequence[str]]]:
+    match command:
+        case "take" | "put", place:
+            grip = "close" if command[0] == "take" else "open"
+            return [(0.0, ("move_crane", place)), (6.0, ("set_fingers", "low")), (1.2, ("set_grip", grip))]
+        case _:
+            return [(0.0, command)]
+
+
+def run(script: Sequence[tuple[float, Sequence[str]]], seed: int, parts: int) -> list[list[Any]]:
+    """The states after each command; time passes in so many ``parts``."""
+    world = Warehouse(seed=seed, faults=random_faults(seed, SIX, until_s=60.0))
+    found = []
+    for wait, command in ((wait + more, step) for wait, one in script for more, step in steps_of(one)):
+        begin = world.now
+        for part in range(1, parts + 1):
+            world.advance(begin + round(wait * SECOND) * part // parts)
+        getattr(world, command[0])(*command[1:])
+        found.append(state(world))
+        check(world)
+    return found
+
+
+def check(world: Warehouse) -> None:
+    """Each box is in one place, that place bears it, and what rides on a carrier is over its deck."""
+    everything = [box for boxes in world.load.values() for box in boxes]
+    assert sorted(everything) == list(SIX.boxes)
+    assert len(world.load[GRIPPER]) <= 1
+    spots = [box.position for box in world.boxes() if box.holder != GRIPPER]
+    for one, a in enumerate(spots):
+        assert a.z > 0
+        for b in spots[one + 1 :]:
+            assert max(abs(a.x - b.x), abs(a.y - b.y)) > 0.27 or abs(a.z - b.z) > 0.21
+    for carrier in SIX.carriers:
+        at = world.whereabouts(carrier).position
+        riding = [box for box in world.boxes() if box.holder == carrier]
+        low = [box for box in riding if box.position.z < 0.4]
+        assert all(is_carried(at, box.position) for box in low)
+
+
+@settings(max_examples=150, deadline=None)
+@given(script=scripts, seed=st.integers(0, 5))
+def test_boxes_are_never_lost_nor_doubled_and_time_may_pass_in_any_steps(script, seed):
+    assert run(script, seed, 1) == run(script, seed, 7)
+
+
+def test_another_seed_is_another_run():
+    script = [(0.0, ("move_crane", "base_1")), (2.0, ("move_crane", "base_a")), (2.0, ("unload", "carrier_a"))]
+    assert run(script, 1, 1) != run(script, 2, 1)
+
+
+def test_noise_stays_within_what_it_is_said_to_be():
+    plain = Warehouse(noise=0.0)
+    plain.move_carrier("carrier_a", "base")
+    least = plain.carriers["carrier_a"].drive.arrival / SECOND
+    for seed in range(100):
+        world = Warehouse(seed=seed, noise=0.1)
+        world.move_carrier("carrier_a", "base")
+        assert least / 1.12 < world.carriers["carrier_a"].drive.arrival / SECOND < least * 1.12 + 0.5

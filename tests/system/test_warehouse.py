@@ -1,0 +1,214 @@
+"""The demonstrative runs over DDS, each agent and the world in a process of its own, or all in one."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+
+from socialbot.agent_messages import BeliefSet, CurrentIntentions, DesireSet, Fact, LifecycleStatus
+from socialbot.agents.warehouse.cast import SIX
+from socialbot.bridge.codec import decode
+from socialbot.bridge.qos import publisher_qos
+from socialbot.graph import Delivery, Graph
+from socialbot.graph_file import load_graph
+from tests.system.running import eventually, running, socialbot
+from tests.system.warehouse import GRIPPER, STEP_S, Live, Seen, over_dds
+
+pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("warehouse over DDS")]
+
+CARRIERS = SIX.carriers
+SORTED = {box: deposit for load, deposit in zip(SIX.loads, SIX.deposits, strict=True) for box in load}
+NOMINAL = {"gripper_move": 13, "gripper_pickup": 6, "gripper_put_on_carrier": 6, "req_carrier_to_come": 3}
+LIMIT_S = 300.0
+TRIES = 16
+
+
+def warehouse(**parameters: Any) -> Graph:
+    return load_graph("warehouse").with_parameters({"world": {"seed": 3, "period_s": STEP_S}, **parameters})
+
+
+def second_warehouse() -> Graph:
+    """Carrier c leaves with one box, which the gripper does not expect."""
+    return warehouse(carrier_c={"init_reactive_rules_set": "hasty_carrier_rules.yaml"})
+
+
+def sorts_all(live: Live, limit_s: float = LIMIT_S) -> None:
+    assert live.time.until(live.seen.done, limit_s=limit_s), live.seen.story()
+    assert live.seen.ended("sort_boxes") == "desire_fulfilled", live.seen.story()
+    assert live.seen.boxes == SORTED
+    live.launch.check()
+
+
+def calls_to_come(seen: Seen) -> list[str]:
+    return [record.what.split()[2] for record in seen.of("request", GRIPPER) if "cometo_base" in record.what]
+
+
+@pytest.fixture(scope="class")
+def first_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
+    """The nominal run after its end, with all processes still there."""
+    with over_dds(warehouse(), tmp_path_factory.mktemp("first")) as live:
+        live.time.until(live.seen.done, limit_s=LIMIT_S)
+        yield live
+
+
+class TestTheFirstRun:
+    def test_brings_each_box_to_its_deposit(self, first_run: Live) -> None:
+        sorts_all(first_run)
+        for carrier in CARRIERS:
+            assert len(first_run.seen.of("desire_fulfilled", carrier)) == 2, "it came, and it unloaded"
+        wanted = [Fact(name="upon", params=(GRIPPER, "start"))]
+        wanted += [
+            Fact(name="carrier_moving", params=(carrier, box))
+            for carrier, load in zip(CARRIERS, SIX.loads, strict=True)
+            for box in load
+        ]
+        assert set(wanted) <= set(first_run.seen.beliefs[GRIPPER].value)
+
+    def test_is_one_plan_of_28_actions_and_107_s_without_an_abort(self, first_run: Live) -> None:
+        seen = first_run.seen
+        assert seen.plans() == [NOMINAL]
+        assert seen.of("plan_start", GRIPPER)[0].detail["makespan_s"] <= 107.1
+        assert [record.detail["outcome"] for record in seen.of("plan_end", GRIPPER)] == ["succeeded"]
+        assert "ABORT" not in {info.status for info in seen.infos}
+        assert sorted(calls_to_come(seen)) == list(CARRIERS)
+
+    def test_shows_how_the_plan_fares(self, first_run: Live) -> None:
+        infos = [info for info in first_run.seen.infos if info.agent_id == GRIPPER and info.target is not None]
+        assert {info.status for info in infos} == {"RUNNING", "SUCCESSFUL"}
+        last = infos[-1]
+        assert [step.status for step in last.actions_exec_info] == ["SUCCESSFUL"] * 28
+        assert last.planned_deadline <= 107.1
+        assert 107.0 < last.current_time < 232.0
+        assert len(infos) > last.current_time / 2, "it is told regularly"
+
+    def test_leaves_what_it_believes_and_desires_for_those_who_come_late(self, first_run: Live) -> None:
+        late = Late(first_run.ros, GRIPPER)
+        assert eventually(lambda: len(late.heard) == len(Late.KINDS))
+        assert late.heard["belief_set"] == first_run.seen.beliefs[GRIPPER]
+        assert late.heard["desire_set"].value == ()
+        assert late.heard["current_intentions"].actions == ()
+        assert late.heard["lifecycle_status"].status == "SCHEDULING"
+
+    def test_has_no_failures_on_diagnostics(self, first_run: Live) -> None:
+        latest = first_run.fates.latest
+        assert set(latest) == {"world", GRIPPER, *CARRIERS}
+        for values in latest.values():
+            assert (values["failures"], values["refused"], values["skipped"]) == ("0", "0", "0")
+            assert int(values["calls"]) > 1000
+
+    def test_takes_what_the_command_line_tells_it_as_the_manual_says(self, first_run: Live) -> None:
+        desire, belief, never_mind = commands("docs/cli.md", "socialbot topic pub")
+        seen, wanted = first_run.seen, "wait_there"
+        told(desire)
+        assert eventually(lambda: bool(seen.of("plan_start", what=wanted)))
+        first_run.time.advance(0.5)
+        told(never_mind)
+        assert eventually(lambda: seen.ended(wanted) == "desire_dropped")
+        told(belief)
+        takes_boxes = Fact(name="takes_boxes", params=("base_3",))
+        assert eventually(lambda: takes_boxes not in seen.beliefs[GRIPPER].value)
+        first_run.time.advance(5.0)
+        told([word.replace(wanted, "wait_here") for word in desire])
+        assert first_run.time.until(lambda: seen.ended("wait_here") == "desire_fulfilled", limit_s=30.0), seen.story()
+        assert Fact(name="upon", params=(GRIPPER, "base_3")) in seen.beliefs[GRIPPER].value
+
+    def test_refuses_what_does_not_fit_its_domain_and_goes_on(self, first_run: Live) -> None:
+        unknown = "{desire: {name: fly, value: [{name: flies, params: [gripper_a]}]}}"
+        told(["topic", "pub", "/gripper_a/add_desire", "DesireItem", unknown])
+        assert eventually(lambda: bool(first_run.seen.of("desire_refused", GRIPPER)))
+        assert "flies" in first_run.seen.of("desire_refused", GRIPPER)[0].detail["reason"]
+        first_run.time.advance(1.0)
+        first_run.launch.check()
+
+
+def commands(page: str, beginning: str) -> list[list[str]]:
+    """The arguments of the commands of a manual page that begin so."""
+    lines = (Path(__file__).parents[2] / page).read_text("utf-8").splitlines()
+    return [shlex.split(line)[1:] for line in lines if line.startswith(f"    {beginning}")]
+
+
+def told(arguments: list[str]) -> None:
+    done = socialbot(*arguments)
+    assert done.returncode == 0, done.stderr
+
+
+class Late:
+    """A subscriber that comes when everything has been said already."""
+
+    KINDS: ClassVar = {
+        "belief_set": BeliefSet,
+        "desire_set": DesireSet,
+        "current_intentions": CurrentIntentions,
+        "lifecycle_status": LifecycleStatus,
+    }
+
+    def __init__(self, ros: Any, agent: str) -> None:
+        from std_msgs.msg import String
+
+        self.heard: dict[str, Any] = {}
+        self._kept = [
+            ros.create_subscription(
+                String,
+                f"/{agent}/{topic}",
+                lambda message, topic=topic, kind=kind: self.heard.update({topic: decode(kind, message)}),
+                publisher_qos(Delivery.LATCHED),
+            )
+            for topic, kind in self.KINDS.items()
+        ]
+
+
+def check_second_run(live: Live) -> None:
+    """Carrier c is gone when its second box comes: the plan is aborted, and another one sees to it."""
+    sorts_all(live)
+    seen = live.seen
+    first, *more = seen.plans()
+    assert first == NOMINAL
+    assert more
+    assert "ABORT" in {info.status for info in seen.infos if info.agent_id == GRIPPER}
+    failed = seen.of("plan_end", GRIPPER, outcome="failed")
+    assert len(failed) == len(more) < TRIES
+    assert "carrier_in_base carrier_c base_c" in failed[0].detail["reason"]
+    assert sorted(calls_to_come(seen)) == [*CARRIERS, "carrier_c"]
+    assert len(seen.of("desire_fulfilled", "carrier_c")) == 4, "it came twice, and unloaded twice"
+
+
+def test_in_the_second_run_a_carrier_leaves_early_and_a_new_plan_gets_it_back(tmp_path: Path) -> None:
+    with over_dds(second_warehouse(), tmp_path) as live:
+        check_second_run(live)
+    assert set(live.launch.exit_codes.values()) == {0}
+
+
+@pytest.mark.slow
+def test_the_second_run_works_with_all_agents_in_one_process(tmp_path: Path) -> None:
+    with over_dds(second_warehouse(), tmp_path, composed=True) as live:
+        check_second_run(live)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("killed", "after_s"), [(GRIPPER, 4.0), (GRIPPER, 33.0), (GRIPPER, 62.0), ("carrier_a", 4.0), ("carrier_b", 70.0)]
+)
+def test_an_agent_that_is_killed_and_started_again_goes_on(tmp_path: Path, killed: str, after_s: float) -> None:
+    minds = {name: {"mind_file": str(tmp_path / f"{name}.json")} for name in (GRIPPER, *CARRIERS)}
+    with over_dds(warehouse(**minds), tmp_path / "run") as live:
+        live.time.advance(after_s)
+        live.kill(killed)
+        live.time.advance(3.0)
+        live.start(killed)
+        sorts_all(live)
+    wanted = [record.cause for record in live.seen.of("desire", GRIPPER)]
+    assert wanted == ["gripper_desires.yaml", "kept"][: 2 if killed == GRIPPER else 1]
+
+
+def test_up_runs_it_live_until_it_is_told_to_end(tmp_path: Path) -> None:
+    trace = tmp_path / "run" / "trace.jsonl"
+    with running("up", "warehouse", "--out", tmp_path / "run") as process:
+        assert eventually(lambda: trace.exists() and '"kind":"step_end"' in trace.read_text(), 60.0)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+    assert not [log for log in (tmp_path / "run" / "log").glob("*.log") if "Traceback" in log.read_text()]
