@@ -18,6 +18,7 @@ from socialbot.errors import ParameterError, SocialbotError
 
 if TYPE_CHECKING:
     from socialbot.graph import Graph
+    from socialbot.messages import Message
 
 app = typer.Typer(
     name="socialbot",
@@ -46,7 +47,9 @@ def root(version: Annotated[bool, typer.Option("--version", help="Print the vers
 @app.command()
 def replay(
     bag: Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap, .db3 or ROS 1 .bag.")],
-    graph: GraphOption = "waldo",
+    graph: Annotated[
+        str | None, typer.Option(help="A graph that comes with socialbot, or a file; default: the bag's own, or waldo.")
+    ] = None,
     runner: Annotated[
         Literal["ros", "inline"], typer.Option(help="ros: real nodes over DDS; inline: one thread, simulated time.")
     ] = "ros",
@@ -61,17 +64,23 @@ def replay(
 ) -> None:
     """Replay a bag through a graph; show, record and score what happens."""
     from socialbot.bridge.bags import open_bag
+    from socialbot.bridge.feeding import takes_pictures
     from socialbot.display import Display
     from socialbot.graph_file import load_graph
-    from socialbot.replay import Replay, find_truth
+    from socialbot.replay import Replay, find_truth, graph_beside
     from socialbot.replay import replay as run_replay
+    from socialbot.report.display import RunDisplay
     from socialbot.run_record import RunRecord
+    from socialbot.run_report import RunReport
     from socialbot.video import write_video
 
     console = Console(highlight=False)
-    whole = with_changes(load_graph(graph), changes or [])
+    whole = with_changes(load_graph(graph or str(graph_beside(bag) or "waldo")), changes or [])
+    sees = takes_pictures(whole.without_sources())
+    report = RunReport(whole)
     with open_bag(bag) as opened:
-        chosen = image_topic or _ask_image_topic([topic.name for topic in opened.image_topics])
+        topics = [topic.name for topic in opened.image_topics] if sees else []
+        chosen = image_topic or _ask_image_topic(topics)
         plan = Replay(
             bag=opened,
             graph=whole,
@@ -82,16 +91,29 @@ def replay(
             paced=pace,
             truth=truth,
         )
-        topic = opened.choose_image_topic(chosen).name
+        topic = opened.choose_image_topic(chosen).name if sees else None
         truth_of_all = find_truth(plan)
         folder = out or new_run_folder()
         with RunRecord(folder) as record:
-            with Display(console, start=opened.start, until=opened.end) as display:
-                outcome = run_replay(plan, record, display.show)
-            if video and record.detections:
+            with (
+                Display(console, start=opened.start, until=opened.end)
+                if sees
+                else RunDisplay(console, report.phrases, whole.without_sources())
+            ) as display:
+
+                def show(topic: str, message: Message) -> None:
+                    report.observe(topic, message)
+                    display.show(topic, message)
+
+                outcome = run_replay(plan, record, show)
+            if video and topic is not None and record.detections:
                 write_video(opened, topic, record, truth_of_all, folder / "annotated.mp4")
     if outcome.scores is not None:
         console.print(scores_table(outcome.scores))
+    if outcome.decisions is not None:
+        console.print(outcome.decisions.told, soft_wrap=True, markup=False)
+    if report.deliberates:
+        report.write(folder, f"{whole.name.capitalize()}: replay of {bag}", outcome.results)
     report_faults(console, outcome.results)
     console.print(f"The record of this run: {folder}", soft_wrap=True, markup=False)
     outcome.check()
@@ -106,7 +128,6 @@ def up(
     changes: SetOption = None,
 ) -> None:
     """Bring up a graph on live input, until Ctrl-C."""
-    from socialbot.display import Display
     from socialbot.graph_file import load_graph
     from socialbot.live import run_live
     from socialbot.run_record import RunRecord
@@ -117,7 +138,7 @@ def up(
     console = Console(highlight=False)
     console.print(f"{whole.name}: Ctrl-C ends it; its record: {folder}", soft_wrap=True, markup=False)
     with RunRecord(folder) as record:
-        run_live(whole, record, composed=composed, display=lambda start: Display(console, start=start, until=start))
+        run_live(whole, record, console, composed=composed)
 
 
 @app.command()
@@ -174,15 +195,20 @@ def _add_commands() -> None:
     from socialbot.bridge.bag_cli import bag
     from socialbot.bridge.player_cli import play
     from socialbot.bridge.topic_cli import topic
+    from socialbot.demo_cli import demo, run
     from socialbot.doctor_cli import doctor
     from socialbot.evaluate_cli import evaluate
+    from socialbot.plan_cli import plan
 
     bag.command()(play)
     app.add_typer(bag, name="bag")
     app.add_typer(topic, name="topic")
     app.add_typer(asl, name="asl")
     app.add_typer(agent, name="agent")
+    app.add_typer(demo, name="demo")
     app.command()(evaluate)
+    app.command()(plan)
+    app.command()(run)
     app.command()(doctor)
 
 
@@ -241,7 +267,7 @@ def scores_table(scores: Any) -> Table:
 
 def report_faults(console: Console, results: dict[str, Any]) -> None:
     """Says what was skipped and what failed."""
-    for topic, skipped in results["bag"]["skipped"].items():
+    for topic, skipped in results.get("bag", {"skipped": {}})["skipped"].items():
         console.print(
             f"[yellow]warning[/] {topic}: {skipped['count']} damaged messages skipped: {escape(skipped['first'])}"
         )

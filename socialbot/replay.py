@@ -15,18 +15,20 @@ from typing import Any, Literal
 import msgspec
 
 from socialbot import __version__
+from socialbot.agent_messages import PlanExecutionInfo
 from socialbot.bridge.bags import Bag
-from socialbot.bridge.feeding import feeding
+from socialbot.bridge.feeding import feeding, takes_pictures
 from socialbot.bridge.launch import Launch
 from socialbot.bridge.observing import Fates, Onlooker, observing
-from socialbot.bridge.player import Played
 from socialbot.bridge.readiness import await_graph, expect_free_names
+from socialbot.bridge.reenactment import Played
 from socialbot.clock import SECOND
 from socialbot.ending import Ending
 from socialbot.errors import BagError, NodeError, SocialbotError
 from socialbot.graph import Graph, check_parameters
 from socialbot.inline import InlineRunner
-from socialbot.messages import Message
+from socialbot.messages import Message, Structured, TraceRecord
+from socialbot.report.decisions import DECIDED, Comparison, compare
 from socialbot.run_record import RECORDED, RunRecord
 from socialbot.speech.speaker import Speaker
 from socialbot.vision.scoring import Scores, score
@@ -36,7 +38,7 @@ Runner = Literal["ros", "inline"]
 Observer = Callable[[str, Message], None]
 
 TAIL_S = 3.0
-"""How long time goes on after the last message, for speech that is still to be finished."""
+"""How long time goes on after the last picture, for speech that is still to be finished."""
 
 GRAPH_TIMEOUT_S = 60.0
 """How long the processes of a graph may take to start and to find each other."""
@@ -44,7 +46,10 @@ GRAPH_TIMEOUT_S = 60.0
 DRAIN_S = 0.5
 """How long, after the tail, messages may still be on their way between processes."""
 
-RECORDED_PACKAGES = ("numpy", "opencv-python-headless", "rosbags", "msgspec", "ros-jazzy-rclpy")
+BAG_GRAPH = "graph.yaml"
+"""The file, in the folder of a bag, that says which graph it was recorded of."""
+
+RECORDED_PACKAGES = ("numpy", "opencv-python-headless", "rosbags", "msgspec", "kairos-planner", "ros-jazzy-rclpy")
 
 
 @dataclass(frozen=True)
@@ -75,11 +80,12 @@ class Fate:
 
 @dataclass
 class Outcome:
-    """What came of a replay, for results.json and the table."""
+    """What came of a replay, for results.json and the table; ``decisions`` are compared where the bag has any."""
 
     results: dict[str, Any]
     scores: Scores | None
     fates: dict[str, Fate] = field(default_factory=dict)
+    decisions: Comparison | None = None
 
     def check(self) -> None:
         """Raises NodeError when a node failed at everything it was asked to do."""
@@ -96,10 +102,13 @@ def replay(plan: Replay, record: RunRecord, show: Observer) -> Outcome:
     graph = keep_speech(plan.graph.without_sources(), record.folder, **sound)
     feeds = feeding(plan.bag, graph, plan.image_topic)
     begun = time.monotonic()
+    decided: list[TraceRecord] = []
 
     def observe(topic: str, message: Message) -> None:
         record.observe(topic, message)
         show(topic, message)
+        if isinstance(message, TraceRecord):
+            decided.append(message)
 
     run = _run_inline if plan.runner == "inline" else _run_ros
     fates: dict[str, Fate] = {}
@@ -112,17 +121,46 @@ def replay(plan: Replay, record: RunRecord, show: Observer) -> Outcome:
     scores = score(truth, record.detections) if truth is not None else None
     ended = "well" if failure is None else str(failure)
     results = _results(plan, graph, feeds, record, fates, scores, time.monotonic() - begun, ended)
+    comparison = _compare(plan.bag, graph, decided)
+    if comparison is not None:
+        results["decisions"] = msgspec.to_builtins(comparison)
     record.write_results(results)
     if failure is not None:
         raise failure
-    return Outcome(results, scores, fates)
+    return Outcome(results, scores, fates, comparison)
+
+
+def graph_beside(bag: Path) -> Path | None:
+    """The file that says which graph a bag was recorded of, if it says so."""
+    path = bag / BAG_GRAPH
+    return path if path.is_file() else None
+
+
+def _compare(bag: Bag, graph: Graph, decided: list[TraceRecord]) -> Comparison | None:
+    """The decisions of deliberating agents now beside those in the bag, as long as it goes; None without any there."""
+    names = {topic.name for topic in bag.topics if topic.count}
+    traces = {topic: topic for topic, kind in graph.topics().items() if kind is TraceRecord and topic in names}
+    recorded = [message for _, message in bag.messages(traces, graph.topics()) if isinstance(message, TraceRecord)]
+    if not any(record.kind in DECIDED for record in recorded):
+        return None
+    return compare(recorded, decided)
 
 
 def find_truth(plan: Replay) -> Truth | None:
     """The ground truth given, or the one that lies beside the bag. Raises TruthError when it does not fit."""
-    bag = plan.bag.path.resolve()
-    path = plan.truth or bag.with_name(f"{bag.stem}.truth.json")
+    path = plan.truth or truth_beside(plan.bag.path)
     return load_truth(path) if plan.truth is not None or path.exists() else None
+
+
+def bag_name(bag: Path) -> str:
+    """What people call ``bag``: a folder by its whole name, a file by its name without the suffix."""
+    bag = bag.resolve()
+    return bag.name if bag.is_dir() else bag.stem
+
+
+def truth_beside(bag: Path) -> Path:
+    """Where the ground truth of ``bag`` lies, if there is any: NAME.truth.json beside it."""
+    return bag.resolve().with_name(f"{bag_name(bag)}.truth.json")
 
 
 def keep_speech(graph: Graph, folder: Path, **parameters: object) -> Graph:
@@ -137,20 +175,31 @@ def recorded_topics(graph: Graph) -> dict[str, type[Message]]:
     return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, RECORDED)}
 
 
+def observed_topics(graph: Graph) -> dict[str, type[Message]]:
+    """Those, and what else tells people of a replay of ``graph``: plans, and what it is fed with."""
+    more = {
+        topic: kind
+        for topic, kind in graph.topics().items()
+        if kind is PlanExecutionInfo or (topic in graph.inputs and issubclass(kind, Structured))
+    }
+    return {**recorded_topics(graph), **more}
+
+
 def _run_inline(
     plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path, observe: Observer
 ) -> dict[str, Fate]:
-    messages = plan.bag.messages(feeds)
+    messages = plan.bag.messages(feeds, graph.topics())
     first = next(messages, None)
     if first is None:
         raise _nothing_whole(plan.bag)
     runner = InlineRunner(graph, start=first[1].stamp)
-    for topic in recorded_topics(graph):
+    for topic in observed_topics(graph):
         runner.tap(topic, observe)
     with Ending().on_signals() as ending:
         try:
             runner.start()
-            runner.run(_until(ending, itertools.chain([first], messages)), tail_s=TAIL_S)
+            tail_s = TAIL_S if takes_pictures(graph) else 0.0
+            runner.run(_until(ending, itertools.chain([first], messages)), tail_s=tail_s)
         finally:
             runner.close()
     return {name: Fate(faults.calls, faults.failures, faults.first) for name, faults in runner.faults.items()}
@@ -169,7 +218,7 @@ def _run_ros(plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path,
 
     fates = Fates(graph)
     logs = folder / "log"
-    with Ending().on_signals() as ending, observing(recorded_topics(graph), observe, fates.note) as onlooker:
+    with Ending().on_signals() as ending, observing(observed_topics(graph), observe, fates.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
         report = logs / "played.json"
         with Launch(graph, logs, sim_time=True, composed=plan.composed) as launch:
@@ -190,8 +239,13 @@ def _run_ros(plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path,
     if report.exists():
         played = msgspec.json.decode(report.read_bytes(), type=Played)
         plan.bag.skipped.update(played.skipped)
-        if not played.images:
+        if not played.sent:
             raise _nothing_whole(plan.bag)
+    return ros_fates(fates)
+
+
+def ros_fates(fates: Fates) -> dict[str, Fate]:
+    """How the nodes of a graph over ROS fared, by their last word on /diagnostics."""
     return {
         name: Fate(
             calls=int(values["calls"]),
@@ -251,10 +305,7 @@ def _results(
         "runner": plan.runner,
         "composed": plan.composed,
         "graph": graph.name,
-        "parameters": {
-            placement.name: check_parameters(placement.type, placement.parameters, where=placement.name)
-            for placement in graph.placements
-        },
+        "parameters": parameters_of(graph),
         "ended": ended,
         "frames": len(record.detections),
         "actions": [
@@ -266,6 +317,14 @@ def _results(
         "nodes": {name: msgspec.to_builtins(fate) for name, fate in fates.items()},
         "wall_s": round(wall_s, 3),
         "versions": versions(),
+    }
+
+
+def parameters_of(graph: Graph) -> dict[str, dict[str, Any]]:
+    """All parameters of all nodes, as they are at the start."""
+    return {
+        placement.name: check_parameters(placement.type, placement.parameters, where=placement.name)
+        for placement in graph.placements
     }
 
 

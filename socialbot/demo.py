@@ -1,0 +1,223 @@
+"""A graph of deliberating agents, with its world, run until nobody wants anything more."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from socialbot.agent_messages import AgentReply, AgentRequest, DesireSet, PlanExecutionInfo
+from socialbot.bridge.bag_writer import BagWriter
+from socialbot.bridge.launch import Launch
+from socialbot.bridge.observing import Fates, observing
+from socialbot.bridge.readiness import await_graph, expect_free_names
+from socialbot.clock import SECOND, nanoseconds
+from socialbot.ending import Ending
+from socialbot.errors import NodeError, SocialbotError
+from socialbot.graph import Graph
+from socialbot.graph_file import dump_graph
+from socialbot.inline import InlineRunner
+from socialbot.messages import Message, TraceRecord
+from socialbot.replay import BAG_GRAPH, GRAPH_TIMEOUT_S, Fate, parameters_of, ros_fates, versions
+
+Observer = Callable[[str, Message], None]
+
+STEP_S = 0.1
+"""So much time passes between two looks at whether the run is over."""
+
+QUIET_S = 3.0
+"""A run is over when nobody has wanted anything for so long."""
+
+STOPPED = "stopped by a signal"
+"""Why a run ended, when somebody did not want to wait."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What to run, and how. ``rate`` is how many times as fast as real time, 0 as fast as it can."""
+
+    graph: Graph
+    runner: Literal["inline", "ros"] = "inline"
+    composed: bool = False
+    rate: float = 0.0
+    limit_s: float = 1800.0
+
+
+@dataclass
+class Ran:
+    """How a run went: for how long (s, simulated and real), why it ended, and how the nodes fared."""
+
+    seconds: float = 0.0
+    wall_s: float = 0.0
+    ended: str = ""
+    fates: dict[str, Fate] = field(default_factory=dict)
+
+
+class Wishes:
+    """Knows whether anybody still wants something, by what agents tell of their desires."""
+
+    def __init__(self) -> None:
+        self._wanted: dict[str, bool] = {}
+        self._quiet_since: int | None = None
+        self._any = False
+
+    def observe(self, message: Message) -> None:
+        """Takes a message of the run."""
+        if not isinstance(message, DesireSet):
+            return
+        self._wanted[message.agent_id] = bool(message.value)
+        self._any = self._any or bool(message.value)
+        if any(self._wanted.values()):
+            self._quiet_since = None
+        elif self._any and self._quiet_since is None:
+            self._quiet_since = message.stamp
+
+    def are_over(self, now: int) -> bool:
+        """Whether nobody has wanted anything for `QUIET_S`."""
+        return self._quiet_since is not None and now - self._quiet_since >= nanoseconds(QUIET_S)
+
+
+def run(what: Run, folder: Path, observe: Observer, *, bag: Path | None = None) -> Ran:
+    """Runs a graph until nobody wants anything more, its time is up, or SIGINT or SIGTERM comes.
+
+    ``observe`` gets the messages of `watched`. With ``bag`` what `replayable` lists is recorded there. Raises NodeError
+    when a node fails over ROS.
+    """
+    ran, wishes = Ran(), Wishes()
+
+    def note(topic: str, message: Message) -> None:
+        wishes.observe(message)
+        observe(topic, message)
+
+    carry_out = _inline if what.runner == "inline" else _over_ros
+    with _recording(what.graph, bag, note) as seen, Ending().on_signals() as ending:
+
+        def go_on(advance: Callable[[], int], start: int) -> None:
+            begun = time.monotonic()
+            ran.ended = "the time was up"
+            now = start
+            while now - start < nanoseconds(what.limit_s):
+                if ending.asked or wishes.are_over(now):
+                    ran.ended = STOPPED if ending.asked else "nobody wants anything more"
+                    break
+                now = advance()
+                ran.seconds, ran.wall_s = (now - start) / SECOND, time.monotonic() - begun
+                if what.rate:
+                    time.sleep(max(0.0, ran.seconds / what.rate - ran.wall_s))
+
+        ran.fates = carry_out(what, folder, seen, go_on)
+    return ran
+
+
+def results_of(what: Run, ran: Ran, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """What came of a run, for results.json: its ``summary``, and how it was run."""
+    return {
+        "schema": "socialbot/results",
+        "version": 1,
+        "graph": what.graph.name,
+        "runner": what.runner,
+        "composed": what.composed,
+        "parameters": parameters_of(what.graph),
+        "ended": ran.ended,
+        **summary,
+        "nodes": {name: msgspec.to_builtins(fate) for name, fate in ran.fates.items()},
+        "simulated_s": round(ran.seconds, 3),
+        "wall_s": round(ran.wall_s, 3),
+        "versions": versions(),
+    }
+
+
+def watched(graph: Graph) -> dict[str, type[Message]]:
+    """The topics that a run is told by: traces, plans, desires, and what is recorded for replays."""
+    kinds = (TraceRecord, PlanExecutionInfo, DesireSet)
+    told = {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
+    return {**told, **replayable(graph)}
+
+
+def replayable(graph: Graph) -> dict[str, type[Message]]:
+    """The topics that a bag needs for a replay: what the world says and is told, requests, and the traces."""
+    worldly = {
+        topic
+        for placement in graph.placements
+        if placement.type.stands_for_world
+        for topic, _ in (*placement.publications, *placement.subscriptions)
+    }
+    kinds = (TraceRecord, AgentRequest, AgentReply)
+    return {topic: kind for topic, kind in graph.topics().items() if topic in worldly or issubclass(kind, kinds)}
+
+
+GoOn = Callable[[Callable[[], int], int], None]
+"""Lets time pass until the end; takes how to let some pass, which returns the time (ns), and the time at the start."""
+
+
+def _inline(what: Run, folder: Path, observe: Observer, go_on: GoOn) -> dict[str, Fate]:
+    runner = InlineRunner(what.graph, start=SECOND)
+    for topic in watched(what.graph):
+        runner.tap(topic, observe)
+
+    def advance() -> int:
+        runner.advance(runner.clock.now() + nanoseconds(STEP_S))
+        return runner.clock.now()
+
+    try:
+        runner.start()
+        go_on(advance, runner.clock.now())
+    finally:
+        runner.close()
+    return {name: Fate(faults.calls, faults.failures, faults.first) for name, faults in runner.faults.items()}
+
+
+def _over_ros(what: Run, folder: Path, observe: Observer, go_on: GoOn) -> dict[str, Fate]:
+    from socialbot.bridge.timekeeper import Timekeeper
+
+    graph, fates, logs = what.graph, Fates(what.graph), folder / "log"
+    with observing(watched(graph), observe, fates.note) as onlooker:
+        expect_free_names(onlooker.ros, graph)
+        with Launch(graph, logs, sim_time=True, composed=what.composed) as launch:
+            keeper = Timekeeper(onlooker.ros, [placement.name for placement in graph.placements])
+
+            def ended() -> bool:
+                launch.check()
+                return False
+
+            connections = onlooker.connections(graph)
+            missing = await_graph(onlooker.ros, graph, connections, timeout_s=GRAPH_TIMEOUT_S, ended=ended)
+            if missing:
+                raise NodeError(
+                    f"the graph does not stand after {GRAPH_TIMEOUT_S:.0f} s; missing {'; '.join(missing)}",
+                    remedy="look into the nodes' logs in the folder of the run",
+                )
+
+            def advance() -> int:
+                launch.check()
+                keeper.advance(STEP_S)
+                return keeper.now
+
+            go_on(advance, keeper.now)
+    return ros_fates(fates)
+
+
+@contextmanager
+def _recording(graph: Graph, path: Path | None, observe: Observer) -> Iterator[Observer]:
+    """``observe``, which also writes what it gets into a bag where there is to be one."""
+    if path is None:
+        yield observe
+        return
+    topics: Mapping[str, type[Message]] = replayable(graph)
+    with BagWriter(path, compressed=True) as bag:
+
+        def write(topic: str, message: Message) -> None:
+            if topic in topics:
+                bag.write(topic, message, message.stamp)
+            observe(topic, message)
+
+        yield write
+    try:
+        (path / BAG_GRAPH).write_text(dump_graph(graph), encoding="utf-8")
+    except OSError as error:
+        raise SocialbotError(f"cannot be written: {error.strerror}", where=str(path / BAG_GRAPH)) from error

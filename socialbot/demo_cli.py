@@ -1,0 +1,188 @@
+"""``socialbot demo``: deliberating agents at work, with a page that shows what they did."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from socialbot.demo import Run
+    from socialbot.run_report import Summary
+
+NOT_REACHED = 10
+"""Exit code: the run ended, and not all that was wanted was reached."""
+
+demo = typer.Typer(help="Deliberating agents at work, with a page that shows what they did.", no_args_is_help=True)
+
+RunnerOption = Annotated[
+    Literal["inline", "ros"],
+    typer.Option(help="inline: one thread; ros: a process a node, over DDS. Both as fast as they can."),
+]
+ComposedOption = Annotated[bool, typer.Option("--composed", help="All nodes in one process (ros).")]
+RateOption = Annotated[
+    float, typer.Option(min=0.0, max=1000.0, metavar="TIMES", help="How many times as fast as real time; 0: no limit.")
+]
+LimitOption = Annotated[float, typer.Option(min=1.0, metavar="SECONDS", help="End after so much simulated time.")]
+OutOption = Annotated[Path | None, typer.Option(help="Folder for the record of the run; default: runs/TIME.")]
+BagOption = Annotated[bool, typer.Option("--bag", help="Record a bag, in the folder of the run, for replays.")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="Change a parameter; may be repeated.")
+]
+
+
+class Boxes(str, Enum):
+    """How many boxes there are."""
+
+    SIX = "6"
+    TWELVE = "12"
+    TWENTY_FOUR = "24"
+
+
+@demo.command()
+def warehouse(
+    run: Annotated[
+        int, typer.Option(min=1, max=2, help="2: a carrier leaves too early, and plans have to change.")
+    ] = 1,
+    boxes: Annotated[Boxes, typer.Option(help="6 and 12 with three carriers, 24 with six.")] = Boxes.SIX,
+    seed: Annotated[int, typer.Option(help="Chance of the run: speeds and stalls.")] = 0,
+    faults: Annotated[
+        str,
+        typer.Option(metavar="TEXT", help="What goes wrong: '30 leaves carrier_c; 40 slips; 50 silent carrier_a 10'."),
+    ] = "",
+    runner: RunnerOption = "inline",
+    composed: ComposedOption = False,
+    rate: RateOption = 0.0,
+    limit: LimitOption = 1800.0,
+    out: OutOption = None,
+    bag: BagOption = False,
+    changes: SetOption = None,
+) -> None:
+    """A gripper sorts boxes onto carriers, which take them away.
+
+    Exit codes beside the usual ones: 10 not all that was wanted was reached.
+    """
+    from socialbot.agents.warehouse.graphs import warehouse as graph_of
+    from socialbot.demo import Run
+
+    graph = graph_of(int(boxes.value), run=2 if run == 2 else 1, seed=seed, faults=faults)
+    title = f"The warehouse, run {run}" + ("" if boxes is Boxes.SIX else f", {boxes.value} boxes")
+    _show(title, Run(graph, runner, composed, rate, limit), changes, out, bag)
+
+
+@demo.command()
+def cleaner(
+    runner: RunnerOption = "inline",
+    composed: ComposedOption = False,
+    rate: RateOption = 0.0,
+    limit: LimitOption = 1800.0,
+    out: OutOption = None,
+    bag: BagOption = False,
+    changes: SetOption = None,
+) -> None:
+    """A robot cleans rooms, and recharges when its battery runs low."""
+    from socialbot.demo import Run
+    from socialbot.graph_file import load_graph
+
+    _show("The cleaner", Run(load_graph("cleaner"), runner, composed, rate, limit), changes, out, bag)
+
+
+@demo.command(name="cleaner-sweeper")
+def cleaner_sweeper(
+    runner: RunnerOption = "inline",
+    composed: ComposedOption = False,
+    rate: RateOption = 0.0,
+    limit: LimitOption = 1800.0,
+    out: OutOption = None,
+    bag: BagOption = False,
+    changes: SetOption = None,
+) -> None:
+    """A robot cleans what another one has swept, which it asks to."""
+    from socialbot.demo import Run
+    from socialbot.graph_file import load_graph
+
+    graph = load_graph("cleaner-sweeper")
+    _show("Cleaner and sweeper", Run(graph, runner, composed, rate, limit), changes, out, bag)
+
+
+def run(
+    graph: Annotated[str, typer.Argument(help="A graph that comes with socialbot, or a graph file.")],
+    runner: RunnerOption = "inline",
+    composed: ComposedOption = False,
+    rate: RateOption = 0.0,
+    limit: LimitOption = 1800.0,
+    out: OutOption = None,
+    bag: BagOption = False,
+    changes: SetOption = None,
+) -> None:
+    """Run deliberating agents and their world until nobody wants anything more.
+
+    Time is simulated. Exit codes beside the usual ones: 10 not all that was wanted was reached.
+    """
+    from socialbot.demo import Run
+    from socialbot.graph_file import load_graph
+
+    loaded = load_graph(graph)
+    _show(loaded.name.capitalize(), Run(loaded, runner, composed, rate, limit), changes, out, bag)
+
+
+def _show(title: str, what: Run, changes: list[str] | None, out: Path | None, bag: bool) -> None:
+    from socialbot.cli import new_run_folder, report_faults, with_changes
+    from socialbot.demo import STOPPED, results_of
+    from socialbot.demo import run as carry_out
+    from socialbot.messages import Message
+    from socialbot.report.display import RunDisplay
+    from socialbot.run_record import RunRecord
+    from socialbot.run_report import RunReport
+
+    what = replace(what, graph=with_changes(what.graph, changes or []))
+    report = RunReport(what.graph)
+    folder = out or new_run_folder()
+    console = Console(highlight=False)
+    with RunRecord(folder) as record, RunDisplay(console, report.phrases, what.graph.without_sources()) as display:
+
+        def observe(topic: str, message: Message) -> None:
+            record.observe(topic, message)
+            report.observe(topic, message)
+            display.show(topic, message)
+
+        ran = carry_out(what, folder, observe, bag=folder / "bag" if bag else None)
+    summary = report.summary()
+    results = results_of(what, ran, summary.results())
+    record.write_results(results)
+    page = report.write(folder, title, results)
+    _tell(console, summary)
+    report_faults(console, results)
+    console.print(f"\n{ran.seconds:.1f} s, in {ran.wall_s:.1f} s of real time; {ran.ended}")
+    console.print(f"The record of this run: {folder}; its page: {page}", soft_wrap=True, markup=False)
+    if not summary.reached and ran.ended != STOPPED:
+        raise typer.Exit(NOT_REACHED)
+
+
+def _tell(console: Console, summary: Summary) -> None:
+    """The run in a few tables and lines."""
+    story = summary.story
+    table = Table("agent", title_justify="left", box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for heading in ("plans", "given up", "steps", "requests"):
+        table.add_column(heading, justify="right")
+    for agent, counts in summary.results()["agents"].items():
+        table.add_row(agent, *(str(counts[key]) for key in ("plans", "given_up", "steps", "requests")))
+    console.print()
+    console.print(table)
+    console.print()
+    for desire in story.aims:
+        planned_s, took_s = story.makespans_s(desire)
+        planned = "" if planned_s is None else f", planned {planned_s:.1f} s"
+        how = f"{desire.how or 'still wanted'}{f' after {took_s:.1f} s' if took_s is not None else ''}"
+        reason = f": {desire.reason}" if desire.reason else ""
+        console.print(f"{desire.agent}: {desire.name} {how}{planned}{reason}", soft_wrap=True, markup=False)
+    holders: dict[str, list[str]] = {}
+    for box, holder in summary.boxes.items():
+        holders.setdefault(holder, []).append(box)
+    for holder in sorted(holders):
+        console.print(f"{holder}: {', '.join(sorted(holders[holder]))}", soft_wrap=True, markup=False)

@@ -1,0 +1,1 @@
+"""What deliberating agents did in a run, told to people: sentences, a chart of all plans, a page."""

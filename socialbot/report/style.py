@@ -1,0 +1,182 @@
+"""How the page of a run looks and moves: its style sheet and script, for light and dark."""
+
+from __future__ import annotations
+
+STYLE = """
+:root{--ink:#1b1f23;--soft:#57606a;--paper:#fff;--card:#f6f8fa;--line:#dde2e6;--lane:#f4f6f8;--band:#dbe6f2;
+--bandink:#24405e;--good:#2f8f4e;--bad:#c8372d;--warn:#a86a00;--badband:#f7dcd9;--goodband:#dcefe1;--accent:#0b6e99}
+@media(prefers-color-scheme:dark){:root{--ink:#e6e9ec;--soft:#9aa4ae;--paper:#14181c;--card:#1c2228;--line:#323a42;
+--lane:#1a1f25;--band:#22374d;--bandink:#bcd6f0;--good:#58b877;--bad:#ff7b6f;--warn:#e0a84a;--badband:#4a2522;
+--goodband:#1d3b28;--accent:#5fb4dc}}
+*{box-sizing:border-box}
+body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);margin:0 auto;max-width:1280px;
+padding:1.6rem 1.2rem 3rem}
+h1{font-size:1.7rem;margin:0}
+h2{font-size:1.15rem;margin:2.4rem 0 .6rem}
+p.lead{font-size:1.05rem;max-width:52rem;margin:.4rem 0 1rem}
+p.note{color:var(--soft);font-size:13.5px;max-width:56rem;margin:.2rem 0 .6rem}
+.mark{display:inline-block;font-size:.8rem;font-weight:600;padding:.1rem .6rem;border-radius:1rem;vertical-align:4px;
+margin-left:.6rem;background:var(--goodband);color:var(--good)}
+.mark.bad{background:var(--badband);color:var(--bad)}
+.tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(9.5rem,1fr));gap:.7rem}
+.tile{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:.55rem .8rem}
+.tile b{display:block;font-size:1.45rem;line-height:1.2;font-variant-numeric:tabular-nums}
+.tile span{color:var(--soft);font-size:13px}
+.stage{display:grid;grid-template-columns:minmax(0,1fr) 19rem;gap:1rem;align-items:start}
+.floor{max-width:100%;height:auto;border:1px solid var(--line);border-radius:8px;display:block}
+.stage .floor{width:100%}
+.controls{display:flex;gap:.7rem;align-items:center;margin:.6rem 0}
+.controls input{flex:1;accent-color:var(--accent);min-width:0}
+.controls button{font:inherit;font-weight:600;color:var(--paper);background:var(--accent);border:0;border-radius:6px;
+padding:.3rem 1rem;cursor:pointer;min-width:5.4rem}
+.controls select{font:inherit;color:var(--ink);background:var(--card);border:1px solid var(--line);border-radius:6px;
+padding:.25rem}
+.controls output{font-variant-numeric:tabular-nums;min-width:4.4rem;text-align:right}
+.now{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:.7rem .9rem;font-size:14px}
+.now dt{font-weight:600;margin-top:.5rem}.now dt:first-child{margin-top:0}
+.now dd{margin:0;color:var(--soft);min-height:1.5em}
+.now .turn{border-top:1px solid var(--line);margin:.7rem 0 0;padding-top:.6rem;min-height:4.2em}
+.gantt-box{display:grid;grid-template-columns:auto minmax(0,1fr)}
+.names{padding-right:.7rem;font-size:13px;font-weight:600}
+.names div{overflow:hidden}
+.scroll{overflow-x:auto}
+.gantt{display:block;cursor:pointer}
+.gantt .lane{fill:var(--lane)}.gantt .tick{stroke:var(--line);stroke-width:1}
+.gantt .axis{fill:var(--soft);font-size:11px}
+.gantt .plan rect{fill:var(--band)}.gantt .plan text{fill:var(--bandink);font-size:11px;font-weight:600}
+.gantt .plan.failed rect,.gantt .plan.aborted rect,.gantt .plan.lost rect{fill:var(--badband)}
+.gantt .plan.failed text,.gantt .plan.aborted text,.gantt .plan.lost text{fill:var(--bad)}
+.gantt .step text{fill:#fff;font-size:10.5px}
+.gantt .planned{opacity:.6}
+.gantt .step.failed rect,.gantt .step.lost rect{stroke:var(--bad);stroke-width:2;fill-opacity:.55}
+.gantt .step.cancelled rect,.gantt .step.open rect{stroke:var(--ink);stroke-width:1;stroke-dasharray:3 2;
+fill-opacity:.5}
+.gantt .step.failed text,.gantt .step.lost text,.gantt .step.cancelled text{fill:var(--ink)}
+.gantt .step text.cross{fill:var(--bad);font-size:14px;font-weight:700}
+.gantt .request path{fill:none;stroke:var(--warn);stroke-width:1.6}
+.gantt .request .head{fill:var(--warn);stroke:none}
+.gantt .request.belief path{stroke:var(--soft);stroke-width:1;stroke-dasharray:2 3}
+.gantt .request.belief .head{fill:var(--soft)}
+.gantt .request.done path{stroke:var(--good);stroke-width:1;stroke-dasharray:3 3}
+.gantt .request.done circle{fill:var(--good)}
+.gantt .request.bad path{stroke:var(--bad)}.gantt .request.bad .head{fill:var(--bad)}
+.gantt .turn{stroke:var(--bad);stroke-width:1.2;stroke-dasharray:5 4}
+.gantt .cursor{stroke:var(--accent);stroke-width:1.5;pointer-events:none}
+.k0 rect,rect.k0,.k0 i{fill:#3f74a8;background:#3f74a8}.k1 rect,rect.k1,.k1 i{fill:#8a5fa8;background:#8a5fa8}
+.k2 rect,rect.k2,.k2 i{fill:#b06f1e;background:#b06f1e}.k3 rect,rect.k3,.k3 i{fill:#2e8a72;background:#2e8a72}
+.k4 rect,rect.k4,.k4 i{fill:#6f7d8a;background:#6f7d8a}.k5 rect,rect.k5,.k5 i{fill:#a8577a;background:#a8577a}
+.k6 rect,rect.k6,.k6 i{fill:#5b6fb8;background:#5b6fb8}.k7 rect,rect.k7,.k7 i{fill:#77803a;background:#77803a}
+.key{font-size:13px;color:var(--soft);margin:.5rem 0}
+.key span{display:inline-block;margin-right:1.1rem;white-space:nowrap}
+.key i{display:inline-block;width:12px;height:12px;border-radius:3px;margin-right:.35rem;vertical-align:-1px}
+ol.told{list-style:none;margin:0;padding:0;font-size:14px}
+ol.told li{display:grid;grid-template-columns:4.4rem 6.4rem minmax(0,1fr);gap:.6rem;padding:.14rem 0;
+border-bottom:1px solid var(--line)}
+ol.told time{color:var(--soft);text-align:right;font-variant-numeric:tabular-nums;cursor:pointer}
+ol.told b{font-weight:600}
+.v-fails span,.v-drops span,.v-refuses span{color:var(--bad);font-weight:600}
+.v-reached span{color:var(--good);font-weight:600}
+.v-tells span,.v-does span,.v-rests span{color:var(--soft)}
+.shots{display:grid;grid-template-columns:repeat(auto-fill,minmax(19rem,1fr));gap:.9rem}
+.shots .floor{width:100%}
+table{border-collapse:collapse;font-size:14px;width:100%}
+th,td{padding:.25rem .7rem .25rem 0;text-align:left;border-bottom:1px solid var(--line);vertical-align:top}
+td.r,th.r{text-align:right;font-variant-numeric:tabular-nums}
+th{color:var(--soft);font-weight:600}
+td.good{color:var(--good);font-weight:600}td.bad{color:var(--bad);font-weight:600}
+.wide{overflow-x:auto}
+summary{cursor:pointer;color:var(--accent);margin:.5rem 0}
+code{font:13px ui-monospace,monospace;overflow-wrap:anywhere}
+@media(max-width:820px){.stage{grid-template-columns:minmax(0,1fr)}body{padding:1rem .8rem 2rem}
+ol.told li{grid-template-columns:3.6rem minmax(0,1fr)}ol.told li span{grid-column:2}.names{font-size:11px}}
+@media print{.controls,.now{display:none}.stage{grid-template-columns:1fr}}
+"""
+
+SCRIPT = r"""
+(() => {
+  const data = JSON.parse(document.getElementById('data').textContent);
+  const chart = document.querySelector('.gantt'), scale = chart ? +chart.dataset.scale : 1;
+  const stage = document.querySelector('.stage .floor');
+  const slider = document.querySelector('.controls input'), button = document.querySelector('.controls button');
+  const speed = document.querySelector('.controls select'), clock = document.querySelector('.controls output');
+  const cursor = chart && chart.querySelector('.cursor'), turn = document.querySelector('.now .turn');
+  const groups = {}, steps = [];
+  if (stage) stage.querySelectorAll('[data-name]').forEach(g => { groups[g.dataset.name] = g; });
+  if (chart) chart.querySelectorAll('.step').forEach(g => steps.push(
+    [+g.dataset.from, +g.dataset.to, g.dataset.agent, g.dataset.text]));
+  const find = (track, t) => {
+    let low = 0, high = track.length - 1;
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (track[middle][0] <= t) low = middle; else high = middle - 1;
+    }
+    return low;
+  };
+  const at = (track, t) => {
+    const n = find(track, t), a = track[n], b = track[n + 1];
+    if (!b || t <= a[0]) return a;
+    const share = (t - a[0]) / (b[0] - a[0] || 1);
+    return a.map((value, i) => value + (b[i] - value) * share);
+  };
+  const place = (name, x, y) => { const g = groups[name]; if (g) g.setAttribute('transform', `translate(${x} ${y})`); };
+  let order = '';
+  const paint = t => {
+    for (const [name, track] of Object.entries(data.film.robots)) {
+      const [, x, y] = at(track, t);
+      place(name, x, y);
+      if (name === data.crane) place('bridge', 0, y);
+    }
+    const heights = [];
+    for (const [name, track] of Object.entries(data.film.boxes)) {
+      const [, x, y, z] = at(track, t);
+      place(name, x, y);
+      heights.push([z, name]);
+    }
+    heights.sort((a, b) => a[0] - b[0] || (a[1] < b[1] ? -1 : 1));
+    const now = heights.map(h => h[1]).join();
+    if (now !== order) {
+      order = now;
+      heights.forEach(h => { const g = groups[h[1]]; if (g) g.parentNode.append(g); });
+    }
+    const held = data.film.holding, crane = groups[data.crane];
+    if (crane && held.length) crane.classList.toggle('holding', !!held[find(held, t)][1]);
+  };
+  let time = 0, playing = false, last = 0;
+  const seek = t => {
+    time = Math.max(0, Math.min(t, data.duration));
+    slider.value = time;
+    clock.textContent = time.toFixed(1) + ' s';
+    if (cursor) {
+      cursor.setAttribute('x1', time * scale);
+      cursor.setAttribute('x2', time * scale);
+      const box = chart.parentNode, x = time * scale - box.scrollLeft;
+      if (x < 0 || x > box.clientWidth - 30) box.scrollLeft = time * scale - box.clientWidth / 3;
+    }
+    if (data.film) paint(time);
+    document.querySelectorAll('.now dd').forEach(dd => {
+      const now = steps.filter(s => s[2] === dd.dataset.agent && s[0] <= time && time < s[1]);
+      dd.textContent = now.map(s => s[3]).join(', ') || '\u2013';
+    });
+    const told = data.turns.filter(s => s[0] <= time + 0.05).pop();
+    turn.textContent = told ? `${told[0].toFixed(1)} s: ${told[1]} ${told[2]}` : '';
+  };
+  const frame = now => {
+    if (!playing) return;
+    seek(time + (now - last) / 1000 * speed.value);
+    last = now;
+    if (time >= data.duration) stop(); else requestAnimationFrame(frame);
+  };
+  const stop = () => { playing = false; button.textContent = 'Play'; };
+  button.onclick = () => {
+    if (playing) { stop(); return; }
+    if (time >= data.duration) time = 0;
+    playing = true; button.textContent = 'Pause'; last = performance.now(); requestAnimationFrame(frame);
+  };
+  slider.oninput = () => seek(+slider.value);
+  if (chart) chart.onclick = e => seek((e.clientX - chart.getBoundingClientRect().left) / scale);
+  document.querySelectorAll('ol.told time').forEach(each => { each.onclick = () => seek(+each.dataset.t); });
+  document.body.classList.add('live');
+  const wanted = parseFloat(location.hash.slice(1));
+  seek(wanted || 0);
+})();
+"""

@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from typing import Any
+
+from socialbot.report.page import Page, Scene, lead_of
+from socialbot.report.story import story_of
+from tests.report.runs import DETOUR, PHRASES, desire, record
+
+STORY = story_of(DETOUR, PHRASES)
+
+
+class Reader(HTMLParser):
+    """Collects the words of a page, and whether all that is opened is closed."""
+
+    VOID = frozenset({"meta", "input", "br"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.words: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def page(**changes: Any) -> str:
+    values = {"title": "A run", "lead": lead_of(STORY), "good": True, "verdict": "goal reached", "story": STORY}
+    return Page(**{**values, **changes}).html()
+
+
+def read(html: str) -> str:
+    reader = Reader()
+    reader.feed(html)
+    assert reader.open == []
+    return " ".join(reader.words)
+
+
+def test_the_page_tells_all_of_the_run():
+    words = read(page(tiles=[("7.0 s", "for be_home")], setting={"seed": 4}))
+    for told in (
+        "A run",
+        "goal reached",
+        "7.0 s",
+        "gives up plan 1 for be_home",
+        "asks bob for open_door",
+        "seed",
+        "be_home",
+    ):
+        assert told in words
+
+
+def test_it_needs_nothing_else():
+    html = page()
+    assert not re.search(r"(src|href)\s*=", html)
+    assert "http" not in html.replace("http://www.w3.org/2000/svg", "")
+
+
+def test_it_is_for_light_and_dark():
+    assert "prefers-color-scheme:dark" in page()
+
+
+def test_what_people_wrote_is_text():
+    odd = story_of((desire(0, "a", "</script><u>x"), record(1, "a", "desire_dropped", "</script><u>x", reason="<s>")))
+    html = page(story=odd, title="<u>")
+    assert "<u>" not in html.split("<script")[0]
+    assert "<s>" not in html.split("<script")[0]
+    data = re.search(r'id="data">(.*?)</script>', html, re.DOTALL)
+    assert data is not None
+    assert json.loads(data[1])["turns"][0][2].startswith("wants </script><u>x")
+
+
+def test_the_film_is_with_it():
+    scene = Scene('<svg class="floor"></svg>', {"robots": {}, "boxes": {}, "holding": []}, "crane", ["<svg><g/></svg>"])
+    html = page(scene=scene)
+    assert '<div class="shots"><svg><g/></svg></div>' in html
+    assert '"crane":"crane"' in html
+
+
+def test_the_lead_says_what_came_of_it():
+    assert lead_of(STORY) == (
+        "ann wanted be_home and reached it after 7.0 s; its first plan said 5.0 s. "
+        "One plan was given up, at 3.0 s: ann goes from yard to hall, the door is locked."
+    )
+    assert lead_of(story_of(DETOUR[:3])).startswith("ann wanted be_home and was still at it")
+    dropped = story_of((desire(0, "a", "x"), record(1, "a", "desire_dropped", "x", reason="deleted")))
+    assert lead_of(dropped) == "a wanted x, which was dropped: deleted. No plan was given up."
+    assert lead_of(story_of([])) == "Nobody wanted anything."

@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from socialbot.agent_messages import Desire, DesireSet
+from socialbot.agents.warehouse.graphs import KINDS, cast_with, warehouse
+from socialbot.bridge.bags import open_bag
+from socialbot.clock import SECOND, nanoseconds
+from socialbot.demo import QUIET_S, Run, Wishes, replayable, results_of, run, watched
+from socialbot.graph_file import load_graph
+from socialbot.messages import Message, TraceRecord
+from socialbot.run_report import RunReport
+
+pytest.importorskip("kairos", reason="kairos-planner is not installed")
+
+
+def desires(seconds: float, agent: str, *names: str) -> DesireSet:
+    wanted = tuple(Desire(name=name) for name in names)
+    return DesireSet(stamp=nanoseconds(seconds), agent_id=agent, value=wanted)
+
+
+def over(wishes: Wishes, seconds: float) -> bool:
+    return wishes.are_over(nanoseconds(seconds))
+
+
+def test_a_run_is_over_when_nobody_has_wanted_anything_for_a_while():
+    wishes = Wishes()
+    wishes.observe(desires(0.0, "a"))
+    assert not over(wishes, 100.0), "nobody has begun yet"
+    wishes.observe(desires(1.0, "a", "tea"))
+    wishes.observe(desires(2.0, "b", "rest"))
+    wishes.observe(desires(3.0, "a"))
+    assert not over(wishes, 100.0)
+    wishes.observe(desires(4.0, "b"))
+    assert not over(wishes, 3.9 + QUIET_S)
+    assert over(wishes, 4.0 + QUIET_S)
+
+
+def test_a_new_wish_lets_it_go_on():
+    wishes = Wishes()
+    for seconds, names in ((0.0, ("tea",)), (1.0, ()), (2.0, ("more",)), (3.0, ())):
+        wishes.observe(desires(seconds, "a", *names))
+    assert not over(wishes, 5.0)
+    assert over(wishes, 6.0)
+
+
+@pytest.fixture(scope="module")
+def cleaned(tmp_path_factory: pytest.TempPathFactory):
+    """The cleaner and the sweeper at work: what came of it, and the messages."""
+    folder = tmp_path_factory.mktemp("run")
+    what = Run(load_graph("cleaner-sweeper"))
+    report, seen = RunReport(what.graph), []
+
+    def observe(topic: str, message: Message) -> None:
+        report.observe(topic, message)
+        seen.append((topic, message))
+
+    return what, run(what, folder, observe, bag=folder / "bag"), report, seen, folder
+
+
+def test_agents_run_until_they_have_what_they_want(cleaned):
+    _, ran, report, _, _ = cleaned
+    summary = report.summary()
+    assert summary.reached
+    assert summary.requests_for_desires == 2
+    assert ran.ended == "nobody wants anything more"
+    assert ran.seconds == pytest.approx(summary.story.duration_s + QUIET_S, abs=0.2)
+    assert all(fate.failures == 0 for fate in ran.fates.values())
+
+
+def test_what_is_watched_is_seen(cleaned):
+    what, _, _, seen, _ = cleaned
+    assert {topic for topic, _ in seen} <= set(watched(what.graph))
+    assert any(isinstance(message, TraceRecord) for _, message in seen)
+
+
+def test_a_bag_has_traces_and_requests_and_says_which_graph_ran(cleaned):
+    what, _, _, seen, folder = cleaned
+    expected = sum(topic in replayable(what.graph) for topic, _ in seen)
+    with open_bag(folder / "bag") as bag:
+        assert sum(topic.count for topic in bag.topics) == expected
+        assert {"/cleaner/trace", "/sweeper/trace", "/agents/requests"} <= {topic.name for topic in bag.topics}
+    assert load_graph(str(folder / "bag" / "graph.yaml")) == what.graph
+
+
+def test_the_page_of_a_run_without_a_floor_is_written(cleaned):
+    what, ran, report, _, folder = cleaned
+    page = report.write(folder, "Cleaning", results_of(what, ran, report.summary().results()))
+    assert "has sweeper sweep kitchen" in page.read_text("utf-8")
+    assert not (folder / "floor.svg").exists()
+
+
+def test_a_run_ends_when_its_time_is_up(tmp_path: Path):
+    report = RunReport(graph := load_graph("cleaner-sweeper"))
+    ran = run(Run(graph, limit_s=7.0), tmp_path, report.observe)
+    assert (ran.ended, ran.seconds) == ("the time was up", 7.0)
+    assert not report.summary().reached
+
+
+def test_a_run_can_be_paced(tmp_path: Path):
+    ran = run(Run(load_graph("cleaner"), rate=20.0, limit_s=8.0), tmp_path, lambda topic, message: None)
+    assert ran.wall_s >= 0.35
+
+
+def test_results_tell_how_it_was_run(cleaned):
+    what, ran, report, _, _ = cleaned
+    results = results_of(what, ran, report.summary().results())
+    assert results["graph"] == "cleaner-sweeper"
+    assert results["reached"] is True
+    assert results["agents"]["cleaner"] == {"plans": 1, "given_up": 0, "steps": 7, "requests": 2}
+    assert {desire["how"] for desire in results["desires"]} == {"fulfilled"}
+    assert results["parameters"]["cleaner"]["planner"] == "kairos"
+
+
+@pytest.mark.parametrize("boxes", sorted(KINDS))
+def test_the_warehouse_has_a_graph_for_each_size(boxes):
+    graph = warehouse(boxes, run=2, seed=7, faults="30 slips")
+    cast = cast_with(boxes)
+    names = [placement.name for placement in graph.placements]
+    assert names == ["world", *cast.carriers, "gripper_a"]
+    assert graph.placement("world").parameters == {"seed": 7, "faults": "30 slips"}
+    hasty = [name for name in names if "init_reactive_rules_set" in graph.placement(name).parameters]
+    assert hasty == [cast.carriers[-1]]
+
+
+def test_six_boxes_are_the_graph_that_comes_with_socialbot():
+    ours, theirs = warehouse(), load_graph("warehouse")
+    assert [(p.name, p.type) for p in ours.placements] == [(p.name, p.type) for p in theirs.placements]
+    assert ours.placement("gripper_a").parameters == theirs.placement("gripper_a").parameters
+
+
+def test_the_world_is_recorded_with_what_it_is_told():
+    topics = replayable(load_graph("warehouse"))
+    assert {"/warehouse/boxes", "/carrier_a/cmd_target", "/gripper_a/trace", "/agents/replies"} <= set(topics)
+    assert "/gripper_a/belief_set" not in topics
+
+
+def test_the_time_of_a_run_begins_at_one_second(cleaned):
+    # Zero means to ROS that there is no time yet, and bags are replayed over ROS, too.
+    _, _, _, seen, _ = cleaned
+    assert min(message.stamp for _, message in seen) == SECOND
