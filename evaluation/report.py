@@ -23,19 +23,23 @@ JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help=
 QuickOption = Annotated[bool, typer.Option("--quick", help="A shorter run: under a minute.")]
 DomainOption = Annotated[int, typer.Option(min=0, max=101, help="The ROS domain to use; nobody else should.")]
 
-PAGE_WIDTH = 110
+PAGE_WIDTH = 140
 
 Value = float | int | bool | str | None
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure by its ``key`` in the JSON. ``required`` is the most it may be, or the truth value it must have."""
+    """One figure by its ``key`` in the JSON. ``required`` is the most it may be, or the truth value it must have.
+
+    ``others`` is what a paper or another program says of it.
+    """
 
     key: str
     text: str
     value: Value
     required: float | bool | None = None
+    others: str = ""
 
     @property
     def ok(self) -> bool | None:
@@ -84,9 +88,9 @@ class Report:
     figures: list[Figure] = field(default_factory=list)
     tables: dict[str, dict[str, dict[str, Value]]] = field(default_factory=dict)
 
-    def add(self, key: str, text: str, value: Value, required: float | bool | None = None) -> None:
+    def add(self, key: str, text: str, value: Value, required: float | bool | None = None, *, others: str = "") -> None:
         """Adds a figure."""
-        self.figures.append(Figure(key, text, value, required))
+        self.figures.append(Figure(key, text, value, required, others))
 
     @property
     def unmet(self) -> list[str]:
@@ -101,6 +105,7 @@ class Report:
             "machine": msgspec.to_builtins(self.machine),
             **{figure.key: figure.value for figure in self.figures},
             "required": {figure.key: figure.required for figure in self.figures if figure.required is not None},
+            **({"others": others} if (others := {one.key: one.others for one in self.figures if one.others}) else {}),
             "unmet": self.unmet,
             **self.tables,
         }
@@ -123,12 +128,16 @@ class Report:
             console.print(_table(name, rows))
 
     def _figures(self) -> Table:
-        table = Table("figure", "value", "required", "ok", box=None, pad_edge=False, header_style="dim")
+        others = any(figure.others for figure in self.figures)
+        titles = ["figure", "value", "required", "ok", *(["others"] if others else [])]
+        table = Table(*titles, box=None, pad_edge=False, header_style="dim")
         for figure in self.figures:
             required = figure.required
             limit = "" if required is None else "yes" if required is True else f"at most {_text(required)}"
             ok = {None: "", True: "[green]ok[/]", False: "[bold red]no[/]"}[figure.ok]
-            table.add_row(escape(figure.text), _text(figure.value), limit, ok)
+            table.add_row(
+                escape(figure.text), _text(figure.value), limit, ok, *([escape(figure.others)] if others else [])
+            )
         return table
 
 
@@ -168,7 +177,7 @@ def _text(value: Value) -> str:
         case bool():
             return "yes" if value else "no"
         case float():
-            return f"{value:.4g}"
+            return f"{value:.4g}" if abs(value) < 100 else f"{value:.6g}"
         case _:
             return escape(str(value))
 

@@ -1,0 +1,235 @@
+"""The warehouse: whether its agents reach their goal, whatever happens, and how long they take to plan and decide.
+
+``python -m evaluation.warehouse`` plays, in simulated time, the two demonstrative runs under many seeds of execution
+noise, runs in which much goes wrong and agents are killed and restarted, and one with 24 boxes; it measures planning
+and deciding; and prints the figures beside what is required, and what is known of ROS2-BDI. An independent check
+(`evaluation.trace_check`) follows each step of each agent. The exit code is 1 when something required is missed.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import statistics
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from evaluation.report import JsonOption, QuickOption, Report, Value, run
+from evaluation.warehouse_planning import decisions, first_question, plan_by_turns, second_question
+from evaluation.warehouse_runs import Result, Story, play, troubled
+
+PLAN_S = {6: 0.3, 12: 0.5, 24: 1.0}
+REPLAN_S = 0.3
+DECISION_MS = 5.0
+DESIRES = 1000
+MAKESPAN_S = 107.1
+STEPS = 28
+REQUESTS = 4
+"""What is required."""
+
+NOMINAL, HASTY, TROUBLED, LARGE = "run 1", "run 2", "faults", "24 boxes"
+UNMET_EXIT = 1
+
+JobsOption = Annotated[int | None, typer.Option(min=1, help="Runs side by side; as many as cores if not given.")]
+SeedsOption = Annotated[int | None, typer.Option(min=1, help="Seeds of execution noise for each run; 50 by default.")]
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How often everything is done; each plan is made so many ``times``."""
+
+    seeds: int = 50
+    troubled: int = 100
+    large: int = 5
+    times: int = 25
+    decisions: int = 200
+
+
+QUICK = Scale(seeds=3, troubled=4, large=1, times=5, decisions=50)
+
+
+def stories(scale: Scale) -> dict[str, list[Story]]:
+    """All runs, by kind."""
+    return {
+        NOMINAL: [Story(seed) for seed in range(scale.seeds)],
+        HASTY: [Story(seed, run=2) for seed in range(scale.seeds)],
+        TROUBLED: [troubled(seed) for seed in range(scale.troubled)],
+        LARGE: [Story(seed, boxes=24) for seed in range(scale.large)],
+    }
+
+
+def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]]:
+    """Plays all runs, so many side by side; what comes out, and its order, does not depend on how many that are."""
+    progress = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+    )
+    everything = [(kind, story) for kind, some in kinds.items() for story in some]
+    found: dict[str, list[Result]] = {kind: [] for kind in kinds}
+    with progress, ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _hush) as pool:
+        bar = progress.add_task("runs", total=len(everything))
+        waiting: list[tuple[str, Future[Result]]] = [(kind, pool.submit(play, story)) for kind, story in everything]
+        for _, future in waiting:
+            future.add_done_callback(lambda future: progress.advance(bar))
+        for kind, future in waiting:
+            found[kind].append(future.result())
+    return found
+
+
+def _hush() -> None:
+    """What goes wrong on purpose is no news."""
+    logging.disable(logging.CRITICAL)
+
+
+# What came of it
+
+
+def add_runs(report: Report, results: dict[str, list[Result]]) -> None:
+    """Adds the figures of all runs."""
+    _add_nominal(report, results[NOMINAL])
+    _add_hasty(report, results[HASTY])
+    _add_troubled(report, results[TROUBLED])
+    _add_large(report, results[LARGE])
+    _add_checks(report, results)
+    for kind, some in results.items():
+        report.tables[kind] = {name: _spread(values) for name, values in _measures(some)}
+
+
+def _add_nominal(report: Report, results: Sequence[Result]) -> None:
+    add = report.add
+    steps = max(one.first_steps for one in results)
+    add("run1_steps", "run 1: actions planned, at most", steps, STEPS, others="28 by arithmetic")
+    makespan = max(one.first_makespan_s for one in results)
+    others = "107 s by arithmetic; POPF 107.007 s; deadline 116 s"
+    add("run1_makespan_s", "run 1: planned makespan, s", makespan, MAKESPAN_S, others=others)
+    add("run1_runs", "run 1: runs, each with a seed of its own", len(results))
+    add("run1_missed", "run 1: runs that miss the goal", _missed(results), 0, others="one run was shown")
+    add("run1_aborts", "run 1: plans aborted", sum(one.aborts for one in results), 0)
+    unloaded = _count(one.unloads < len(one.story.cast.carriers) for one in results)
+    add("run1_not_unloaded", "run 1: runs in which a carrier does not unload", unloaded, 0)
+    add("run1_median_s", "run 1: s until all are sorted, median", _median(results), others="about 130 s expected")
+
+
+def _add_hasty(report: Report, results: Sequence[Result]) -> None:
+    add = report.add
+    add("run2_runs", "run 2: runs, each with a seed of its own", len(results))
+    add("run2_missed", "run 2: runs that miss the goal", _missed(results), 0, others="one run was shown")
+    smooth = _count(one.aborts < 1 or one.plans < 2 for one in results)
+    add("run2_without_replan", "run 2: runs without an abort and a new plan", smooth, 0, others="1 of each")
+    other = _count(one.requests != REQUESTS for one in results)
+    add("run2_other_requests", f"run 2: runs with other than {REQUESTS} requests in all", other, 0, others="4 requests")
+    add("run2_median_s", "run 2: s until all are sorted, median", _median(results))
+
+
+def _add_troubled(report: Report, results: Sequence[Result]) -> None:
+    add = report.add
+    add("faults_runs", "faults: runs in which things go wrong by chance", len(results))
+    killed = _count(one.story.kills for one in results)
+    add("faults_killed", "faults: those in which agents die and are started anew", killed)
+    add("faults_reached", "faults: runs that reach the goal", _count(one.reached for one in results))
+    dropped = _count(one.settled and not one.reached for one in results)
+    add("faults_dropped", "faults: runs in which the desire is dropped, with a reason", dropped)
+    hung = _count(not one.settled for one in results)
+    add("faults_unsettled", "faults: runs that hang, or end otherwise", hung, 0)
+
+
+def _add_large(report: Report, results: Sequence[Result]) -> None:
+    report.add("large_runs", "24 boxes, 6 carriers: runs", len(results))
+    report.add("large_missed", "24 boxes: runs that miss the goal", _missed(results), 0)
+
+
+def _add_checks(report: Report, results: dict[str, list[Result]]) -> None:
+    everything = [one for some in results.values() for one in some]
+    violations = sum(len(one.violations) for one in everything)
+    report.add("steps", "steps begun, all looked at by the independent check", sum(one.steps for one in everything))
+    report.add("violations", "steps against a false condition, and other violations", violations, 0)
+    report.add("failures", "nodes that raised an exception", sum(len(one.failures) for one in everything), 0)
+
+
+def _measures(results: Sequence[Result]) -> Iterator[tuple[str, list[float]]]:
+    """What is told of the runs of one kind, by name; times are those of runs that reached the goal."""
+    yield "s until the goal", [one.ended_s for one in results if one.reached]
+    yield "aborts", [one.aborts for one in results]
+    yield "requests", [one.requests for one in results]
+    yield "steps", [one.steps for one in results]
+    yield "processor s", [one.processor_s for one in results]
+
+
+def _spread(values: Sequence[float]) -> dict[str, Value]:
+    if not values:
+        return {"least": None, "median": None, "most": None}
+    return {"least": min(values), "median": round(statistics.median(values), 3), "most": max(values)}
+
+
+def _count(flags: Iterator[object] | Sequence[object]) -> int:
+    return sum(map(bool, flags))
+
+
+def _missed(results: Sequence[Result]) -> int:
+    return _count(not one.reached for one in results)
+
+
+def _median(results: Sequence[Result]) -> float | None:
+    found = [one.ended_s for one in results if one.reached]
+    return round(statistics.median(found), 2) if found else None
+
+
+def add_planning(report: Report, scale: Scale) -> None:
+    """Measures planning and deciding, and adds the figures."""
+    questions = {f"plan{boxes}": first_question(boxes) for boxes in PLAN_S} | {"replan": second_question()}
+    texts = {f"plan{boxes}": f"first plan for {boxes} boxes" for boxes in PLAN_S} | {"replan": "new plan in run 2"}
+    limits = {f"plan{boxes}": limit for boxes, limit in PLAN_S.items()} | {"replan": REPLAN_S}
+    others = {"plan6": "POPF 0.45 s (0.20 s processor)", "replan": "POPF 0.035 s"}
+    for key, found in plan_by_turns(questions, scale.times).items():
+        text = texts[key]
+        best = f"{text}: wall s, best of {scale.times}"
+        report.add(f"{key}_s", best, found.best_s, limits[key], others=others.get(key, ""))
+        report.add(f"{key}_median_s", f"{text}: wall s, median", found.median_s)
+        report.add(f"{key}_processor_s", f"{text}: processor s with the child's", found.processor_s)
+        report.add(f"{key}_steps", f"{text}: actions", found.steps)
+    for changed, decision in decisions(DESIRES, scale.decisions).items():
+        text = f"{DESIRES} desires, {changed} need what changes"
+        key = f"decision_{changed}"
+        report.add(f"{key}_ms", f"{text}: processor ms, median", decision.median_ms, DECISION_MS)
+        report.add(f"{key}_worst_ms", f"{text}: worst of {scale.decisions}", decision.worst_ms)
+
+
+def tell_what_went_wrong(results: dict[str, list[Result]], console: Console) -> None:
+    """Prints each run that did not go as it should, and how to see it again."""
+    for kind, some in results.items():
+        for one in some:
+            fine = one.settled if kind == TROUBLED else one.reached
+            if not fine or one.violations or one.failures:
+                what = [one.end or "no end", *one.violations[:3], *one.failures[:3]]
+                console.print(f"{kind}, {one.story}: {'; '.join(what)}", style="red", soft_wrap=True, markup=False)
+
+
+def main(
+    json: JsonOption = None, quick: QuickOption = False, jobs: JobsOption = None, seeds: SeedsOption = None
+) -> None:
+    """Play the warehouse many times and measure how it plans and decides."""
+    scale = QUICK if quick else Scale()
+    scale = scale if seeds is None else Scale(seeds, scale.troubled, scale.large, scale.times, scale.decisions)
+    report = Report("warehouse", quick)
+    add_planning(report, scale)
+    results = play_all(stories(scale), jobs or len(os.sched_getaffinity(0)))
+    add_runs(report, results)
+    report.finish(json)
+    tell_what_went_wrong(results, Console(highlight=False))
+    if report.unmet:
+        sys.exit(UNMET_EXIT)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,208 @@
+"""How long it takes to plan for the warehouse, and to decide which of many desires has its turn."""
+
+from __future__ import annotations
+
+import random
+import resource
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from threading import Event
+from typing import Any
+from unittest import mock
+
+from evaluation.warehouse_runs import Story, play
+from socialbot.agent_messages import Condition, Conjunction, Desire, Dnf, Fact
+from socialbot.agents import deliberating
+from socialbot.agents.warehouse.cast import GRIPPER, GRIPPER_DOMAIN, gripper_beliefs, gripper_desires
+from socialbot.agents.warehouse.graphs import cast_with
+from socialbot.bdi import Engine
+from socialbot.clock import ManualClock
+from socialbot.deliberation.deliberator import Deliberator
+from socialbot.deliberation.facts import FactBase
+from socialbot.deliberation.sensing import instance
+from socialbot.planning.domain import Domain, Problem
+from socialbot.planning.planner import Answer, Limits, Planner, Verdict
+from socialbot.planning.planners import make_planner
+from socialbot.planning.reader import read_domain
+
+PLANNER = "kairos"
+GRIPPER_DOMAIN_NAME = "gripper-domain"
+
+THINGS = """
+(define (domain things)
+  (:requirements :strips :typing :durative-actions)
+  (:types thing - object)
+  (:predicates (ready ?t - thing) (done ?t - thing) (calm))
+  (:durative-action finish
+    :parameters (?t - thing)
+    :duration (= ?duration 5)
+    :condition (at start (ready ?t))
+    :effect (at end (done ?t))))
+"""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a planner is asked."""
+
+    domain: Domain
+    problem: Problem
+    limits: Limits
+
+
+@dataclass
+class Planning:
+    """How long it took to make a plan, each time: wall s, and processor s with those of the planner's process."""
+
+    steps: int = 0
+    makespan_s: float = 0.0
+    walls: list[float] = field(default_factory=list)
+    processor: list[float] = field(default_factory=list)
+
+    @property
+    def best_s(self) -> float:
+        """The shortest time."""
+        return round(min(self.walls), 4)
+
+    @property
+    def median_s(self) -> float:
+        """The median."""
+        return round(statistics.median(self.walls), 4)
+
+    @property
+    def processor_s(self) -> float:
+        """The least processor time."""
+        return round(min(self.processor), 4)
+
+
+def plan_by_turns(questions: Mapping[str, Question], times: int) -> dict[str, Planning]:
+    """Plans so many ``times`` for each question, by turns, each by a process of its own, as agents do.
+
+    Raises ValueError if there is no plan.
+    """
+    planner = make_planner(PLANNER)
+    found = {name: Planning() for name in questions}
+    for _ in range(times):
+        for name, question in questions.items():
+            begun, spent = time.perf_counter(), _processor_s()
+            answer = planner.solve(question.domain, question.problem, question.limits)
+            found[name].walls.append(time.perf_counter() - begun)
+            found[name].processor.append(_processor_s() - spent)
+            if answer.plan is None:
+                raise ValueError(f"no plan for {name}: {answer.verdict.value}: {answer.message}")
+            found[name].steps, found[name].makespan_s = len(answer.plan.steps), answer.plan.makespan_s
+    return found
+
+
+def first_question(boxes: int) -> Question:
+    """What the gripper asks first, with so many boxes."""
+    domain = read_domain(GRIPPER_DOMAIN.read_text("utf-8"), where=str(GRIPPER_DOMAIN))
+    cast = cast_with(boxes)
+    facts = FactBase(Engine(GRIPPER, ManualClock()), domain)
+    for fact in gripper_beliefs(cast):
+        facts.add(fact)
+    (desire,) = gripper_desires(cast)
+    return Question(domain, facts.problem(facts.goal(desire.wanted)), Limits(makespan_s=desire.deadline))
+
+
+def second_question() -> Question:
+    """What the gripper asks in run 2 when it has found a carrier gone, with what it then believes."""
+    listener = _Listener(make_planner(PLANNER))
+    with mock.patch.object(deliberating, "make_planner", return_value=listener):
+        play(Story(run=2))
+    return [question for question in listener.asked if question.domain.name == GRIPPER_DOMAIN_NAME][1]
+
+
+@dataclass
+class _Listener:
+    """A planner that notes what it is asked."""
+
+    planner: Planner
+    name: str = "listener"
+    asked: list[Question] = field(default_factory=list)
+
+    def solve(self, domain: Domain, problem: Problem, limits: Limits, cancelled: Event | None = None) -> Answer:
+        self.asked.append(Question(domain, problem, limits))
+        return self.planner.solve(domain, problem, limits, cancelled)
+
+
+@dataclass(frozen=True)
+class Deciding:
+    """Processor ms of a decision: median and worst of several."""
+
+    median_ms: float
+    worst_ms: float
+
+
+def decisions(desires: int, times: int) -> dict[str, Deciding]:
+    """How long an agent with so many desires takes from a changed belief to its decision whose turn it is.
+
+    The belief is part of the precondition of ``one`` desire, or of that of ``all``.
+    """
+    deliberator = _undecided(desires)
+    chance = random.Random("decisions")
+    return {
+        "one": _decide(deliberator, times, lambda: predicate_of(chance.randrange(desires))),
+        "all": _decide(deliberator, times, lambda: Fact(name="calm")),
+    }
+
+
+def predicate_of(number: int) -> Fact:
+    """The belief that makes one of the desires possible."""
+    return Fact(name="ready", params=(f"t{number}",))
+
+
+def _decide(deliberator: Deliberator, times: int, change: Callable[[], Fact]) -> Deciding:
+    engine, facts, found = deliberator.engine, deliberator.facts, []
+    for _ in range(times):
+        fact = change()
+        begun = time.process_time_ns()
+        if facts.current(fact) is None:
+            facts.add(fact)
+        else:
+            facts.remove(fact)
+        engine.run_until_idle()
+        found.append((time.process_time_ns() - begun) / 1e6)
+    return Deciding(round(statistics.median(found), 3), round(max(found), 3))
+
+
+def _undecided(desires: int) -> Deliberator:
+    """A deliberator with so many desires, half of which have what they need; its planner never answers."""
+    engine = Engine("decider", ManualClock())
+    deliberator = Deliberator(engine, read_domain(THINGS, where="things"), _Silent(), _never)
+    chance = random.Random("desires")
+    for number in range(desires):
+        deliberator.facts.add(instance(f"t{number}", "thing"))
+        if number % 2:
+            deliberator.facts.add(predicate_of(number))
+    for number in range(desires):
+        needed = (Condition(condition_to_check=predicate_of(number)), Condition(condition_to_check=Fact(name="calm")))
+        desire = Desire(
+            name=f"d{number}",
+            value=(Fact(name="done", params=(f"t{number}",)),),
+            priority=round(chance.random(), 3),
+            deadline=round(chance.uniform(10.0, 100.0), 1),
+            precondition=Dnf(clauses=(Conjunction(literals=needed),)),
+        )
+        deliberator.desire(desire)
+    engine.run_until_idle()
+    return deliberator
+
+
+class _Silent:
+    name = "silent"
+
+    def solve(self, domain: Domain, problem: Problem, limits: Limits, cancelled: Event | None = None) -> Answer:
+        return Answer(Verdict.CANCELLED)
+
+
+def _never(work: Callable[[], Any], then: Callable[[Any], None]) -> None:
+    """Has nothing done."""
+
+
+def _processor_s() -> float:
+    """The processor time of this process and of its children, s."""
+    own, children = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
+    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime

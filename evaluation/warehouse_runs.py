@@ -1,0 +1,267 @@
+"""Runs of the warehouse in simulated time: what can be different from one to the next, and what came of each."""
+
+from __future__ import annotations
+
+import random
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from evaluation.trace_check import TraceCheck
+from socialbot.agents.deliberating import Deliberating
+from socialbot.agents.warehouse.cast import CARRIER_DOMAIN, GRIPPER, GRIPPER_DOMAIN, Cast
+from socialbot.agents.warehouse.faults import random_faults
+from socialbot.agents.warehouse.graphs import cast_with, warehouse
+from socialbot.agents.warehouse.world import Warehouse
+from socialbot.agents.warehouse.world_node import WarehouseWorld
+from socialbot.clock import SECOND, nanoseconds
+from socialbot.graph import Graph
+from socialbot.inline import InlineRunner
+from socialbot.messages import Message, TraceRecord
+
+SORT = "sort_boxes"
+"""The desire of the gripper."""
+LIMIT_S = 1500.0
+"""A run that goes on for longer hangs. Sorting six boxes is given up, and begun anew, after 232 s."""
+QUIET_S = 3.0
+"""The run is over when nobody has had anything to do for so long."""
+CHECK_S = 0.5
+
+
+@dataclass(frozen=True, order=True)
+class Kill:
+    """The process of an agent is killed at ``time_s`` (s), and started anew ``down_s`` later."""
+
+    time_s: float
+    who: str
+    down_s: float
+
+    def __str__(self) -> str:
+        return f"{self.time_s:g} killed {self.who} {self.down_s:g}"
+
+
+@dataclass(frozen=True)
+class Story:
+    """A run: how large, which of the demonstrative ones, chance by its ``seed``, and what goes wrong."""
+
+    seed: int = 0
+    boxes: int = 6
+    run: Literal[1, 2] = 1
+    faults: str = ""
+    kills: tuple[Kill, ...] = ()
+    limit_s: float = LIMIT_S
+
+    @property
+    def cast(self) -> Cast:
+        """Who and what is in it."""
+        return cast_with(self.boxes)
+
+    def __str__(self) -> str:
+        wrong = "; ".join(filter(None, [self.faults, *map(str, self.kills)]))
+        return f"run {self.run}, {self.boxes} boxes, seed {self.seed}" + (f": {wrong}" if wrong else "")
+
+    def graph(self, folder: Path | None = None) -> Graph:
+        """The graph of it; agents keep their minds in the ``folder``, if there is one."""
+        graph = warehouse(self.boxes, run=self.run, seed=self.seed, faults=self.faults)
+        agents = (GRIPPER, *self.cast.carriers) if folder is not None else ()
+        return graph.with_parameters({agent: {"mind_file": f"{folder}/{agent}.json"} for agent in agents})
+
+
+def troubled(seed: int) -> Story:
+    """A story in which one to four things go wrong, and up to two agents are killed and restarted, by chance."""
+    story = Story(seed)
+    chance = random.Random(f"kills {seed}")
+    agents = (GRIPPER, *story.cast.carriers)
+    kills = [
+        Kill(round(chance.uniform(2.0, 140.0), 1), chance.choice(agents), round(chance.uniform(0.5, 6.0), 1))
+        for _ in range(chance.choice((0, 1, 1, 2)))
+    ]
+    faults = "; ".join(map(str, random_faults(seed, story.cast)))
+    return replace(story, faults=faults, kills=_apart(kills))
+
+
+def _apart(kills: list[Kill]) -> tuple[Kill, ...]:
+    """Those that come when the one before is over."""
+    found: list[Kill] = []
+    for kill in sorted(kills):
+        if not found or kill.time_s > found[-1].time_s + found[-1].down_s:
+            found.append(kill)
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of a run. ``ended_s`` is when the gripper's desire ended; ``end`` is how, with the reason if dropped.
+
+    ``boxes_right`` is whether each box is with its carrier, or in its deposit, in the world itself; ``violations`` are
+    what the independent check found, ``failures`` the exceptions of nodes.
+    """
+
+    story: Story
+    end: str
+    ended_s: float
+    over: bool
+    first_steps: int
+    first_makespan_s: float
+    plans: int
+    aborts: int
+    requests: int
+    steps: int
+    boxes_right: bool
+    unloads: int
+    violations: tuple[str, ...]
+    failures: tuple[str, ...]
+    processor_s: float
+
+    @property
+    def reached(self) -> bool:
+        """Whether the goal was reached: in the gripper's mind, and in truth."""
+        return self.end == "fulfilled" and self.boxes_right
+
+    @property
+    def settled(self) -> bool:
+        """Whether it ended as it should, whatever went wrong: goal reached, or dropped for a reason; nothing hangs."""
+        return self.over and (self.reached or self.end.startswith("dropped: "))
+
+
+class Run:
+    """One run as it goes on. ``tell`` gets each record of each agent."""
+
+    def __init__(self, story: Story, folder: Path, tell: Callable[[TraceRecord], object] = lambda record: None) -> None:
+        self.story = story
+        self.kinds: Counter[str] = Counter()
+        self.end = ""
+        self.ended_s = 0.0
+        self.first: TraceRecord | None = None
+        self.plan_ends: list[TraceRecord] = []
+        self.requests = 0
+        self.unloads: set[str] = set()
+        self.violations: list[str] = []
+        self._steps = 0
+        self._tell = tell
+        self.agents = (GRIPPER, *story.cast.carriers)
+        self.runner = InlineRunner(story.graph(folder if story.kills else None))
+        self._checks = {agent: self._new_check(agent) for agent in self.agents}
+        for agent in self.agents:
+            self.runner.tap(f"/{agent}/trace", self._take)
+
+    def _new_check(self, agent: str) -> TraceCheck:
+        path = GRIPPER_DOMAIN if agent == GRIPPER else CARRIER_DOMAIN
+        return TraceCheck(path.read_text("utf-8"))
+
+    @property
+    def now_s(self) -> float:
+        """The simulated time, s."""
+        return self.runner.clock.now() / SECOND
+
+    @property
+    def world(self) -> Warehouse:
+        """The world as it is."""
+        node = self.runner.nodes["world"]
+        assert isinstance(node, WarehouseWorld)
+        return node.world
+
+    def play(self) -> Result:
+        """Plays the story to its end."""
+        begun = time.process_time()
+        self.runner.start()
+        for kill in self.story.kills:
+            self._until(nanoseconds(kill.time_s))
+            if self._is_over():
+                break
+            self.runner.kill(kill.who)
+            self._forget(kill.who)
+            self._until(nanoseconds(kill.time_s + kill.down_s))
+            self.runner.restart(kill.who)
+        over = self._until_over()
+        self.runner.close()
+        for agent in self.agents:
+            self._forget(agent, over=over)
+        return self._result(over, time.process_time() - begun)
+
+    def _until(self, time: int) -> None:
+        while (now := self.runner.clock.now()) < time and not self._is_over():
+            self.runner.advance(min(now + nanoseconds(CHECK_S), time))
+
+    def _until_over(self) -> bool:
+        """Goes on until nobody has anything to do any more; returns False when that takes too long."""
+        quiet_since = self.now_s
+        while self.now_s < self.story.limit_s:
+            self.runner.advance(self.runner.clock.now() + nanoseconds(CHECK_S))
+            if not self._is_over():
+                quiet_since = self.now_s
+            elif self.now_s - quiet_since >= QUIET_S:
+                return True
+        return False
+
+    def _is_over(self) -> bool:
+        """Whether the gripper's desire has ended and nobody has anything to do."""
+        nodes = self.runner.nodes.values()
+        agents = [node.deliberator for node in nodes if isinstance(node, Deliberating)]
+        return bool(self.end) and all(not agent.desires and agent.director.idle for agent in agents)
+
+    def _take(self, topic: str, message: Message) -> None:
+        assert isinstance(message, TraceRecord)
+        self._tell(message)
+        self._checks[message.source].take(message)
+        if message.kind == "desire_fulfilled" and message.what == "go_unload":
+            self.unloads.add(message.source)
+        if message.source != GRIPPER:
+            return
+        self.kinds[message.kind] += 1
+        match message.kind:
+            case "plan_start" if self.first is None:
+                self.first = message
+            case "plan_end":
+                self.plan_ends.append(message)
+            case "request" if " desire " in message.what:
+                self.requests += 1
+            case "desire_fulfilled" | "desire_dropped" if message.what == SORT:
+                how, reason = message.kind.removeprefix("desire_"), message.detail.get("reason")
+                self.end, self.ended_s = f"{how}: {reason}" if reason else how, self.now_s
+
+    def _forget(self, agent: str, *, over: bool = False) -> None:
+        """Ends the life of an agent for the check."""
+        found = self._checks[agent]
+        self._checks[agent] = self._new_check(agent)
+        self._steps += found.steps
+        self.violations += (f"{agent}: {violation}" for violation in found.violations)
+        if over:
+            self.violations += (f"{agent}: {step} never ends" for step in found.running)
+
+    def _result(self, over: bool, processor_s: float) -> Result:
+        detail = self.first.detail if self.first is not None else {"steps": [], "makespan_s": 0.0}
+        return Result(
+            story=self.story,
+            end=self.end,
+            ended_s=round(self.ended_s, 3),
+            over=over,
+            first_steps=len(detail["steps"]),
+            first_makespan_s=detail["makespan_s"],
+            plans=self.kinds["plan_start"],
+            aborts=sum(record.detail["outcome"] != "succeeded" for record in self.plan_ends),
+            requests=self.requests,
+            steps=self._steps,
+            boxes_right=self._boxes_are_right(),
+            unloads=len(self.unloads),
+            violations=tuple(self.violations),
+            failures=tuple(f"{name}: {fault.first}" for name, fault in self.runner.faults.items() if fault.failures),
+            processor_s=round(processor_s, 2),
+        )
+
+    def _boxes_are_right(self) -> bool:
+        cast, load = self.story.cast, self.world.load
+        return all(
+            set(boxes) <= {*load[carrier], *load[deposit]}
+            for carrier, deposit, boxes in zip(cast.carriers, cast.deposits, cast.loads, strict=True)
+        )
+
+
+def play(story: Story, tell: Callable[[TraceRecord], object] = lambda record: None) -> Result:
+    """Plays a story; the same story comes to the same result, but for the processor time."""
+    with tempfile.TemporaryDirectory(prefix="socialbot-warehouse-") as folder:
+        return Run(story, Path(folder), tell).play()

@@ -1,0 +1,114 @@
+"""Whole runs of the warehouse in simulated time, each looked at by a check that shares nothing with the agents."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from evaluation.warehouse_runs import Kill, Result, Story, play, troubled
+from socialbot.deliberation import merging
+from socialbot.deliberation.director import Director
+from socialbot.deliberation.performer import Performer
+from socialbot.messages import TraceRecord
+
+
+@pytest.fixture(autouse=True)
+def _quiet():
+    """What goes wrong on purpose is no news."""
+    logging.disable(logging.WARNING)
+    yield
+    logging.disable(logging.NOTSET)
+
+
+def fine(result: Result) -> Result:
+    assert result.violations == ()
+    assert result.failures == ()
+    assert result.settled, result.end
+    return result
+
+
+def test_run_1_sorts_six_boxes_without_an_abort_and_each_carrier_unloads():
+    result = fine(play(Story(seed=4)))
+    assert result.reached
+    assert (result.first_steps, result.aborts, result.requests, result.unloads) == (28, 0, 3, 3)
+    assert result.first_makespan_s <= 107.1
+    assert result.steps == 28 + 3 + 6  # the carriers come once, and go and unload
+
+
+def test_run_2_finds_a_carrier_gone_plans_anew_and_reaches_the_goal():
+    records: list[TraceRecord] = []
+    result = fine(play(Story(seed=4, run=2), records.append))
+    assert result.reached
+    assert (result.aborts, result.plans, result.requests) == (1, 2, 4)
+    (failed,) = [one for one in records if one.kind == "step_end" and one.detail["outcome"] == "failed"]
+    assert failed.what.endswith("carrier_c base_c)")
+    assert "(carrier_in_base carrier_c base_c)" in failed.detail["message"]
+
+
+def test_the_same_story_is_the_same_to_the_last_record():
+    story = Story(seed=9, faults="6 leaves carrier_b; 12 slips", kills=(Kill(9.0, "carrier_a", 1.0),), limit_s=25.0)
+    first: list[TraceRecord] = []
+    again: list[TraceRecord] = []
+    play(story, first.append)
+    play(story, again.append)
+    assert len(first) > 200
+    assert first == again
+
+
+def test_an_agent_that_is_killed_goes_on_from_what_it_has_kept():
+    records: list[TraceRecord] = []
+    result = fine(play(Story(seed=2, kills=(Kill(33.3, "gripper_a", 2.0),)), records.append))
+    assert result.reached
+    assert result.plans == 2
+    plans = [one for one in records if one.kind == "plan_start" and one.source == "gripper_a"]
+    assert len(plans[1].detail["steps"]) < 25  # the boxes that have gone are not sorted again
+
+
+@settings(max_examples=2, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@given(seed=st.integers(0, 2**32))
+def test_whatever_goes_wrong_no_step_begins_against_a_false_condition_and_nothing_hangs(seed):
+    fine(play(troubled(seed)))
+
+
+@pytest.mark.slow
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(seed=st.integers(0, 2**32))
+def test_so_it_is_for_many_stories(seed):
+    fine(play(troubled(seed)))
+
+
+@pytest.mark.slow
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(seed=st.integers(0, 2**32), run=st.sampled_from([1, 2]))
+def test_noise_alone_never_keeps_them_from_their_goal(seed, run):
+    result = fine(play(Story(seed, run=run)))
+    assert result.reached
+    assert (result.aborts, result.requests) == (run - 1, run + 2)
+
+
+@pytest.mark.slow
+def test_24_boxes_go_with_6_carriers():
+    assert fine(play(Story(seed=1, boxes=24))).reached
+
+
+# That the check sees it when the director does what it must not
+
+
+def test_a_director_that_begins_steps_without_a_look_at_their_conditions_is_caught(monkeypatch):
+    monkeypatch.setattr(Performer, "_missing_at_start", lambda self, task: None)
+    violations = play(Story(seed=4, run=2, limit_s=100.0)).violations
+    assert any("(carrier_in_base carrier_c base_c) does not hold" in one for one in violations)
+
+
+def test_a_director_that_knows_no_causal_order_is_caught(monkeypatch):
+    monkeypatch.setattr(merging, "_happenings", lambda numbered, tasks: ())
+    assert play(Story(seed=4, limit_s=30.0)).violations
+
+
+def test_a_director_that_does_not_mind_silent_sensors_is_caught(monkeypatch):
+    monkeypatch.setattr(Director, "hold", lambda self, reason: None)
+    violations = play(Story(seed=4, faults="12 silent carrier_a 10", limit_s=25.0)).violations
+    assert any("begins while sensor status of carrier_a is silent" in one for one in violations)
