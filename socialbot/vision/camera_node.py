@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from socialbot.clock import nanoseconds
-from socialbot.errors import DeviceError
+from socialbot.errors import DeviceError, ImageError
 from socialbot.graph import Context, Delivery, Node, Output, Parameter, Timer
 from socialbot.messages import CameraInfo, Image
 from socialbot.vision.camera import CameraModel
@@ -23,7 +23,7 @@ class Camera(Node):
     """Publishes pictures at a steady rate, and once the camera's intrinsics.
 
     A camera that vanishes is an error once; then it is looked for every two seconds. A file
-    that ends stops quietly, or begins again with ``loop``.
+    that ends stops quietly, or begins again with ``loop``; one that cannot is looked for like a camera.
     """
 
     image_raw = Output(Image, "/camera/image_raw", Delivery.NEWEST)
@@ -92,36 +92,43 @@ class Camera(Node):
         self._close()
         try:
             self._frames = self._open()
-        except DeviceError:
-            return None
+        except (DeviceError, ImageError):
+            self._look_again()
+            raise
         return self._frames.read()
 
     def _on_end(self) -> None:
-        if self._timer:
-            self._timer.cancel()
         self._close()
         if not (self.loop or is_device(self.source)):
+            if self._timer:
+                self._timer.cancel()
             self.log.info("%s has ended", self.source)
             return
-        self._timer = self.call_after(_RETRY_S, self._reopen)
+        self._look_again()
         raise DeviceError(
             "the camera sends no more pictures",
             where=self.source,
             remedy=f"check that it is there; it is tried again every {_RETRY_S:g} s",
         )
 
+    def _look_again(self) -> None:
+        if self._timer:
+            self._timer.cancel()
+        self._timer = self.call_after(_RETRY_S, self._reopen)
+
     def _reopen(self) -> None:
         """Looks for a camera that has vanished; it is back when it gives a picture."""
-        self._timer = retry = self.call_after(_RETRY_S, self._reopen)
+        self._look_again()
         try:
             self._frames = self._open()
-        except DeviceError:
-            return
-        pixels = self._frames.read()
-        if pixels is None:
+            pixels = self._frames.read()
+        except (DeviceError, ImageError):
+            pixels = None
+        if self._frames is None or pixels is None:
             self._close()
             return
-        retry.cancel()
+        if self._timer:
+            self._timer.cancel()
         self.log.info("camera %s is back", self.source)
         self._publish_info()
         self._publish(pixels)

@@ -44,6 +44,8 @@ class Detector(Protocol):
 
     Far people stand there and are looked for there more closely. 0.5 until somebody knows better.
     """
+    camera_height: float | None
+    """How high the camera is above the floor on which people stand, in heights of a person; None where nobody knows."""
 
     def detect(self, image: np.ndarray) -> Detections:
         """The people in ``image``, shape (height, width, 3), uint8, blue first."""

@@ -100,7 +100,8 @@ def _canvas(settings: DetectorSettings, network: Network) -> tuple[int, int] | N
     for want, fixed in zip(wanted, network.size, strict=True):
         if want and fixed and want != fixed:
             raise ParameterError(
-                f"the model takes {network.input}, not pictures of {wanted[0]} x {wanted[1]} pixels",
+                f"the model takes {network.input}, not pictures of {' x '.join(str(side or 'any') for side in wanted)} "
+                "pixels",
                 where=network.where,
                 remedy="leave the input size to the model: set it to 0",
             )
@@ -118,7 +119,7 @@ DETECTORS: Mapping[str, DetectorSpec] = {
     spec.name: spec
     for spec in (
         DetectorSpec("nanodet", 0.45, 0.25, _nanodet),
-        DetectorSpec("hog", 0.7, 0.4, _hog),
+        DetectorSpec("hog", 0.55, 0.3, _hog),
         DetectorSpec("onnx", 0.4, 0.2, _onnx),
     )
 }

@@ -27,7 +27,7 @@ import numpy as np
 from socialbot.vision.camera import Box, CameraModel
 from socialbot.vision.motion import Cut
 
-__all__ = ["Estimate", "Figure", "Range", "Stature", "head_direction", "measure"]
+__all__ = ["Estimate", "Figure", "Range", "Stature", "head_direction", "measure", "whole_height"]
 
 HEAD_CENTRE_M = 0.12
 """How far the middle of the head lies below its top."""
@@ -122,6 +122,15 @@ def measure(
         return _metres(_Cue(min(bounds) - _WIDTHS, _WIDTHS))
     cue = _combined(cues)
     return _metres(cue if feet and head and sides else _below(cue, min(bounds)))
+
+
+def whole_height(camera: CameraModel, box: Box, distance: float) -> float:
+    """How many pixels high the ``box`` of somebody ``distance`` m away would be if it went down to their feet."""
+    view = _view(camera, box)
+    if view is None:
+        return box[3]
+    feet = camera.mount_height_m / max(distance - _TOES_M, _NEAREST_M)
+    return box[3] * (view.top + feet) / (view.top - view.bottom)
 
 
 def _view(camera: CameraModel, box: Box) -> _View | None:
@@ -253,7 +262,7 @@ class Range:
         # What the distance is wrong by is what the cues are wrong by.
         self._variances[0, 2] = self._variances[2, 0] = -first.std * share
         self._variances[0, 0] += (_JITTER * first.value) ** 2
-        self._kind = kind
+        self._kind, self._share = kind, share
 
     @property
     def estimate(self) -> Estimate:
@@ -274,8 +283,9 @@ class Range:
     def see(self, estimate: Estimate, kind: object = None, seconds: float = 0.0) -> None:
         """Takes in a new ``estimate``, from the cues ``kind``, ``seconds`` after the last one."""
         share = estimate.std / estimate.value
-        fade = math.exp(-seconds / _POSE_S) if kind == self._kind else 0.0
-        self._kind = kind
+        # A cue that has become surer is wrong by less.
+        fade = math.exp(-seconds / _POSE_S) * min(1.0, share / self._share) if kind == self._kind else 0.0
+        self._kind, self._share = kind, share
         fading = np.array([1.0, 1.0, fade])
         self._state *= fading
         self._variances *= np.outer(fading, fading)

@@ -5,7 +5,8 @@ The node and the evaluation both use it, so that what is judged is what runs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from socialbot.messages import PersonDetection
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detector
 from socialbot.vision.detectors import DetectorSpec
-from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure
+from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure, whole_height
 from socialbot.vision.motion import cut_off
 from socialbot.vision.scenery import Scenery
 from socialbot.vision.tracking import Track, Tracker
@@ -23,6 +24,10 @@ __all__ = ["BRIDGE_S", "TRACKERS", "PersonFinder", "make_finder"]
 
 TRACKERS = ("kalman", "none")
 BRIDGE_S = 0.3
+_HIDING, _NEARER = 0.5, 0.1
+"""Who takes up this share of another's width, and reaches lower by this share of their height, stands before them."""
+_SLIMMEST = 0.3
+"""Who hides somebody's feet may hide a side of them too: nobody is slimmer than this share of their height."""
 _REMEMBERED_S = 10.0
 """So long what was learnt of somebody who is no longer seen is kept."""
 
@@ -43,7 +48,8 @@ class PersonFinder:
     Without a ``tracker`` each picture is looked at by itself, and whoever scores ``sure`` is there. With one, the
     detector is asked for whatever scores ``weak`` as well, for tracks that are already known; what
     is learnt of a person's size and distance helps in the next frames; and with ``hide_still`` whoever never moves is
-    taken for a thing (`scenery`).
+    taken for a thing (`scenery`). Boxes of people whose feet are hidden reach down to where their feet must be, and are
+    no slimmer than people are.
     """
 
     def __init__(
@@ -79,6 +85,8 @@ class PersonFinder:
         A stamp before the last one is a new recording: nobody is known any more.
         """
         self._detector.horizon = min(max(camera.horizon, 0.0), 1.0)
+        if self.tracker is not None:
+            self._detector.camera_height = camera.mount_height_m / self.person_height_m
         found = self._detector.detect(image_bgr)
         size = image_bgr.shape[1], image_bgr.shape[0]
         if self.tracker is None:
@@ -90,6 +98,7 @@ class PersonFinder:
             tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, size)
             if self.hide_still:
                 tracks = self._scenery.people(image_bgr, stamp_ns, tracks)
+            tracks = _with_hidden_feet(tracks)
         self._forget(stamp_ns)
         return tuple(self._person(track, stamp_ns, camera) for track in tracks)
 
@@ -108,6 +117,9 @@ class PersonFinder:
             stature = self._anybody()
             distance, height_m = measure(camera, box, stature, track.cut), stature.height.value
         bearing, elevation = head_direction(camera, box, track.cut, distance and distance.value, height_m)
+        if track.feet_hidden and distance is not None:
+            h = min(max(h, whole_height(camera, box, distance.value)), camera.height - y)
+            x, w = _widened(x, w, _SLIMMEST * h, camera.width)
         return PersonDetection(
             x=x,
             y=y,
@@ -149,6 +161,31 @@ class PersonFinder:
             if not (any(track.cut) or track.feet_hidden):
                 known.figure.learn(camera, box, seconds)
         return known.range and known.range.estimate, known.figure.stature.height.value
+
+
+def _with_hidden_feet(tracks: Sequence[Track]) -> tuple[Track, ...]:
+    """``tracks``, of which those whose lower end lies behind somebody nearer have hidden feet."""
+    boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
+    return tuple(
+        replace(track, feet_hidden=True) if not track.cut.bottom and _behind(track.box, boxes) else track
+        for track in tracks
+    )
+
+
+def _widened(x: float, w: float, least: float, width: int) -> tuple[float, float]:
+    """The span ``x``, ``w`` of a box made ``least`` wide round its middle, in a picture of ``width``, all in pixels."""
+    margin = max(least - w, 0.0) / 2
+    left, right = max(x - margin, 0.0), min(x + w + margin, float(width))
+    return left, right - left
+
+
+def _behind(box: np.ndarray, others: np.ndarray) -> bool:
+    """Whether one of ``others``, (n, 4), stands before the lower end of ``box``, (4,)."""
+    right, bottom = others[:, 0] + others[:, 2], others[:, 1] + others[:, 3]
+    end = box[1] + box[3]
+    shared = np.minimum(box[0] + box[2], right) - np.maximum(box[0], others[:, 0])
+    nearer = (others[:, 1] < end) & (bottom > end + _NEARER * box[3])
+    return bool((nearer & (shared > _HIDING * box[2])).any())
 
 
 def make_finder(

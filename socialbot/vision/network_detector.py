@@ -71,6 +71,7 @@ class NetworkDetector:
         """Tries the network once; raises ParameterError when its answers are not of the layout."""
         self.threshold = threshold
         self.horizon = 0.5
+        self.camera_height: float | None = None
         self.overlap = overlap
         self.within = within
         self._network = network

@@ -217,9 +217,10 @@ class Tracker:
 
     def _begin(self, box: np.ndarray, score: float, cut: Cut, others: np.ndarray, *, at_once: bool) -> None:
         """Begins a track, unless ``box`` is a part of somebody in ``others`` (n, 4)."""
-        if same_head(box, others, _WITHIN).any():
-            return
         within = _within(box[None], others)[0]
+        # Whoever the picture cuts off below is near, and too large to be seen within somebody: that is an arm.
+        if same_head(box, others, _WITHIN).any() or (cut.bottom and within.any()):
+            return
         person = _Person(Motion(box), box, score, cut, usual_score=score, best=score)
         self._persons.append(person)
         if score >= self.sure and (self.confirm <= 1 or (at_once and not within.any())):
@@ -240,7 +241,8 @@ class Tracker:
         return size is None or bool((clip(person.motion.box[None], *size)[0, 2:] > 0).all())
 
     def _published(self, size: tuple[int, int] | None) -> tuple[Track, ...]:
-        seen = [person for person in self._persons if person.id and not person.misses and self._likely(person)]
+        likely = [person for person in self._persons if person.id and not person.misses and self._likely(person)]
+        seen = _one_a_head(likely)
         boxes = np.array([person.box for person in seen]).reshape(-1, 4)
         tracks = [Track(person.id, person.box, person.score, 0.0, person.cut, person.feet_hidden) for person in seen]
         for person in self._persons:
@@ -270,6 +272,18 @@ class Tracker:
         cut = cut_off(motion.box, *size)
         outward = _OUTWARD * motion.value[2]
         return not ((cut.left and motion.speed[0] < -outward) or (cut.right and motion.speed[0] > outward))
+
+
+def _one_a_head(persons: list[_Person]) -> list[_Person]:
+    """Of those ``persons`` whose boxes have the same head only the one that was seen most often."""
+    boxes = np.array([person.box for person in persons]).reshape(-1, 4)
+    if _within(boxes, boxes).sum() == len(persons):
+        return persons
+    kept: list[_Person] = []
+    for person in sorted(persons, key=lambda person: -person.hits):
+        if not same_head(person.box, np.array([each.box for each in kept]).reshape(-1, 4), _WITHIN).any():
+            kept.append(person)
+    return kept
 
 
 def _within(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:

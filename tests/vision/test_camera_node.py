@@ -82,6 +82,21 @@ def test_with_loop_it_begins_again_without_a_gap(video):
     assert set(np.diff([image.stamp for image in rig.images])) == {SECOND // 25}
 
 
+def test_a_folder_whose_first_image_is_damaged_when_it_begins_again_goes_on_once_that_is_mended(folder):
+    rig = Rig(folder, loop=True, rate_hz=10.0)
+    rig.pass_time(0.15)
+    whole = (folder / "f1.png").read_bytes()
+    (folder / "f1.png").write_bytes(b"rubbish")
+    rig.pass_time(7)
+    assert rig.values == [10, 20, 100]
+    assert rig.faults.failures == 1
+    assert "f1.png" in rig.faults.first
+    (folder / "f1.png").write_bytes(whole)
+    rig.pass_time(2.15)
+    assert rig.values[3:6] == [10, 20, 100]
+    assert rig.faults.failures == 1
+
+
 def test_the_intrinsics_are_published_at_the_start(folder):
     rig = Rig(folder, hfov_rad=1.2, frame_id="eye")
     (info,) = rig.infos

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.vision.camera import CameraModel
-from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure
+from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure, whole_height
 from socialbot.vision.motion import Cut, cut_off
 from tests.vision.test_camera import PITCHES, camera, project
 
@@ -286,6 +286,15 @@ def test_a_cue_that_is_wrong_by_a_share_tells_changes_all_the_same():
     assert path.estimate.value == pytest.approx(1.5, abs=0.2)
 
 
+def test_a_cue_that_becomes_surer_is_wrong_by_less():
+    path = Range(Estimate(8.9, 1.9), "hidden")
+    for value, std in [(6.3, 1.1), (4.6, 0.5), (4.6, 0.5), (4.6, 0.5)]:
+        path.pass_(0.1)
+        path.see(Estimate(value, std), "hidden", 0.1)
+        assert path.estimate.value > 4.0
+    assert path.estimate.value == pytest.approx(4.6, abs=0.5)
+
+
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(0, 20), st.floats(0.05, 40), st.floats(0.01, 10)), max_size=20))
 def test_a_distance_stays_positive_and_its_error_too(steps):
@@ -320,3 +329,15 @@ def test_a_head_out_of_the_picture_is_looked_for_above_it():
 def test_without_a_distance_the_head_is_the_top_of_the_box():
     model = camera()
     assert head_direction(model, (300, 100, 50, 100), Cut(), None, 1.7) == model.direction(325, 100)
+
+
+@pytest.mark.parametrize("distance", [4.0, 5.0, 9.0])
+@pytest.mark.parametrize("share", [0.3, 0.6, 1.0])
+def test_how_far_down_the_feet_are_follows_from_the_distance(distance, share):
+    model = camera(0.052)
+    x, y, w, h = box_of(model, distance, 0.0)
+    assert whole_height(model, (x, y, w, share * h), distance) == pytest.approx(h, rel=0.08)
+
+
+def test_an_empty_box_has_no_whole_height():
+    assert whole_height(camera(0.052), (300.0, 200.0, 0.0, 10.0), 3.0) == 10.0

@@ -6,7 +6,7 @@ import pytest
 
 from socialbot.errors import InstallationError
 from socialbot.vision.boxes import iou
-from socialbot.vision.hog import HogDetector
+from socialbot.vision.hog import HogDetector, _apart
 from tests.vision.drawn import add_person, corridor
 
 
@@ -122,3 +122,87 @@ def test_small_people_are_found_along_the_horizon():
     assert (overlap > 0.5, rank) == (True, 0)
     detector.horizon = 0.1
     assert best(detector.detect(picture), box)[0] < 0.5
+
+
+EYES = 1.62 / 1.70
+"""The height of the camera, in heights of a person."""
+
+
+def on_floor(**settings) -> HogDetector:
+    """A detector that knows its camera, which looks along the corridor."""
+    detector = HogDetector(**settings)
+    detector.camera_height = EYES
+    return detector
+
+
+def add_standing(picture, x, h):
+    """Draws somebody ``h`` pixels tall who stands on the floor, when the horizon is in the middle; gives the box."""
+    return add_person(picture, x, picture.shape[0] / 2 - h * (1 - EYES), h)
+
+
+@pytest.mark.parametrize("height", [70, 110, 180, 230])
+def test_somebody_on_the_floor_is_found_first_and_where_they_are(height):
+    picture = corridor()
+    box = add_standing(picture, 300, height)
+    overlap, rank = best(on_floor().detect(picture), box)
+    assert overlap > 0.55
+    assert rank == 0
+
+
+@pytest.mark.parametrize(("top", "height"), [(20, 180), (290, 180), (60, 110)])
+def test_nobody_hangs_in_the_air_or_stands_below_the_floor(top, height):
+    picture = corridor()
+    box = add_person(picture, 300, top, height)
+    assert best(HogDetector().detect(picture), box)[0] > 0.55
+    assert best(on_floor().detect(picture), box)[0] < 0.3
+
+
+def test_from_a_low_camera_heads_are_high():
+    picture = corridor()
+    box = add_person(picture, 300, 100, 180)  # the horizon is at their ankles
+    detector = on_floor()
+    assert best(detector.detect(picture), box)[0] < 0.3
+    detector.camera_height = 0.22
+    assert best(detector.detect(picture), box)[0] > 0.55
+
+
+@pytest.mark.parametrize("height", [430, 480, 540])
+def test_somebody_near_is_known_without_their_legs(height):
+    picture = corridor()
+    left, top, width, _ = add_standing(picture, 320, height)
+    body = (left, top, width, 480 - top)
+    overlap, rank = best(on_floor().detect(picture), body)
+    assert overlap > 0.5
+    assert rank == 0
+
+
+def test_what_lies_within_somebody_near_is_not_found_again():
+    boxes = np.array([[100.0, 100, 200, 380], [150, 200, 60, 200], [270, 200, 65, 200], [270, 200, 55, 200]])
+    scores, nobody = np.array([1.0, 0.9, 0.8, 0.7]), np.zeros(4, bool)
+    assert _apart(boxes, scores, np.array([True, False, False, False])).tolist() == [True, False, True, False]
+    assert _apart(boxes, scores, nobody).all()
+
+
+def test_what_lies_within_somebody_near_goes_unless_it_is_much_better_or_reaches_higher():
+    near = [100.0, 100, 200, 380]
+    boxes = np.array([[120.0, 150, 50, 100], [180, 150, 50, 100], [240, 90, 50, 100], near])
+    scores, last = np.array([1.3, 1.2, 1.1, 1.0]), np.array([False, False, False, True])
+    assert _apart(boxes, scores, last).tolist() == [True, False, True, True]
+
+
+def test_on_the_floor_threads_change_nothing_either():
+    picture = corridor(seed=4)
+    add_standing(picture, 200, 200)
+    add_standing(picture, 420, 500)
+    one, two = (on_floor(threshold=-0.2, threads=threads).detect(picture) for threads in (1, 2))
+    assert len(one) >= 2
+    assert one.boxes.tobytes() == two.boxes.tobytes()
+    assert one.scores.tobytes() == two.scores.tobytes()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (30, 500), (64, 31), (64, 32), (200, 33), (480, 640)])
+@pytest.mark.parametrize("horizon", [0.0, 0.5, 1.0])
+def test_with_any_horizon_small_and_empty_pictures_are_no_error(shape, horizon):
+    detector = on_floor()
+    detector.horizon = horizon
+    assert len(detector.detect(np.zeros((*shape, 3), np.uint8))) == 0

@@ -32,6 +32,7 @@ class Stub:
 
     box_width_m = 0.6
     horizon = 0.5
+    camera_height: float | None = None
     threshold = 0.5
     boxes = BOXES
 

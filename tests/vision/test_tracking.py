@@ -57,6 +57,16 @@ def test_who_is_seen_twice_is_a_track():
     assert track.box.tolist() == list(STANDING)
 
 
+def test_an_arm_of_somebody_near_is_nobody():
+    near, arm = (200.0, 100.0, 220.0, 380.0, 0.9), (195.0, 205.0, 60.0, 275.0)
+    scene = started()
+    assert [len(scene.show(near, arm)) for _ in range(4)][-1] == 1
+    assert len(scene.show(near, (200.0, 205.0, 60.0, 200.0))) == 1
+    assert len(scene.show(near, (200.0, 205.0, 60.0, 200.0))) == 2, "whose feet are not below the picture may be far"
+    beside = started()
+    assert [len(beside.show(near, (160.0, 205.0, 60.0, 275.0))) for _ in range(4)][-1] == 2
+
+
 def test_a_single_false_box_is_nobody():
     scene = started()
     shown = [scene.show(STANDING), *(scene.show() for _ in range(10)), scene.show(STANDING)]
@@ -365,6 +375,14 @@ def test_the_upper_half_of_somebody_is_nobody_else():
     scene = Scene()
     for _ in range(20):
         assert len(scene.show((*STANDING, 0.7), (302, 102, 76, 90, 0.95))) == 1
+
+
+def test_two_tracks_that_come_to_have_one_head_are_one_person():
+    scene = Scene()
+    for step in range(12):
+        scene.show(STANDING, (420.0 - 10 * step, 100, 70, 150))
+    shown = [scene.show(STANDING, (306, 102, 70, 150)) for _ in range(5)]
+    assert [ids(tracks) for tracks in shown] == [["t1"]] * 5
 
 
 def test_a_child_before_somebody_is_somebody():
