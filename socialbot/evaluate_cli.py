@@ -81,20 +81,23 @@ def evaluate(
     pipelines = _pipelines(detector or [], changes or [], raw=raw)
     sources = _sources(bags or [], images, truth, split, errors)
     plan = Plan(sources, pipelines, rules, jobs or CORES, threads if speed else 0, scheduler)
+    figures = [path for path in (json, out and out / "evaluation.json") if path is not None]
+    pages = [path for path in (html, out and out / "index.html") if path is not None]
+    documents = [out / "evaluation.md", out / "curves.svg"] if out is not None else []
+    for path in (*figures, *pages, *documents):
+        _expect_writable(path)
     with _Progress(plan, errors) as progress:
         evaluation = carry_out(plan, progress.advance, progress.say)
     _report_missing(evaluation, errors)
     console = Console(highlight=False)
     show(evaluation, console if console.is_terminal else Console(highlight=False, width=PAGE_WIDTH))
-    for path in (json, out and out / "evaluation.json"):
-        if path is not None:
-            write_json(evaluation, path)
+    for path in figures:
+        write_json(evaluation, path)
     if out is not None:
         write_markdown(evaluation, out)
-    for path in (html, out and out / "index.html"):
-        if path is not None:
-            write_page(evaluation, path)
-            console.print(f"\nThe page: {path}", soft_wrap=True, markup=False)
+    for path in pages:
+        write_page(evaluation, path)
+        console.print(f"\nThe page: {path}", soft_wrap=True, markup=False)
 
 
 def _pipelines(detectors: list[str], changes: list[str], *, raw: bool) -> tuple[PipelineSettings, ...]:
@@ -137,6 +140,20 @@ def _sources(
     if not sources:
         raise ParameterError(f"no bag is for {split}", where="--split", remedy="leave it out, or name other bags")
     return tuple(sources)
+
+
+def _expect_writable(path: Path) -> None:
+    """Makes the folder of ``path``. Raises ParameterError when nothing can be written there: better now than later."""
+    there = path.exists() or path.is_symlink()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("ab").close()
+        if not there:
+            path.unlink()
+    except OSError as error:
+        raise ParameterError(
+            f"cannot be written: {error.strerror}", where=str(path), remedy="choose another place for the results"
+        ) from error
 
 
 def _report_missing(evaluation: Evaluation, errors: Console) -> None:

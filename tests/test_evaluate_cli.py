@@ -72,6 +72,30 @@ def test_an_interrupt_ends_it_at_once_with_all_its_processes(corridor):
 
 
 @pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        (["--json", "{folder}"], "{folder}"),
+        (["--html", "{file}/page.html"], "{file}/page.html"),
+        (["--out", "{file}"], "{file}/evaluation.json"),
+        (["--out", "{taken}"], "{taken}/curves.svg"),
+    ],
+)
+def test_results_that_cannot_be_written_are_told_of_before_anything_is_looked_at(tmp_path, arguments, where):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "taken" / "curves.svg").mkdir(parents=True)
+    places = {name: str(tmp_path / name) for name in ("file", "taken")} | {"folder": str(tmp_path)}
+    bag = drawn_bag(tmp_path, frames=1)
+    # A model that is not there: looking for people would be another error.
+    ended = socialbot(
+        bag, "--detector", "onnx", "--set", "model=none.onnx", *(word.format(**places) for word in arguments)
+    )
+    assert "cannot be written" in ended.stderr
+    assert where.format(**places) in ended.stderr.replace("\n", "")
+    assert ended.returncode == 4
+    assert list((tmp_path / "taken").iterdir()) == [tmp_path / "taken" / "curves.svg"]
+
+
+@pytest.mark.parametrize(
     ("arguments", "code", "word"),
     [
         ([], 4, "nothing to evaluate"),

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from socialbot.errors import SocialbotError
 from socialbot.evaluate.behaviour import OUTCOMES, Behaviour
 from socialbot.evaluate.evaluation import ClipResult, DetectorResult, Evaluation, SceneResult
 from socialbot.evaluate.paper import PAPER
-from socialbot.evaluate.scores import DRAWS, BandScore, Curve
+from socialbot.evaluate.scores import COVERAGE, DRAWS, BandScore, Curve
 from socialbot.evaluate.sources import BLOCK_S
 from socialbot.replay import versions
 from socialbot.vision.scoring import Score
@@ -20,7 +21,7 @@ from socialbot.vision.scoring import Score
 __all__ = ["content", "write_json"]
 
 CURVE_POINTS = 200
-"""Curves are thinned to about so many points."""
+"""Curves are thinned to so many points, the first and the last among them."""
 
 
 def content(evaluation: Evaluation) -> dict[str, Any]:
@@ -33,7 +34,7 @@ def content(evaluation: Evaluation) -> dict[str, Any]:
             "bands": [list(band) for band in plan.rules.bands],
             "matching": "presence" if plan.rules.presence else "boxes",
             "iou": plan.rules.least_iou,
-            "intervals": {"block_s": BLOCK_S, "draws": DRAWS, "coverage": 0.95},
+            "intervals": {"block_s": BLOCK_S, "draws": DRAWS, "coverage": COVERAGE},
             "average_precision": "all-point interpolation",
         },
         "sources": [
@@ -115,6 +116,7 @@ def _rates(score: Score) -> dict[str, Any]:
 
 
 def _curve(curve: Curve) -> dict[str, list[float]]:
-    step = max(1, len(curve.recall) // CURVE_POINTS)
+    count = len(curve.recall)
+    kept = np.linspace(0, count - 1, min(count, CURVE_POINTS)).round().astype(np.intp)
     columns = {"recall": curve.recall, "precision": curve.precision, "score": curve.scores}
-    return {name: [round(float(value), 4) for value in column[::step]] for name, column in columns.items()}
+    return {name: [round(float(value), 4) for value in column[kept]] for name, column in columns.items()}

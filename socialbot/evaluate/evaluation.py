@@ -14,7 +14,7 @@ from socialbot.evaluate.scores import Judged, SceneScore, score_scene
 from socialbot.evaluate.sources import Frame, Source
 from socialbot.evaluate.speed import Speed, measure
 from socialbot.evaluate.verdicts import Rules, Verdict, judge
-from socialbot.evaluate.workers import Advance, here, on_dask, on_processes
+from socialbot.evaluate.workers import Advance, on_dask, on_processes
 
 __all__ = [
     "ClipResult",
@@ -24,6 +24,8 @@ __all__ = [
     "Plan",
     "SceneResult",
     "evaluate",
+    "jobs_of",
+    "judged",
     "scene_names",
 ]
 
@@ -35,8 +37,8 @@ SPEED_SOURCES = 4
 class Plan:
     """What to evaluate, and how.
 
-    ``pipelines`` are judged on all ``sources`` by ``rules``, in so many ``processes`` of this machine (0: in this one)
-    or on the Dask cluster at ``scheduler``. The speed is measured with ``threads``, or not at all with 0.
+    ``pipelines`` are judged on all ``sources`` by ``rules``, in so many ``processes`` of this machine or on the Dask
+    cluster at ``scheduler``. The speed is measured with ``threads``, or not at all with 0.
     """
 
     sources: tuple[Source, ...]
@@ -131,18 +133,10 @@ def evaluate(plan: Plan, advance: Advance, say: Callable[[str], None]) -> Evalua
     say("looking for people")
     if plan.scheduler is not None:
         found = on_dask(jobs, plan.scheduler, advance)
-    elif plan.processes:
-        found = on_processes(jobs, plan.processes, advance)
     else:
-        found = here(jobs, advance)
+        found = on_processes(jobs, plan.processes, advance)
     say("judging")
-    return Evaluation(
-        plan,
-        {
-            pipeline.detector: _detector_result(plan, pipeline, found[number * count : (number + 1) * count], speed)
-            for number, (pipeline, speed) in enumerate(zip(plan.pipelines, speeds, strict=True))
-        },
-    )
+    return judged(plan, found, speeds)
 
 
 def jobs_of(plan: Plan) -> list[Job]:
@@ -158,6 +152,21 @@ def jobs_of(plan: Plan) -> list[Job]:
         for pipeline in plan.pipelines
         for source in plan.sources
     ]
+
+
+def judged(plan: Plan, found: Sequence[Found], speeds: Sequence[Speed | None]) -> Evaluation:
+    """What is to be said of what all `jobs_of` have ``found``, in their order; a speed for each pipeline.
+
+    Raises ImageError or TruthError for a source of which nothing can be judged.
+    """
+    count = len(plan.sources)
+    return Evaluation(
+        plan,
+        {
+            pipeline.detector: _detector_result(plan, pipeline, found[number * count : (number + 1) * count], speed)
+            for number, (pipeline, speed) in enumerate(zip(plan.pipelines, speeds, strict=True))
+        },
+    )
 
 
 def _outermost(source: Source) -> dict[int, tuple[float, float]]:

@@ -8,13 +8,16 @@ from collections.abc import Iterable, Sequence
 from socialbot.evaluate.chart import COLOURS, Line, Point, curves_chart
 from socialbot.evaluate.evaluation import DetectorResult, Evaluation, SceneResult
 from socialbot.evaluate.paper import PAPER, SCENES, paper_scene
-from socialbot.evaluate.scores import BandScore
+from socialbot.evaluate.scores import COVERAGE, BandScore
 from socialbot.vision.scoring import Score
 
 __all__ = [
-    "Row", "all_causes", "asked", "colours", "curve_charts", "followed", "metres", "paper_rows", "paper_score", "rate",
-    "scene_columns", "told_bands",
+    "CONFIDENCE", "Row", "all_causes", "asked", "colours", "curve_charts", "followed", "metres", "paper_rows",
+    "paper_score", "rate", "scene_columns", "told_bands", "told_of_any",
 ]  # fmt: skip
+
+CONFIDENCE = f"{100 * COVERAGE:g} %"
+"""How sure intervals are, as tables say it."""
 
 Row = tuple[str, str, dict[str, Score]]
 """Distance band, who (the paper or a detector), and the scores by scene."""
@@ -69,10 +72,18 @@ def told_bands(scene: SceneResult) -> Iterable[tuple[str, BandScore]]:
             yield band, score
 
 
+def told_of_any(evaluation: Evaluation, scene: str) -> list[str]:
+    """The names of the bands of ``scene`` that are told of any detector."""
+    told = {band for result in evaluation.detectors.values() for band, _ in told_bands(result.scenes[scene])}
+    return [band for band in evaluation.plan.rules.keys if band in told]
+
+
 def followed(evaluation: Evaluation, result: DetectorResult) -> str:
     """Whether people were followed from frame to frame."""
-    consecutive = any(source.footage.consecutive for source in evaluation.plan.sources)
-    return "with tracking" if result.pipeline.tracked and consecutive else "without tracking"
+    consecutive = {source.footage.consecutive for source in evaluation.plan.sources}
+    if not result.pipeline.tracked or True not in consecutive:
+        return "without tracking"
+    return "with tracking" if False not in consecutive else "with tracking (single pictures without)"
 
 
 def asked(evaluation: Evaluation) -> str:

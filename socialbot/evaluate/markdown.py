@@ -10,6 +10,7 @@ from socialbot.evaluate.behaviour import OUTCOMES
 from socialbot.evaluate.chart import sheet
 from socialbot.evaluate.evaluation import Evaluation
 from socialbot.evaluate.figures import (
+    CONFIDENCE,
     Row,
     all_causes,
     asked,
@@ -49,8 +50,9 @@ def markdown(evaluation: Evaluation) -> str:
         rates = _beside(rows, scenes, ("P", "R", "F1"), lambda score: _rates(score))
         parts += ["**Found, false, missed** (the paper's Table 2)", counts]
         parts += ["**Precision, recall, F1** (its Table 3)", rates]
-    parts += ["**With intervals** (95 %)", _intervals(evaluation)]
-    parts += ["**False positives by cause**", _causes(evaluation)]
+    parts += [f"**With intervals** ({CONFIDENCE})", _intervals(evaluation)]
+    if not evaluation.plan.rules.presence:
+        parts += ["**False positives by cause**", _causes(evaluation)]
     acted = _behaviour(evaluation)
     parts += ["**What Waldo does with it**", acted] if acted else []
     speeds = _speeds(evaluation)

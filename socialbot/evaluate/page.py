@@ -13,6 +13,7 @@ from socialbot.evaluate.behaviour import GREET_S, OUTCOMES, Deed
 from socialbot.evaluate.chart import Mark, Track, timeline
 from socialbot.evaluate.evaluation import ClipResult, Evaluation
 from socialbot.evaluate.figures import (
+    CONFIDENCE,
     all_causes,
     asked,
     colours,
@@ -24,6 +25,7 @@ from socialbot.evaluate.figures import (
     rate,
     scene_columns,
     told_bands,
+    told_of_any,
 )
 from socialbot.evaluate.markup import STYLE, bar, cell, interval, key, row, table
 from socialbot.evaluate.scores import DRAWS, BandScore
@@ -62,8 +64,7 @@ def page(evaluation: Evaluation) -> str:
         *(_full(evaluation, name) for name in evaluation.detectors),
         "<h2>Precision and recall</h2>",
         _curves(evaluation),
-        "<h2>Where false alarms come from</h2>",
-        _causes(evaluation),
+        *([] if evaluation.plan.rules.presence else ["<h2>Where false alarms come from</h2>", _causes(evaluation)]),
         *_behaviour(evaluation),
         "<h2>The worst frames</h2>",
         _worst(evaluation),
@@ -99,8 +100,7 @@ def _summary(evaluation: Evaluation) -> str:
     rows = []
     for scene in evaluation.scenes:
         results = {name: result.scenes[scene].score for name, result in evaluation.detectors.items()}
-        first = next(iter(evaluation.detectors.values())).scenes[scene]
-        for number, (band, _) in enumerate([*told_bands(first), ("all", None)]):
+        for number, band in enumerate([*told_of_any(evaluation, scene), "all"]):
             scores = {name: score.overall if band == "all" else score.bands[band] for name, score in results.items()}
             best = max((each.score.f1 for each in scores.values() if each.score.f1 is not None), default=None)
             people = max(each.score.tp + each.score.fn for each in scores.values())
@@ -299,7 +299,8 @@ def _worst(evaluation: Evaluation) -> str:
                 caption = f"{escape(shot.source.name)}, {escape(frame.name)}{light}"
                 caption += f": {errors['false']} false, {errors['missed']} missed"
                 figures.append(f"<figure>{drawn(shot, jpeg)}<figcaption>{caption}</figcaption></figure>")
-        shown = f'<div class="shots">{"".join(figures)}</div>' if figures else '<p class="note">No errors.</p>'
+        said = "The pictures of the errors cannot be read any more." if chosen else "No errors."
+        shown = f'<div class="shots">{"".join(figures)}</div>' if figures else f'<p class="note">{said}</p>'
         parts.append(f"<h3>{escape(name)}, {escape(scene)}</h3>{shown}")
     return "\n".join(parts)
 
@@ -315,8 +316,8 @@ def _method(evaluation: Evaluation) -> str:
     items = [
         matching,
         "People of whom less than a quarter is visible are neither asked for nor held against a detector.",
-        f"Intervals: 95 %, bootstrap of {DRAWS} draws over blocks of {BLOCK_S:g} s, or single pictures, since frames "
-        "that follow each other show nearly the same.",
+        f"Intervals: {CONFIDENCE}, bootstrap of {DRAWS} draws over blocks of {BLOCK_S:g} s, or single pictures, since "
+        "frames that follow each other show nearly the same.",
         "AP: area under the curve of the detector alone, all-point interpolation.",
     ]
     for name, result in evaluation.detectors.items():

@@ -109,12 +109,14 @@ class Recorder:
         self.threshold = detector.threshold
         self.box_width_m = detector.box_width_m
         self.horizon = detector.horizon
+        self.camera_height = detector.camera_height
         self.seen = Detections.none()
 
     def detect(self, image: np.ndarray) -> Detections:
         """The people in ``image`` that reach the threshold."""
         self._detector.threshold = min(self._floor, self.threshold)
         self._detector.horizon = self.horizon
+        self._detector.camera_height = self.camera_height
         self.seen = self._detector.detect(image)
         return _above(self.seen, self.threshold)
 
@@ -127,6 +129,7 @@ class _Again:
         self.threshold = floor
         self.box_width_m = recorder.box_width_m
         self.horizon = recorder.horizon
+        self.camera_height = recorder.camera_height
 
     def detect(self, image: np.ndarray) -> Detections:
         return _above(self._recorder.seen, self.threshold)

@@ -21,7 +21,9 @@ import numpy as np
 from socialbot.evaluate.verdicts import Verdict
 from socialbot.vision.scoring import Score
 
-__all__ = ["DRAWS", "BandScore", "Curve", "Interval", "Judged", "SceneScore", "average_precision", "score_scene"]
+__all__ = [
+    "COVERAGE", "DRAWS", "BandScore", "Curve", "Interval", "Judged", "SceneScore", "average_precision", "score_scene",
+]  # fmt: skip
 
 DRAWS = 1000
 COVERAGE = 0.95

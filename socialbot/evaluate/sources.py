@@ -17,6 +17,7 @@ from socialbot.clock import SECOND, nanoseconds
 from socialbot.errors import ImageError, TruthError
 from socialbot.evaluate.footage import PICTURE_NS, BagFootage, Footage, PictureFootage
 from socialbot.evaluate.pictures import PICTURES_FILE, LabelledPicture, load_pictures
+from socialbot.replay import bag_name, truth_beside
 from socialbot.vision.boxes import clip
 from socialbot.vision.scoring import LEAST_VISIBLE
 from socialbot.vision.truth import TRUTH_TOPIC, Split, Truth, TruthObject, load_truth, truth_from_messages
@@ -40,8 +41,6 @@ class Person:
     distance_m: float | None = None
     visible: float = 1.0
     id: str = ""
-    truncated: bool = False
-    occluded: bool = False
 
     @property
     def counts(self) -> bool:
@@ -96,7 +95,7 @@ def bag_source(path: Path) -> Source:
     with open_bag(path) as bag:
         truth = _truth_of(bag)
         topic = bag.choose_image_topic(truth.image_topic).name
-    name = path.resolve().stem
+    name = bag_name(path)
     start = truth.frames[0].stamp if truth.frames else 0
     frames = tuple(
         Frame(
@@ -116,8 +115,7 @@ def bag_source(path: Path) -> Source:
 
 
 def _truth_of(bag: Bag) -> Truth:
-    path = bag.path.resolve()
-    beside = path.with_name(f"{path.stem}.truth.json")
+    beside = truth_beside(bag.path)
     if beside.exists():
         return load_truth(beside)
     if TRUTH_TOPIC not in [topic.name for topic in bag.topics]:
@@ -166,13 +164,7 @@ def _picture_source(folder: Path, scene: str, pictures: Sequence[LabelledPicture
             name=picture.image,
             block=number,
             persons=tuple(
-                Person(
-                    (box.x, box.y, box.w, box.h),
-                    box.distance_m,
-                    id=f"{number}.{index}",
-                    truncated=bool(box.truncated),
-                    occluded=bool(box.occluded),
-                )
+                Person((box.x, box.y, box.w, box.h), box.distance_m, id=f"{number}.{index}")
                 for index, box in enumerate(picture.boxes)
             ),
             ignore=tuple((box.x, box.y, box.w, box.h) for box in picture.ignore),

@@ -11,6 +11,7 @@ from rich.table import Table
 from socialbot.evaluate.behaviour import OUTCOMES
 from socialbot.evaluate.evaluation import Evaluation
 from socialbot.evaluate.figures import (
+    CONFIDENCE,
     Row,
     all_causes,
     asked,
@@ -26,7 +27,7 @@ from socialbot.vision.scoring import Score
 
 __all__ = ["show"]
 
-HEADINGS = ("found", "false", "missed", "precision", "recall", "F1", "95 %", "AP")
+HEADINGS = ("found", "false", "missed", "precision", "recall", "F1", CONFIDENCE, "AP")
 
 
 def show(evaluation: Evaluation, console: Console) -> None:

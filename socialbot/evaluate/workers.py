@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import multiprocessing
 import queue
 import signal
@@ -16,7 +15,7 @@ from socialbot.ending import Ending
 from socialbot.errors import InstallationError, NodeError, ParameterError, SocialbotError
 from socialbot.evaluate.jobs import Found, Job, run_job
 
-__all__ = ["Advance", "apart", "here", "on_dask", "on_processes"]
+__all__ = ["Advance", "apart", "on_dask", "on_processes"]
 
 T = TypeVar("T")
 
@@ -77,11 +76,6 @@ def apart(
                     process.terminate()
             raise
     return [results[number] for number in range(len(arguments))]
-
-
-def here(jobs: Sequence[Job], advance: Advance) -> list[Found]:
-    """Does ``jobs`` one after the other in this process. Raises the error of a job."""
-    return [run_job(job, functools.partial(advance, number)) for number, job in enumerate(jobs)]
 
 
 def on_processes(jobs: Sequence[Job], count: int, advance: Advance) -> list[Found]:

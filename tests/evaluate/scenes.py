@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,14 +13,20 @@ import numpy as np
 from socialbot.bridge.bag_types import RosbagsTypes
 from socialbot.bridge.bag_writer import BagWriter
 from socialbot.clock import SECOND
-from socialbot.evaluate.jobs import FoundFrame
-from socialbot.evaluate.sources import Frame, Person
+from socialbot.evaluate.evaluation import DetectorResult, Evaluation, Plan, jobs_of, judged
+from socialbot.evaluate.jobs import FoundFrame, run_job
+from socialbot.evaluate.pipeline import PipelineSettings
+from socialbot.evaluate.scores import BandScore
+from socialbot.evaluate.sources import Frame, Person, Source
+from socialbot.evaluate.verdicts import Rules
 from socialbot.messages import CameraInfo, CompressedImage, PersonDetection
 from tests.vision.drawn import add_person, corridor
 
 START = 1_700_000_000 * SECOND
 IMAGES = "/camera/image_raw/compressed"
 TENTH = SECOND // 10
+TOP = 202
+"""Where the head is of somebody 220 pixels high who stands on the floor before Waldo's camera."""
 
 
 def person(x=0.0, *, w=10.0, h=20.0, distance: float | None = 5.0, visible=1.0, who="p") -> Person:
@@ -43,7 +50,7 @@ def walking(count: int = 12, seed: int = 0) -> list[tuple[np.ndarray, tuple[floa
     shown = []
     for number in range(count):
         picture = corridor(seed=seed + number)
-        shown.append((picture, add_person(picture, 220 + 12 * number, 130, 220)))
+        shown.append((picture, add_person(picture, 220 + 12 * number, TOP, 220)))
     return shown
 
 
@@ -90,3 +97,17 @@ def drawn_pictures(folder: Path, count: int = 3, *, distance: float | None = 4.0
         entries.append({"image": f"{number}.png", "complete": True, "boxes": boxes, "ignore": [], **entry})
     (folder / "persons.json").write_text(json.dumps(entries))
     return folder
+
+
+def evaluated(sources: Iterable[Source], *pipelines: PipelineSettings, rules: Rules | None = None) -> Evaluation:
+    """An evaluation without processes of its own, and without speeds; of HOG, which needs nothing beyond OpenCV."""
+    plan = Plan(tuple(sources), pipelines or (PipelineSettings("hog"),), rules or Rules(), threads=0)
+    found = [run_job(job, lambda done: None) for job in jobs_of(plan)]
+    return judged(plan, found, [None] * len(plan.pipelines))
+
+
+def with_band(result: DetectorResult, scene: str, band: str, score: BandScore) -> DetectorResult:
+    """``result`` with another score of one band."""
+    scored = result.scenes[scene]
+    bands = {**scored.score.bands, band: score}
+    return replace(result, scenes={**result.scenes, scene: replace(scored, score=replace(scored.score, bands=bands))})

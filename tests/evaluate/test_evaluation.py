@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from socialbot.errors import ImageError, ParameterError, SocialbotError, TruthError
 from socialbot.evaluate.content import content
 from socialbot.evaluate.evaluation import Evaluation, Plan, evaluate, scene_names
 from socialbot.evaluate.pipeline import PipelineSettings, with_changes
+from socialbot.evaluate.scores import Curve
 from socialbot.evaluate.sources import bag_source, picture_sources
-from tests.evaluate.scenes import START, drawn_bag, drawn_pictures
+from tests.evaluate.scenes import START, drawn_bag, drawn_pictures, evaluated, with_band
 
 HOG = PipelineSettings("hog")
 
 
-def run(sources, *pipelines: PipelineSettings, **fields) -> Evaluation:
-    plan = Plan(tuple(sources), pipelines or (HOG,), **{"processes": 0, "threads": 0, **fields})
+def carried_out(sources, **fields) -> Evaluation:
+    plan = Plan(tuple(sources), (HOG,), **{"threads": 0, **fields})
     return evaluate(plan, lambda job, frames: None, lambda what: None)
 
 
@@ -28,7 +31,7 @@ def bag(tmp_path_factory):
 
 
 def test_drawn_people_are_found(bag):
-    result = run([bag_source(bag)])
+    result = evaluated([bag_source(bag)])
     score = result.detectors["hog"].scenes["hall"].score
     assert score.bands["2-10"].score.tp + score.bands["2-10"].score.fn == 12
     assert score.bands["2-10"].score.tp >= 10
@@ -40,8 +43,8 @@ def test_drawn_people_are_found(bag):
 def test_processes_do_not_change_the_figures(bag, tmp_path):
     other = drawn_bag(tmp_path, "other", seed=50)
     sources = [bag_source(bag), bag_source(other)]
-    one = content(run(sources, processes=0))
-    assert one == content(run(sources, processes=1)) == content(run(sources, processes=2))
+    here = content(evaluated(sources))
+    assert here == content(carried_out(sources, processes=1)) == content(carried_out(sources, processes=2))
 
 
 def test_progress_is_told_up_to_the_last_frame(bag):
@@ -52,30 +55,38 @@ def test_progress_is_told_up_to_the_last_frame(bag):
     assert (0, 5) in told
 
 
-def test_raw_detections_are_the_same_with_and_without_tracking(bag):
-    tracked = run([bag_source(bag)]).detectors["hog"].scenes["hall"]
-    plain = run([bag_source(bag)], with_changes(HOG, ["tracker=none"])).detectors["hog"].scenes["hall"]
-    assert [each.found.raw for each in tracked.clips[0].frames] == [each.found.raw for each in plain.clips[0].frames]
+def test_raw_detections_are_the_same_whatever_tracking_makes_of_them(bag):
+    tracked = evaluated([bag_source(bag)]).detectors["hog"].scenes["hall"]
+    other = evaluated([bag_source(bag)], with_changes(HOG, ["hide_still=false", "bridge_s=1.0"]))
+    frames = other.detectors["hog"].scenes["hall"].clips[0].frames
+    assert [each.found.raw for each in tracked.clips[0].frames] == [each.found.raw for each in frames]
+
+
+def test_without_tracking_people_may_stand_anywhere(bag):
+    plain = evaluated([bag_source(bag)], with_changes(HOG, ["tracker=none"])).detectors["hog"].scenes["hall"]
+    tracked = evaluated([bag_source(bag)]).detectors["hog"].scenes["hall"]
+    counts = [sum(len(each.found.raw) for each in scene.clips[0].frames) for scene in (plain, tracked)]
+    assert counts[0] > counts[1] > 0
     assert all(person.track_id for each in tracked.clips[0].frames for person in each.found.persons)
     assert not any(person.track_id for each in plain.clips[0].frames for person in each.found.persons)
 
 
 def test_without_tracking_the_pipeline_finds_what_scores_enough(bag):
-    plain = run([bag_source(bag)], with_changes(HOG, ["tracker=none"])).detectors["hog"].scenes["hall"]
+    plain = evaluated([bag_source(bag)], with_changes(HOG, ["tracker=none"])).detectors["hog"].scenes["hall"]
     for each in plain.clips[0].frames:
         sure = [person for person in each.found.raw if person.score >= HOG.sure]
         assert list(each.found.persons) == sure
 
 
 def test_pictures(tmp_path):
-    result = run(picture_sources(drawn_pictures(tmp_path / "room")))
+    result = evaluated(picture_sources(drawn_pictures(tmp_path / "room")))
     scene = result.detectors["hog"].scenes["room"]
     assert scene.score.bands["2-10"].score.tp >= 2
     assert scene.clips[0].behaviour is None
 
 
 def test_pictures_are_not_tracked(tmp_path):
-    result = run(picture_sources(drawn_pictures(tmp_path / "room")))
+    result = evaluated(picture_sources(drawn_pictures(tmp_path / "room")))
     frames = result.detectors["hog"].scenes["room"].clips[0].frames
     assert not any(person.track_id for each in frames for person in each.found.persons)
 
@@ -87,7 +98,7 @@ def test_labels_that_do_not_fit_their_picture(tmp_path):
     entries[2]["boxes"][0]["x"] = 2000
     path.write_text(json.dumps(entries))
     with pytest.raises(TruthError, match=r"2\.png: a box begins at 2000, .*640x480"):
-        run(picture_sources(folder))
+        evaluated(picture_sources(folder))
 
 
 def test_labels_that_go_on_beyond_the_picture_are_cut_off(tmp_path):
@@ -96,7 +107,7 @@ def test_labels_that_go_on_beyond_the_picture_are_cut_off(tmp_path):
     entries = json.loads(path.read_text())
     entries[0]["boxes"].append({"x": 600, "y": -50, "w": 100, "h": 200})
     path.write_text(json.dumps(entries))
-    (judged,) = run(picture_sources(folder)).detectors["hog"].scenes["room"].clips[0].frames
+    (judged,) = evaluated(picture_sources(folder)).detectors["hog"].scenes["room"].clips[0].frames
     first, second = (each.box for each in judged.frame.persons)
     assert first == pytest.approx([entries[0]["boxes"][0][name] for name in "xywh"])
     assert second == (600, 0, 40, 150)
@@ -105,7 +116,7 @@ def test_labels_that_go_on_beyond_the_picture_are_cut_off(tmp_path):
 def test_damaged_pictures_are_counted_and_left_out(tmp_path):
     folder = drawn_pictures(tmp_path / "room")
     (folder / "1.png").write_bytes(b"no picture")
-    clip = run(picture_sources(folder)).detectors["hog"].scenes["room"].clips[0]
+    clip = evaluated(picture_sources(folder)).detectors["hog"].scenes["room"].clips[0]
     assert (len(clip.frames), clip.missing_frames, clip.damaged) == (2, 1, 1)
     assert "1.png" in clip.first_damage
 
@@ -114,7 +125,7 @@ def test_pictures_that_are_all_damaged(tmp_path):
     folder = drawn_pictures(tmp_path / "room", 1)
     (folder / "0.png").write_bytes(b"no picture")
     with pytest.raises(ImageError, match=r"none of its pictures can be read; the first: .*0\.png"):
-        run(picture_sources(folder))
+        evaluated(picture_sources(folder))
 
 
 def test_truth_of_another_time(tmp_path):
@@ -122,7 +133,7 @@ def test_truth_of_another_time(tmp_path):
     path = tmp_path / "clip.truth.json"
     path.write_text(path.read_text().replace(str(START), "12345"))
     with pytest.raises(TruthError, match=f"clip: no picture has the stamp .* {START}, the first frame 12345"):
-        run([bag_source(bag)])
+        evaluated([bag_source(bag)])
 
 
 def test_footage_that_has_gone(tmp_path):
@@ -130,12 +141,12 @@ def test_footage_that_has_gone(tmp_path):
     source = bag_source(bag)
     shutil.rmtree(bag)
     with pytest.raises(SocialbotError, match="no such file or folder") as caught:
-        run([source])
+        evaluated([source])
     assert caught.value.remedy
 
 
 def test_the_speed_is_measured_when_asked_for(bag):
-    speed = run([bag_source(bag)], threads=1).detectors["hog"].speed
+    speed = carried_out([bag_source(bag)], threads=1).detectors["hog"].speed
     assert speed is not None
     assert (speed.frames, speed.threads) == (12 - 5, 1)
     assert 0 < speed.decode_ms < speed.median_ms <= speed.p95_ms
@@ -143,7 +154,7 @@ def test_the_speed_is_measured_when_asked_for(bag):
 
 
 def test_the_speed_of_a_few_pictures(tmp_path):
-    speed = run(picture_sources(drawn_pictures(tmp_path / "room", 1)), threads=1).detectors["hog"].speed
+    speed = carried_out(picture_sources(drawn_pictures(tmp_path / "room", 1)), threads=1).detectors["hog"].speed
     assert speed is not None
     assert speed.frames == 1
 
@@ -157,7 +168,7 @@ def test_scenes_with_several_splits_are_not_mixed(tmp_path):
 
 
 def test_what_the_json_says(bag):
-    said = content(run([bag_source(bag)]))
+    said = content(evaluated([bag_source(bag)]))
     band = said["detectors"]["hog"]["scenes"]["hall"]["bands"]["2-10"]
     assert band["tp"] + band["fn"] == 12
     assert band["f1"] == pytest.approx(2 * band["tp"] / (2 * band["tp"] + band["fp"] + band["fn"]))
@@ -165,6 +176,18 @@ def test_what_the_json_says(bag):
     assert said["detectors"]["hog"]["frames_per_s"] is None
     assert said["paper"]["Scene 1"]["bands"]["0-2"]["f1"] == pytest.approx(0.593, abs=0.001)
     json.dumps(said, allow_nan=False)
+
+
+@pytest.mark.parametrize(("points", "kept"), [(0, 0), (1, 1), (200, 200), (399, 200), (1000, 200)])
+def test_curves_are_thinned_in_the_json_but_keep_their_ends(bag, points, kept):
+    result = evaluated([bag_source(bag)])
+    hog = result.detectors["hog"]
+    recall = np.arange(points) / 1000
+    band = replace(hog.scenes["hall"].score.bands["2-10"], curve=Curve(recall, recall, recall))
+    said = content(replace(result, detectors={"hog": with_band(hog, "hall", "2-10", band)}))
+    curve = said["detectors"]["hog"]["scenes"]["hall"]["bands"]["2-10"]["curve"]
+    assert [len(set(column)) for column in curve.values()] == [len(column) for column in curve.values()] == [kept] * 3
+    assert (curve["recall"][:1], curve["recall"][-1:]) == (recall[:1].tolist(), recall[-1:].tolist())
 
 
 def test_settings_are_those_of_the_node():
@@ -197,23 +220,23 @@ def test_a_cluster_gives_the_same_figures(bag, tmp_path):
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
     ) as cluster:
-        there = run(sources, scheduler=cluster.scheduler_address)
+        there = carried_out(sources, scheduler=cluster.scheduler_address)
         gone = bag_source(drawn_bag(tmp_path, "gone", frames=1))
         shutil.rmtree(tmp_path / "gone")
         with pytest.raises(SocialbotError, match="no such file or folder"):
-            run([gone], scheduler=cluster.scheduler_address)
-    assert content(there) == content(run(sources))
+            carried_out([gone], scheduler=cluster.scheduler_address)
+    assert content(there) == content(evaluated(sources))
 
 
 def test_a_scheduler_that_does_not_answer(bag, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("socialbot.evaluate.workers.CONNECT_S", 0.5)
     with pytest.raises(ParameterError, match="no Dask scheduler answers"):
-        run([bag_source(bag)], scheduler="tcp://127.0.0.1:9")
+        carried_out([bag_source(bag)], scheduler="tcp://127.0.0.1:9")
 
 
 def test_without_the_extra_a_cluster_is_an_error_with_a_remedy(bag, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
     with pytest.raises(SocialbotError, match=r"socialbot\[dask\]") as caught:
-        run([bag_source(bag)], scheduler="tcp://127.0.0.1:9")
+        carried_out([bag_source(bag)], scheduler="tcp://127.0.0.1:9")
     assert caught.value.exit_code == 5

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -9,23 +10,19 @@ import pytest
 from rich.console import Console
 
 from socialbot.evaluate.chart import Line, Mark, Track, curves_chart, timeline
-from socialbot.evaluate.evaluation import Plan, evaluate
-from socialbot.evaluate.markdown import write_markdown
+from socialbot.evaluate.markdown import markdown, write_markdown
 from socialbot.evaluate.page import page
 from socialbot.evaluate.paper import PAPER, paper_scene
 from socialbot.evaluate.pipeline import PipelineSettings, with_changes
-from socialbot.evaluate.scores import Curve
+from socialbot.evaluate.scores import BandScore, Curve
 from socialbot.evaluate.sources import bag_source, picture_sources
 from socialbot.evaluate.tables import show
 from socialbot.evaluate.verdicts import Rules
-from tests.evaluate.scenes import drawn_bag, drawn_pictures
+from socialbot.vision.scoring import Score
+from tests.evaluate.scenes import drawn_bag, drawn_pictures, evaluated, with_band
 
 CURVE = Curve(np.array([0.1, 0.5, 0.9]), np.array([1.0, 0.9, 0.6]), np.array([0.9, 0.5, 0.1]))
-
-
-def run(sources, pipelines, **rules):
-    plan = Plan(tuple(sources), pipelines, Rules(**rules), processes=0, threads=0)
-    return evaluate(plan, lambda job, frames: None, lambda what: None)
+BLIND = with_changes(PipelineSettings("hog"), ["threshold=9", "tracker=none"])
 
 
 @pytest.fixture(scope="module")
@@ -34,14 +31,14 @@ def evaluation(tmp_path_factory):
     bag = drawn_bag(folder, scene="scene1", frames=6)
     pictures = picture_sources(drawn_pictures(folder / "<room>", 2))
     # A threshold that nothing reaches in one of the scenes makes frames worth looking at.
-    return run([bag_source(bag), *pictures], (PipelineSettings("hog"),))
+    return evaluated([bag_source(bag), *pictures])
 
 
 @pytest.fixture(scope="module")
 def blind(tmp_path_factory):
     """Everybody is missed."""
     bag = drawn_bag(tmp_path_factory.mktemp("clips"), frames=6, objects=[])
-    return run([bag_source(bag)], (with_changes(PipelineSettings("hog"), ["threshold=9", "tracker=none"]),))
+    return evaluated([bag_source(bag)], BLIND)
 
 
 class Checker(HTMLParser):
@@ -106,9 +103,44 @@ def test_the_page_is_the_same_every_time(blind):
 
 def test_presence_has_no_row_of_the_paper(tmp_path):
     bag = drawn_bag(tmp_path, scene="scene1", frames=3)
-    text = page(run([bag_source(bag)], (PipelineSettings("hog"),), presence=True))
+    text = page(evaluated([bag_source(bag)], rules=Rules(presence=True)))
     assert "0.593" not in text
     checked(text)
+
+
+def test_by_presence_nothing_is_said_of_causes_which_it_does_not_know(evaluation, tmp_path):
+    by_presence = evaluated([bag_source(drawn_bag(tmp_path, frames=1))], rules=Rules(presence=True))
+    for told, heading in ((page, "Where false alarms come from"), (markdown, "False positives by cause")):
+        assert heading in told(evaluation)
+        assert heading not in told(by_presence)
+
+
+def test_the_summary_has_the_bands_of_every_detector(evaluation):
+    hog = evaluation.detectors["hog"]
+    other = with_band(hog, "scene1", "outside", BandScore(Score(tp=0, fp=7, fn=0)))
+    none = with_band(hog, "scene1", "outside", BandScore(Score()))
+    both = replace(evaluation, detectors={"hog": none, "other": other})
+    summary = page(both).partition("F1 by distance")[2].partition("</table>")[0]
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in summary.split("<tr")]
+    assert [cells[1] for cells in rows if cells][:5] == ["0-2 m", "2-10 m", "10-20 m", "outside", "all"]
+
+
+def test_it_says_where_people_were_tracked(evaluation, blind, tmp_path):
+    mixed = "hog, with tracking (single pictures without)"
+    assert mixed in page(evaluation)
+    assert "hog, without tracking" in page(blind)
+    bag, pictures = drawn_bag(tmp_path, frames=1), drawn_pictures(tmp_path / "room", 1)
+    assert "hog, with tracking<" in page(evaluated([bag_source(bag)]))
+    assert "hog, without tracking" in page(evaluated(picture_sources(pictures)))
+
+
+def test_errors_whose_pictures_are_gone_are_still_errors(tmp_path):
+    folder = drawn_pictures(tmp_path / "room", 1)
+    result = evaluated(picture_sources(folder), BLIND)
+    (folder / "0.png").write_bytes(b"rubbish")
+    text = page(result)
+    assert "No errors." not in text
+    assert "cannot be read any more" in text
 
 
 def test_the_tables_say_the_same(evaluation):

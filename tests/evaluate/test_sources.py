@@ -37,6 +37,20 @@ def test_objects_of_the_recording_are_in_every_frame(tmp_path):
     assert kinds == [["poster"], ["poster", "shadow"]]
 
 
+@pytest.mark.parametrize("beside", [True, False])
+def test_what_follows_a_dot_belongs_to_the_name_of_a_folder(tmp_path, beside):
+    bags = [drawn_bag(tmp_path, name, frames=1, beside=beside, inside=not beside) for name in ("run.1", "run.2")]
+    assert [bag_source(bag).name for bag in bags] == ["run.1", "run.2"]
+
+
+def test_a_single_file_is_called_by_its_name_without_the_suffix(tmp_path):
+    folder = drawn_bag(tmp_path, frames=1)
+    (file,) = folder.glob("*.mcap")
+    alone = file.rename(tmp_path / "run.1.mcap")
+    (tmp_path / "clip.truth.json").rename(tmp_path / "run.1.truth.json")
+    assert bag_source(alone).name == "run.1"
+
+
 def test_a_bag_without_truth(tmp_path):
     with pytest.raises(TruthError, match=r"clip: no ground truth.*\n.*clip\.truth\.json"):
         bag_source(drawn_bag(tmp_path, beside=False))
