@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-import sys
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 
 import cv2
 import msgspec
@@ -18,18 +15,7 @@ from hypothesis import strategies as st
 
 from socialbot.bridge.bags import open_bag
 from socialbot.vision.truth import TRUTH_TOPIC, TruthMessage, load_truth
-
-GENERATOR = Path(__file__).parents[2] / "data" / "synthetic" / "generator"
-
-
-def part(name: str) -> ModuleType:
-    """A module of the generator, whose modules find each other by their bare names."""
-    sys.path.insert(0, str(GENERATOR))
-    try:
-        return import_module(name)
-    finally:
-        sys.path.remove(str(GENERATOR))
-
+from tests.data.generator import part
 
 clips, outline, optics, pictures, sensor, truths, visits = map(
     part, ("clips", "outline", "optics", "pictures", "sensor", "truths", "visits")

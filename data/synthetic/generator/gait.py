@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from posture import Build, Postures, Reach, slerp
+from posture import Build, Postures, Reach, slerp, smooth_step
 from story import GRID, Role, Track
 
 SIDES = {"L": 1.0, "R": -1.0}
@@ -32,12 +32,6 @@ def frame(along: np.ndarray, hint: np.ndarray) -> np.ndarray:
     second = hint - first * (hint @ first)
     second /= np.linalg.norm(second)
     return np.stack([first, second, np.cross(first, second)], 1)
-
-
-def ease(value: float) -> float:
-    """Smooth step from 0 to 1."""
-    value = min(max(value, 0.0), 1.0)
-    return value * value * (3 - 2 * value)
 
 
 def smooth(values: np.ndarray, seconds: float) -> np.ndarray:
@@ -161,8 +155,8 @@ class Walker:
     def on_floor(self, side: str, plant: Plant, time: float) -> tuple[np.ndarray, float]:
         """Ankle and pitch of a planted foot: it rolls over the heel, lies flat, then over the ball."""
         brisk = self.briskness(time)
-        pitch = HEEL_STRIKE * brisk * (1 - ease((time - plant.land) / STRIKE_TIME))
-        pitch += HEEL_RISE * max(brisk, 0.35) * ease((time - plant.lift + RISE_TIME) / RISE_TIME) ** 1.5
+        pitch = HEEL_STRIKE * brisk * (1 - smooth_step((time - plant.land) / STRIKE_TIME))
+        pitch += HEEL_RISE * max(brisk, 0.35) * smooth_step((time - plant.lift + RISE_TIME) / RISE_TIME) ** 1.5
         pivot = self.ball[side] if pitch > 0 else self.heel[side]
         spin = turn("z", plant.place[2])
         base = np.array([*plant.place[:2], 0]) - spin @ (self.sole[side] * [1, 1, 0])
@@ -177,9 +171,9 @@ class Walker:
                 share = (time - plant.lift) / (after.land - plant.lift)
                 start, pitch = self.on_floor(side, plant, plant.lift)
                 end, strike = self.on_floor(side, after, after.land)
-                ankle = start + (end - start) * ease(share) + [0, 0, 0.035 * np.sin(np.pi * share)]
-                heading = plant.place[2] + (after.place[2] - plant.place[2]) * ease(share)
-                return ankle, pitch + (strike - pitch) * ease(share * 1.1), heading, False
+                ankle = start + (end - start) * smooth_step(share) + [0, 0, 0.035 * np.sin(np.pi * share)]
+                heading = plant.place[2] + (after.place[2] - plant.place[2]) * smooth_step(share)
+                return ankle, pitch + (strike - pitch) * smooth_step(share * 1.1), heading, False
         raise AssertionError("the last plant never ends")
 
     def briskness(self, time: float) -> float:
@@ -341,4 +335,4 @@ class Walker:
         if self.role.gesture is None:
             return 0.0
         start, end = self.role.gesture
-        return ease((time - start) / 0.9) * ease((end - time) / 0.9)
+        return smooth_step((time - start) / 0.9) * smooth_step((end - time) / 0.9)

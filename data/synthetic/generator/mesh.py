@@ -57,7 +57,8 @@ class Mesh:
                 if (field[a] < 0) != (field[b] < 0):
                     outline.append(index[min(a, b), max(a, b)])
             whole += [[outline[0], outline[i], outline[i + 1]] for i in range(1, len(outline) - 1)]
-        return self.joined(self.blended(crossing, start / (start - end)), np.array(whole)).kept(np.array(whole))
+        faces = np.array(whole, int).reshape(-1, 3)
+        return self.joined(self.blended(crossing, start / (start - end)), faces).kept(faces)
 
     def subdivided(self) -> Mesh:
         """Every triangle in four."""
