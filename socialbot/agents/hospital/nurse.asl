@@ -1,0 +1,16 @@
+// A nurse, by the screen in the room: makes sure who the robot is, allows the patrol, tidies the room.
+//
+// The plans of a mission come from the coordinator.
+
+kind(nurse_disinfected).
+can(a_authenticate_nurse). can(a_authorize_patrol). can(a_adapt_room).
+
+passes("nurse absent").
+passes("partner absent").
+
+@tries_again
++failure(Action, Reason) : passes(Reason) & not tried(Action, Reason)
+    <- +tried(Action, Reason); ?patience(Wait); .wait(Wait); again(Action).
+
+@tells
++failure(Action, Reason) <- problem(Action, Reason).

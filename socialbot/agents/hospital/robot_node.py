@@ -1,0 +1,359 @@
+"""The robots and nurses of a hospital as nodes: plans come as messages, actions go to the world."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import ClassVar
+
+from socialbot.agents.agent_node import AgentNode
+from socialbot.agents.hospital.messages import (
+    COORDINATOR,
+    EVERYBODY,
+    TOPIC,
+    AclMessage,
+    AnyContent,
+    Belief,
+    Done,
+    End,
+    Finished,
+    Performative,
+    Plan,
+    Problem,
+    Ready,
+    Refusal,
+    Register,
+    Report,
+    Start,
+    Stop,
+)
+from socialbot.agents.hospital.rendezvous import Meeting, Rendezvous
+from socialbot.agents.hospital.robots import (
+    ACTIONS,
+    Deed,
+    Radio,
+    Senses,
+    again,
+    all_plans,
+    as_literal,
+    by_myself,
+    end,
+    install,
+    mission_beliefs,
+    problem,
+    program,
+)
+from socialbot.agents.hospital.ward_messages import (
+    CANCELS,
+    COMMANDS,
+    RESULTS,
+    STATE,
+    ActionCancel,
+    ActionCommand,
+    ActionResult,
+    WardState,
+)
+from socialbot.bdi import Engine
+from socialbot.bdi.agentspeak.parser import parse_literal, parse_plan
+from socialbot.bdi.library import Ready as ReadyPlan
+from socialbot.bdi.literals import literal
+from socialbot.bdi.plans import Plan as AgentSpeakPlan
+from socialbot.bdi.terms import Variable
+from socialbot.errors import SocialbotError
+from socialbot.graph import Context, Delivery, Input, Output, Parameter
+from socialbot.messages import ActionRequest, Mind, TraceRecord
+
+REGISTER_S = 1.0
+"""So long it waits for an answer before it registers once more."""
+LEISURE_S = 0.1
+"""Whoever begins a plan needs the processor first; so long those wait who have theirs compiled before it is needed."""
+LET_GO_S = 0.2
+"""So long an action goes on that nobody wants any more: the next plan may begin with it."""
+
+_X = Variable("X")
+
+
+class HospitalAgent(AgentNode):
+    """An agent that bears the name of its node, and does what plans of the coordinator say."""
+
+    kind: ClassVar[str] = ""
+    """That of its program: ``spot``, ``uvd``, ``nurse``."""
+
+    heard = Input(AclMessage, TOPIC)
+    results = Input(ActionResult, RESULTS)
+    state = Input(WardState, STATE, Delivery.LATCHED)
+    said = Output(AclMessage, TOPIC)
+    commands = Output(ActionCommand, COMMANDS)
+    cancels = Output(ActionCancel, CANCELS)
+    actions = Output(ActionRequest, "~/actions")
+    mind = Output(Mind, "~/mind", Delivery.LATCHED)
+    trace = Output(TraceRecord, "~/trace")
+
+    patience_s = Parameter(1.0, "s until it tries again what may have passed", minimum=0.0, maximum=3600.0, fixed=True)
+    recovers = Parameter(True, "whether it mends by itself what it can before it tells the coordinator", fixed=True)
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        self.label = ""
+        """The label of the plans that it has."""
+        self._begun = context.clock.now()
+        self._numbers = itertools.count(1)
+        self._labels: list[str] = []
+        self._early: list[AclMessage] = []
+        self._uncompiled: list[ReadyPlan] = []
+        self._under_way: dict[str, Deed] = {}
+        self._let_go: dict[tuple[str, tuple[str, ...]], str] = {}
+        self._registered = False
+        self._rendezvous = Rendezvous(
+            lambda partner, meeting: self._say(partner, "query", Ready(meeting.action, meeting.args), meeting.label),
+            lambda partner, meeting: self._say(partner, "query", Done(meeting.action, meeting.args), meeting.label),
+        )
+        super().__init__(name, context, parameters)
+
+    def build(self) -> Engine:
+        engine = Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
+        engine.society = Radio(self.clock, self._tell)
+        for action in ACTIONS:
+            engine.add_action(type(action, (Deed,), {}))
+        for action in (again, by_myself, problem, end):
+            engine.add_action(action)
+        self._senses = Senses()
+        engine.add_sensor(self._senses)
+        engine.add_text(program(self.kind), f"{self.kind}.asl")
+        engine.believe(literal("patience", (round(1000 * self.patience_s),)))
+        engine.believe(literal("idle"))
+        if not self.recovers:
+            for label in [plan.label for plan in engine.library if plan.label and plan.label != "tells"]:
+                engine.remove_plan(label)
+        engine.run_until_idle()
+        for ready in all_plans(engine):
+            ready.compile()
+        return engine
+
+    def start(self) -> None:
+        super().start()
+        self._register()
+
+    def _register(self, in_reply_to: str = "") -> None:
+        if self._registered and not in_reply_to:
+            return
+        capable = tuple(str(found["X"]) for found in self.engine.query(literal("can", (_X,))))
+        kind = next(str(found["X"]) for found in self.engine.query(literal("kind", (_X,))))
+        self._say(COORDINATOR, "request", Register(kind, capable), in_reply_to=in_reply_to)
+        if not in_reply_to:
+            self.call_after(REGISTER_S, self._register)
+
+    # What is said
+
+    @heard
+    def on_heard(self, message: AclMessage) -> None:
+        """Takes what is said to it; what is not to be understood it refuses."""
+        if message.receiver not in (self.name, EVERYBODY) or message.sender == self.name:
+            return
+        match message.content:
+            case Register():
+                if message.performative == "query":
+                    self._register(message.id)
+                else:
+                    self._registered = True
+            case Plan() as content:
+                self._take_plan(message, content)
+            case Start() | Belief() | Ready() | Done():
+                self._take_word(message)
+            case Stop() | End():
+                if message.mission == self.label:
+                    self._give_up()
+            case Refusal() as content:
+                self.log.warning("%s refuses: %s", message.sender, content.reason)
+            case other:
+                if message.receiver == self.name and message.performative not in ("agree", "inform"):
+                    self._refuse(message, f"{self.kind} does nothing about {type(other).__name__}")
+
+    def _take_plan(self, message: AclMessage, content: Plan) -> None:
+        try:
+            plans = [parse_plan(text, content.label) for text in content.plans]
+        except SocialbotError as mistake:
+            self._refuse(message, str(mistake))
+            return
+        if any(plan.label is None or not plan.label.startswith(f"{content.label}_") for plan in plans):
+            self._refuse(message, f"a plan is labelled otherwise than {content.label}")
+            return
+        self._clear()
+        self.label = content.label
+        self._labels = [plan.label for plan in plans if plan.label]
+        self._rendezvous.forget(self.label)
+        self.engine.forget(literal("idle"))
+        self.engine.call(lambda: self._install(plans))
+        early, self._early = self._early, []
+        for word in early:
+            self._take_word(word)
+
+    def _install(self, plans: list[AgentSpeakPlan]) -> None:
+        self._uncompiled = install(self.engine, plans)
+        self.call_after(LEISURE_S, self._compile_one)
+
+    def _compile_one(self) -> None:
+        """Compiles a plan while nothing else is to be done: when its turn comes there is no time for that."""
+        if self._uncompiled:
+            self._uncompiled.pop(0).compile()
+            self.context.call_soon(self._compile_one)
+
+    def _take_word(self, message: AclMessage) -> None:
+        """Takes a word about a mission; one that comes before the plans waits for them."""
+        if message.mission != self.label:
+            if message.mission and message.sender != COORDINATOR:
+                self._early = [*self._early[-31:], message]
+            return
+        match message.content:
+            case Start(arguments=arguments):
+                self.engine.believe(as_literal("start", arguments), source=message.sender, cause=message.id)  # type: ignore[arg-type]
+            case Belief(literal=text):
+                try:
+                    belief = parse_literal(text)
+                    self.engine.believe(belief, source=message.sender, cause=message.id)  # type: ignore[arg-type]
+                except SocialbotError as mistake:
+                    self._refuse(message, str(mistake))
+            case Ready(action=action, args=args):
+                self._rendezvous.partner_ready(message.sender, Meeting(message.mission, action, args))
+            case Done(action=action, args=args):
+                self._rendezvous.partner_done(message.sender, Meeting(message.mission, action, args))
+            case _:
+                pass
+
+    def _tell(self, receiver: str, belief: str) -> None:
+        self._say(receiver, "inform", Belief(belief), self.label)
+
+    def report_problem(self, action: str, args: tuple[str, ...], reason: str) -> None:
+        """Tells the coordinator what the agent cannot mend."""
+        if self.label:
+            self._say(COORDINATOR, "inform", Problem(reason, args, action), self.label)
+
+    def finish(self) -> None:
+        """Tells the coordinator that the agent has done its part, and forgets the mission."""
+        self._say(COORDINATOR, "request", Finished(), self.label)
+        self.engine.call(self._give_up)
+
+    def _refuse(self, message: AclMessage, reason: str) -> None:
+        if message.performative not in ("refuse", "failure"):
+            self.log.warning("refused what %s says: %s", message.sender, reason)
+            self._say(message.sender, "refuse", Refusal(reason), message.mission, message.id)
+
+    def _say(
+        self, receiver: str, performative: Performative, content: AnyContent, mission: str = "", in_reply_to: str = ""
+    ) -> None:
+        self.said.publish(
+            AclMessage(
+                stamp=self.clock.now(),
+                id=f"{self.name}-{self._begun}-{next(self._numbers)}",
+                sender=self.name,
+                receiver=receiver,
+                performative=performative,
+                content=content,
+                in_reply_to=in_reply_to,
+                mission=mission,
+            )
+        )
+
+    # The mission
+
+    def _clear(self) -> None:
+        """Drops what goes on for the mission, its plans and what is believed because of it."""
+        labels, self._labels, self.label = self._labels, [], ""
+        self.engine.call(lambda: self._clear_mind(labels))
+
+    def _clear_mind(self, labels: list[str]) -> None:
+        engine = self.engine
+        for intention in list(engine.intentions):
+            engine.drop(intention)
+        for label in labels:
+            engine.remove_plan(label)
+        for belief in mission_beliefs(engine):
+            engine.forget_all(engine.relations[belief.key], belief.args, (), "")
+
+    def _give_up(self) -> None:
+        self._clear()
+        self._rendezvous.forget("")
+        self.engine.believe(literal("idle"))
+
+    # Actions
+
+    def begin(self, deed: Deed) -> None:
+        """Has the world do something, when all are there who have to be."""
+        if not deed.is_joint:
+            self._command(deed)
+            return
+        meeting = Meeting(self.label, deed.action, deed.args_given)
+        partners = [name for name in deed.args_given if name != self.name]
+        self._rendezvous.arrive(meeting, partners, lambda: self._command(deed))
+
+    def _command(self, deed: Deed) -> None:
+        id = self._let_go.pop(deed.key, "")
+        for other in list(self._let_go.values()):
+            self._cancel(other)
+        self._let_go.clear()
+        id = id or f"{self.name}-{self._begun}-action-{next(self._numbers)}"
+        known = id in self._under_way
+        self._under_way[id] = deed
+        if not known:
+            self.commands.publish(
+                ActionCommand(stamp=self.clock.now(), id=id, robot=self.name, action=deed.action, args=deed.args_given)
+            )
+
+    def let_go(self, deed: Deed) -> None:
+        """Stops an action, unless the same is wanted again at once."""
+        self._rendezvous.leave(Meeting(self.label, deed.action, deed.args_given))
+        for id, other in self._under_way.items():
+            if other is deed:
+                self._let_go[deed.key] = id
+                self.call_after(LET_GO_S, lambda id=id: self._cancel_unless_wanted(id))
+
+    def _cancel_unless_wanted(self, id: str) -> None:
+        if id in self._let_go.values():
+            self._let_go = {key: other for key, other in self._let_go.items() if other != id}
+            self._cancel(id)
+
+    def _cancel(self, id: str) -> None:
+        if self._under_way.pop(id, None) is not None:
+            self.cancels.publish(ActionCancel(stamp=self.clock.now(), id=id))
+
+    @results
+    def on_result(self, message: ActionResult) -> None:
+        """Takes what became of an action."""
+        deed = self._under_way.pop(message.id, None)
+        if message.robot != self.name or deed is None:
+            return
+        self._let_go.pop(deed.key, None)
+        self._say(
+            COORDINATOR,
+            "inform",
+            Report(message.outcome, message.action, message.args, message.reason),
+            "" if deed.own else self.label,
+        )
+        if message.outcome == "success":
+            deed.succeed()
+        else:
+            deed.fail(message.reason)
+
+    @state
+    def on_state(self, message: WardState) -> None:
+        """Shows it to the sensors of the agent."""
+        found = message.agent(self.name)
+        if found is not None and self._senses.is_news(found):
+            self.engine.perceive(self._senses, found, cause=f"{STATE}-{message.stamp}")
+
+
+class Spot(HospitalAgent):
+    """A robot that patrols."""
+
+    kind = "spot"
+
+
+class Uvd(HospitalAgent):
+    """A robot that disinfects."""
+
+    kind = "uvd"
+
+
+class Nurse(HospitalAgent):
+    """A nurse, by the screen in the room."""
+
+    kind = "nurse"

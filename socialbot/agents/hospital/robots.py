@@ -1,0 +1,211 @@
+"""What the robots and nurses of a hospital are made of: their programs, their actions, their words to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from socialbot.agents.hospital.missions import JOINT_ACTIONS
+from socialbot.agents.hospital.ward_messages import AgentState
+from socialbot.bdi import Action, Engine, Sensor
+from socialbot.bdi.agentspeak.printer import agentspeak
+from socialbot.bdi.beliefs import literal_of
+from socialbot.bdi.events import Change, Event
+from socialbot.bdi.failures import Failed
+from socialbot.bdi.library import Ready
+from socialbot.bdi.literals import Literal, literal
+from socialbot.bdi.mail import send
+from socialbot.bdi.plans import Plan
+from socialbot.bdi.running import LongAction
+from socialbot.bdi.society import Society
+from socialbot.bdi.terms import Atom, Variable
+from socialbot.clock import Clock
+
+if TYPE_CHECKING:
+    from socialbot.agents.hospital.robot_node import HospitalAgent
+
+PROGRAMS = Path(__file__).parent
+ACTIONS = (
+    "a_navigate_to", "a_open_door", "a_approach_nurse", "a_authenticate_nurse", "a_authorize_patrol", "a_patrol_room",
+    "a_adapt_room", "a_authorize_disinfect", "a_disinfect_room", "a_charge",
+)  # fmt: skip
+OF_A_MISSION = ("milestone", "trigger_", "initial_trigger_", "start", "tried")
+"""How the names of beliefs begin that are of a mission, and end with it."""
+
+
+def program(kind: str) -> str:
+    """The AgentSpeak program of ``spot``, ``uvd`` or ``nurse``."""
+    return (PROGRAMS / f"{kind}.asl").read_text("utf-8")
+
+
+def names_of(args: Iterable[object]) -> tuple[str, ...]:
+    """Arguments of an action as they travel."""
+    return tuple(arg.name if isinstance(arg, Atom) else str(arg) for arg in args)
+
+
+def as_literal(action: str, args: Iterable[str]) -> Literal:
+    """An action with its arguments as a term."""
+    return literal(action, tuple(map(Atom, args)))
+
+
+class Deed(LongAction):
+    """An action that the world carries out; ``args`` are those of the action itself.
+
+    What it comes to is an event for the plans of the mission, and for those that mend: ``success_a_open_door(...)``,
+    ``failure(a_open_door(...), Reason)``.
+    """
+
+    action: str
+    args_given: tuple[str, ...]
+    own = False
+    """Whether it is the agent's own idea."""
+
+    def start(self, *args: Any) -> None:
+        self.action, self.args_given = self.functor, names_of(args)
+        self.node.begin(self)
+
+    def cancel(self) -> None:
+        self.node.let_go(self)
+        self.cancelled()
+
+    @property
+    def node(self) -> HospitalAgent:
+        """The node of the agent that does it."""
+        return self.engine.robot
+
+    @property
+    def is_joint(self) -> bool:
+        """Whether others have to be there."""
+        return self.action in JOINT_ACTIONS
+
+    @property
+    def key(self) -> tuple[str, tuple[str, ...]]:
+        """What it is, whoever thought of it."""
+        return self.action, self.args_given
+
+    def succeed(self) -> None:
+        """Says that it is done."""
+        self.done()
+        if not self.own:
+            _happens(self.engine, literal(f"success_{self.action}", tuple(map(Atom, self.args_given))))
+
+    def fail(self, reason: str) -> None:
+        """Says that it could not be done, and why."""
+        self.failed(reason)
+        if not self.own:
+            _happens(self.engine, literal("failure", (as_literal(self.action, self.args_given), reason)))
+
+
+class again(Deed):  # noqa: N801 - its name in AgentSpeak
+    """Does an action of the mission once more: ``again(a_open_door(spotrobot1, room1))``."""
+
+    def start(self, *args: Any) -> None:
+        (action,) = args
+        self.action, self.args_given = action.functor, names_of(action.args)
+        self.node.begin(self)
+
+
+class by_myself(again):  # noqa: N801
+    """Does an action that is no part of the mission's plan; if it fails, what it was for has failed."""
+
+    own = True
+
+    def fail(self, reason: str) -> None:
+        """Has the coordinator know: what was to be mended cannot be mended like this."""
+        self.failed(reason)
+        self.node.report_problem(self.action, self.args_given, reason)
+
+
+class problem(Action):  # noqa: N801
+    """Tells the coordinator what the agent cannot mend: ``problem(Action, Reason)``."""
+
+    def execute(self, action: Literal, reason: str) -> None:
+        self.engine.robot.report_problem(action.functor, names_of(action.args), str(reason))
+
+
+class end(Action):  # noqa: N801
+    """Tells the coordinator that the agent has done all of its part."""
+
+    def execute(self) -> None:
+        self.engine.robot.finish()
+
+
+def _happens(engine: Engine, event: Literal) -> None:
+    engine.call(lambda: engine.raise_event(Event(Change.ADDED, event), ""))
+
+
+class Senses(Sensor):
+    """Where the agent is, and its battery: ``at(room1)``, ``battery_low``."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._before: tuple[str, bool] | None = None
+
+    def is_news(self, percept: AgentState) -> bool:
+        """Whether there is something to be sensed that was not so when this was last asked."""
+        before, self._before = self._before, (percept.place, percept.low_battery)
+        return before != self._before
+
+    def sense(self, percept: AgentState) -> Any:
+        low = literal("battery_low")
+        place = literal("at", (Atom(percept.place),))
+        return [-literal("at", (Variable("_"),)), +place, +low if percept.low_battery else -low]
+
+
+def install(engine: Engine, plans: Iterable[Plan]) -> list[Ready]:
+    """Adds plans of a mission, and returns them as they are in the library, to be compiled before they are needed."""
+    new = list(plans)
+    for plan in new:
+        engine.add_plan(plan)
+    return [ready for ready in all_plans(engine) if ready.plan in new]
+
+
+def all_plans(engine: Engine) -> Iterator[Ready]:
+    """The plans in the library of an agent."""
+    for trigger in list(engine.library.triggers.values()):
+        yield from trigger.plans
+
+
+def mission_beliefs(engine: Engine) -> Iterator[Literal]:
+    """What is believed because of a mission."""
+    for held in list(engine.beliefs):
+        if held.belief.functor.startswith(OF_A_MISSION):
+            yield held.belief
+
+
+class Radio(Society):
+    """A society of one agent that is here; what it tells others goes to ``tell_far``: the receiver, and the belief."""
+
+    def __init__(self, clock: Clock, tell_far: Callable[[str, str], object]) -> None:
+        super().__init__(clock)
+        self._tell_far = tell_far
+
+    def find(self, receiver: Any) -> Engine:
+        name = receiver.name if isinstance(receiver, Atom) else str(receiver)
+        if name not in self.agents:
+            self.agents[name] = _Far(name, self.clock, self._tell_far)
+        return self.agents[name]
+
+    def tell(self, sender: Engine, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
+        send(sender, receiver, "tell", literal_of(key, args), cause)
+
+
+class _Far(Engine):
+    """Stands for an agent that is somewhere else: takes what is said to it, and sends it on."""
+
+    __slots__ = ()
+
+    def __init__(self, name: str, clock: Clock, tell_far: Callable[[str, str], object]) -> None:
+        super().__init__(name, clock)
+
+        def take(sender: str, performative: str, content: Any) -> bool:
+            if performative != "tell":
+                raise Failed("action_failed", f"{name} is far away, and can only be told beliefs")
+            tell_far(name, agentspeak(content))
+            return False
+
+        self.accepts = take
+
+    def call(self, function: Callable[[], object]) -> None:
+        function()

@@ -1,0 +1,208 @@
+"""Wards of a hospital as they are built: rooms along corridors, and who belongs there. Positions are in m."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+from socialbot.agents.hospital.ward_messages import DIRTY_ROOM, PROBLEMS
+
+SPOT = "spotrobot"
+UVD = "uvdrobot"
+NURSE = "nurse_disinfected"
+ROBOTS = (SPOT, UVD)
+"""Kinds of agents; they are called by their kind and a number."""
+
+ROOM_M = (4.6, 4.0)
+"""Width of a room along the corridor, and its depth."""
+CORRIDOR_M = 2.4
+"""Width of a corridor."""
+ROOMS_A_SIDE = 9
+"""Rooms on either side of one corridor of a large ward."""
+
+
+class Point(NamedTuple):
+    """A position: x along the corridors, y across them."""
+
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class Room:
+    """A room with its corner of smallest x and y; its door leads to the corridor whose middle is at ``corridor_y``."""
+
+    name: str
+    corner: Point
+    corridor_y: float
+
+    @property
+    def centre(self) -> Point:
+        """Its middle."""
+        return Point(self.corner.x + ROOM_M[0] / 2, self.corner.y + ROOM_M[1] / 2)
+
+    @property
+    def is_above(self) -> bool:
+        """Whether it lies on that side of its corridor where y is smaller."""
+        return self.corner.y < self.corridor_y
+
+    @property
+    def door(self) -> Point:
+        """The middle of its door."""
+        return Point(self.centre.x, self.corner.y + (ROOM_M[1] if self.is_above else 0.0))
+
+    @property
+    def entrance(self) -> Point:
+        """Where one stands before its door."""
+        return Point(self.centre.x, self.corridor_y)
+
+    def contains(self, point: Point) -> bool:
+        """Whether ``point`` is in the room or on its edge."""
+        within = 0.0 <= point.x - self.corner.x <= ROOM_M[0]
+        return within and 0.0 <= point.y - self.corner.y <= ROOM_M[1]
+
+
+@dataclass(frozen=True)
+class Member:
+    """A robot or nurse, and the room it belongs to, where it begins."""
+
+    name: str
+    kind: str
+    home: str
+
+
+@dataclass(frozen=True)
+class Ward:
+    """All that does not change.
+
+    ``closed`` doors are those at the start. ``infections`` are rooms that come to need disinfection, and when (s).
+    When an infection meets a problem, that is of one of the ``problems`` and appears ``window_s`` (first, last) after
+    the infection, but not before the start.
+    """
+
+    name: str
+    rooms: tuple[Room, ...]
+    members: tuple[Member, ...]
+    dock: str
+    closed: frozenset[str]
+    infections: tuple[tuple[float, str], ...]
+    problems: tuple[str, ...] = PROBLEMS
+    window_s: tuple[float, float] = (0.0, 0.0)
+    spine_x: float = field(default=0.0)
+    """Where the corridor runs that joins the others."""
+
+    @cached_property
+    def room_by_name(self) -> dict[str, Room]:
+        """The rooms by name."""
+        return {room.name: room for room in self.rooms}
+
+    @cached_property
+    def member_by_name(self) -> dict[str, Member]:
+        """The robots and nurses by name."""
+        return {member.name: member for member in self.members}
+
+    def of_kind(self, kind: str) -> tuple[str, ...]:
+        """The names of all of one kind."""
+        return tuple(member.name for member in self.members if member.kind == kind)
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """The names of all robots."""
+        return tuple(member.name for member in self.members if member.kind in ROBOTS)
+
+    def room_at(self, point: Point) -> str:
+        """The room that ``point`` lies in, or an empty string."""
+        return next((room.name for room in self.rooms if room.contains(point)), "")
+
+    def way(self, start: Point, room: str, target: str) -> tuple[Point, ...]:
+        """The way from ``start``, in ``room`` or (empty) a corridor, to the place before the door of ``target``."""
+        points = [start]
+        if room:
+            points += [self.room_by_name[room].door, self.room_by_name[room].entrance]
+        elif start.x != self.spine_x:
+            points.append(Point(start.x, min(self.corridor_ys, key=lambda y: abs(y - start.y))))
+        end = self.room_by_name[target].entrance
+        if points[-1].y != end.y:
+            points += [Point(self.spine_x, points[-1].y), Point(self.spine_x, end.y)]
+        points.append(end)
+        return tuple(points[:1] + [there for here, there in pairwise(points) if here != there])
+
+    @cached_property
+    def corridor_ys(self) -> tuple[float, ...]:
+        """The middle of each corridor, from the smallest."""
+        return tuple(sorted({room.corridor_y for room in self.rooms}))
+
+    def distance(self, start: str, target: str) -> float:
+        """How far it is from the middle of one room to the middle of another, m."""
+        if start == target:
+            return 0.0
+        end = self.room_by_name[target]
+        points = self.way(self.room_by_name[start].centre, start, target)
+        return length((*points, end.door, end.centre))
+
+
+def length(points: tuple[Point, ...]) -> float:
+    """The length of a way, m."""
+    return sum(math.dist(here, there) for here, there in pairwise(points))
+
+
+def paper_ward() -> Ward:
+    """The ward of the paper: a nurse in the first of four rooms, whose door is closed; both robots wait in the last.
+
+    The first room comes to need disinfection after 1 s; whether it is dirty is drawn at the start.
+    """
+    members = (Member(f"{NURSE}1", NURSE, "room1"), Member(f"{SPOT}1", SPOT, "room4"), Member(f"{UVD}1", UVD, "room4"))
+    return Ward(
+        name="paper",
+        rooms=tuple(_rooms(4, 2)),
+        members=members,
+        dock="room4",
+        closed=frozenset({"room1"}),
+        infections=((1.0, "room1"),),
+        problems=(DIRTY_ROOM,),
+        window_s=(-1.0, -1.0),
+        spine_x=0.0,
+    )
+
+
+def large_ward(rooms: int = 50, spots: int = 4, uvds: int = 4, nurses: int = 0, *, every_s: float = 3.0) -> Ward:
+    """A ward of many rooms and a dock, with a nurse in each of the first rooms (0: in each).
+
+    Each room with a nurse comes to need disinfection, one each ``every_s`` from 1 s on, in an order that is always the
+    same; a third of the doors is closed. Raises ValueError where there is no room or a negative number.
+    """
+    nurses = nurses or rooms
+    if not (1 <= nurses <= rooms and spots >= 0 and uvds >= 0 and every_s >= 0.0):
+        raise ValueError(f"no ward of {rooms} rooms, {spots} spots, {uvds} uvds and {nurses} nurses")
+    *plain, last = _rooms(rooms + 1, ROOMS_A_SIDE)
+    order = [room.name for room in plain[:nurses]]
+    members = [Member(f"{NURSE}{number}", NURSE, room) for number, room in enumerate(order, start=1)]
+    for kind, count in ((SPOT, spots), (UVD, uvds)):
+        members += [Member(f"{kind}{number}", kind, "dock") for number in range(1, count + 1)]
+    random.Random("the order of infections").shuffle(order)
+    return Ward(
+        name="large",
+        rooms=(*plain, Room("dock", last.corner, last.corridor_y)),
+        members=tuple(members),
+        dock="dock",
+        closed=frozenset(room.name for room in plain[::3]),
+        infections=tuple((1.0 + number * every_s, room) for number, room in enumerate(order)),
+        window_s=(0.0, 10.0),
+        spine_x=-CORRIDOR_M / 2,
+    )
+
+
+def _rooms(count: int, a_side: int) -> Iterator[Room]:
+    """Rooms on both sides of as many corridors as it takes."""
+    width, depth = ROOM_M
+    for number in range(count):
+        corridor, place = divmod(number, 2 * a_side)
+        side, column = divmod(place, a_side)
+        top = corridor * (2 * depth + CORRIDOR_M + 0.4)
+        y = top + (side and depth + CORRIDOR_M)
+        yield Room(f"room{number + 1}", Point(column * width, y), top + depth + CORRIDOR_M / 2)

@@ -1,0 +1,155 @@
+"""The ward as a node: it obeys the commands of robots and nurses, and publishes what became of them and its sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TypeVar
+
+from socialbot.agents.hospital.ward import Ward, large_ward, paper_ward
+from socialbot.agents.hospital.ward_faults import SLOW_S, STATE_SENSOR, parse_faults
+from socialbot.agents.hospital.ward_messages import (
+    CANCELS,
+    COMMANDS,
+    RESULTS,
+    STATE,
+    ActionCancel,
+    ActionCommand,
+    ActionResult,
+    AgentState,
+    RoomState,
+    WardState,
+)
+from socialbot.agents.hospital.ward_pace import PACES
+from socialbot.agents.hospital.ward_world import WardWorld
+from socialbot.clock import nanoseconds
+from socialbot.errors import ParameterError
+from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter, Timer
+
+S = TypeVar("S", RoomState, AgentState)
+
+
+class HospitalWorld(Node):
+    """The ward in place of a simulator or the real thing."""
+
+    stands_for_world = True
+
+    commands = Input(ActionCommand, COMMANDS)
+    cancels = Input(ActionCancel, CANCELS)
+    results = Output(ActionResult, RESULTS)
+    state = Output(WardState, STATE, Delivery.LATCHED)
+
+    ward = Parameter(
+        "paper", "the ward: the paper's four rooms, or a large one", choices=("paper", "large"), fixed=True
+    )
+    rooms = Parameter(50, "rooms of the large ward", minimum=1, maximum=1000, fixed=True)
+    spots = Parameter(4, "robots that patrol, in the large ward", minimum=0, maximum=100, fixed=True)
+    uvds = Parameter(4, "robots that disinfect, in the large ward", minimum=0, maximum=100, fixed=True)
+    nurses = Parameter(0, "nurses of the large ward; 0: one in each room", minimum=0, maximum=1000, fixed=True)
+    every_s = Parameter(
+        3.0, "s from one infection to the next in the large ward", minimum=0.0, maximum=3600.0, fixed=True
+    )
+    pace = Parameter("paper", "how long things take", choices=tuple(PACES), fixed=True)
+    seed = Parameter(0, "chance of the run: the same seed gives the same durations and problems", fixed=True)
+    rate = Parameter(0.0, "% of the infections that meet a problem", minimum=0.0, maximum=100.0, fixed=True)
+    noise = Parameter(
+        0.0, "by how much durations differ from what they should be, at most", minimum=0.0, maximum=0.5, fixed=True
+    )
+    faults = Parameter("", "what goes wrong besides: 2 dirty room1; 7 silent uvdrobot1 5; 8 slow state 5", fixed=True)
+    period_s = Parameter(0.2, "s from one report of the sensors to the next", minimum=0.01, maximum=10.0)
+    pause_s = Parameter(
+        0.0,
+        "least s before a change is reported; for wards so large that each one is too many",
+        minimum=0.0,
+        maximum=10.0,
+    )
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        """Raises ParameterError for faults that cannot be, or more nurses than rooms."""
+        super().__init__(name, context, parameters)
+        ward = paper_ward() if self.ward == "paper" else self._large_ward()
+        self.world = WardWorld(
+            ward,
+            seed=self.seed,
+            rate=self.rate,
+            noise=self.noise,
+            faults=parse_faults(self.faults, ward),
+            pace=PACES[self.pace],
+            start=self.clock.now(),
+        )
+        self._seen: dict[str, tuple[int, RoomState | AgentState]] = {}
+        """What slow sensors saw last, and when."""
+        self._timer: Timer | None = None
+        self._told = -1
+        """The count of changes that was last told."""
+        self._told_at = -1
+
+    def start(self) -> None:
+        self._tell(due=True)
+        self.context.call_at(self.clock.now() + nanoseconds(self.period_s), self._report)
+
+    @commands
+    def on_command(self, command: ActionCommand) -> None:
+        self.world.advance(self.clock.now())
+        self.world.command(command.id, command.robot, command.action, command.args)
+        self._tell()
+
+    @cancels
+    def on_cancel(self, cancel: ActionCancel) -> None:
+        self.world.advance(self.clock.now())
+        self.world.cancel(cancel.id)
+        self._tell()
+
+    def _report(self) -> None:
+        self.world.advance(self.clock.now())
+        self._tell(due=True)
+        self.context.call_at(self.clock.now() + nanoseconds(self.period_s), self._report)
+
+    def _on_event(self) -> None:
+        self._timer = None
+        self.world.advance(self.clock.now())
+        self._tell()
+
+    def _tell(self, *, due: bool = False) -> None:
+        """Publishes results, and the state where it is ``due`` or has changed; comes again at the next event."""
+        for result in self.world.take_results():
+            if result.reason:
+                self.log.info("%s of %s failed: %s", result.action, result.robot, result.reason)
+            self.results.publish(result)
+        changed = self.world.changes != self._told
+        rested = self._told_at + nanoseconds(self.pause_s)
+        if (changed and self.world.now >= rested) or (due and self.world.now != self._told_at):
+            self._publish_state()
+            changed = False
+        times = [rested] if changed and self.world.now < rested else []
+        times += [] if self.world.next_event is None else [self.world.next_event]
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self.context.call_at(min(times), self._on_event) if times else None
+
+    def _publish_state(self) -> None:
+        world = self.world
+        slow = world.is_slow(STATE_SENSOR) and world.now - self._told_at < nanoseconds(SLOW_S)
+        if world.is_silent(STATE_SENSOR) or slow:
+            return
+        self._told, self._told_at = world.changes, world.now
+        rooms = (self._seen_by(room, world.room_state) for room in world.rooms if not world.is_silent(room))
+        agents = (self._seen_by(agent, world.agent_state) for agent in world.agents if not world.is_silent(agent))
+        self.state.publish(WardState(stamp=world.now, rooms=tuple(rooms), agents=tuple(agents)))
+
+    def _seen_by(self, who: str, look: Callable[[str], S]) -> S:
+        """What the sensor of a room or agent says, which is old where it is slow."""
+        now = self.world.now
+        if not self.world.is_slow(who):
+            self._seen.pop(who, None)
+            return look(who)
+        since, seen = self._seen.get(who, (now, look(who)))
+        if now - since >= nanoseconds(SLOW_S):
+            since, seen = now, look(who)
+        self._seen[who] = since, seen
+        return seen  # type: ignore[return-value]
+
+    def _large_ward(self) -> Ward:
+        try:
+            return large_ward(self.rooms, self.spots, self.uvds, self.nurses, every_s=self.every_s)
+        except ValueError as error:
+            raise ParameterError(str(error), where=self.name, remedy="have no more nurses than rooms") from error

@@ -1,0 +1,175 @@
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from socialbot.agents.hospital.disinfect import DISINFECT, mission, ward
+from socialbot.tasks.answer import TaskAnswer, TaskLimits, TaskVerdict
+from socialbot.tasks.domain import Item
+from socialbot.tasks.planner import TaskPlanner
+from socialbot.tasks.state import State
+from socialbot.tasks.tree import Node, TaskTree
+
+SPOT, UVD, NURSE, ROOM = "spotrobot1", "uvdrobot1", "nurse_disinfected1", "room1"
+MISSION = mission(SPOT, UVD, NURSE)
+PLANNER = TaskPlanner(DISINFECT)
+
+WITHOUT_REPLANNING = [
+    ("a_navigate_to", SPOT, ROOM),
+    ("a_open_door", SPOT, ROOM),
+    ("a_approach_nurse", SPOT, NURSE),
+    ("a_authenticate_nurse", SPOT, NURSE),
+    ("a_authorize_patrol", SPOT, NURSE),
+    ("a_patrol_room", SPOT, ROOM),
+    ("a_authorize_disinfect", UVD, SPOT),
+    ("a_navigate_to", UVD, ROOM),
+    ("a_disinfect_room", UVD, ROOM),
+]
+"""Listing 3 of the paper."""
+
+AFTER_REPLANNING = [
+    ("a_adapt_room", NURSE, ROOM),
+    ("a_approach_nurse", SPOT, NURSE),
+    ("a_authenticate_nurse", SPOT, NURSE),
+    ("a_authorize_patrol", SPOT, NURSE),
+    ("a_patrol_room", SPOT, ROOM),
+    ("a_authorize_disinfect", UVD, SPOT),
+    ("a_navigate_to", UVD, ROOM),
+    ("a_disinfect_room", UVD, ROOM),
+]
+"""What follows the failed patrol in Listing 4."""
+
+
+def infected(rooms: int = 1) -> State:
+    """A ward where the rooms of all nurses are to be disinfected."""
+    state = ward(
+        {f"nurse_disinfected{number}": f"room{number}" for number in range(1, rooms + 1)}, (SPOT, UVD), "waiting_room"
+    )
+    state.disinfected = dict.fromkeys(state.disinfected, False)
+    return state
+
+
+def items(answer: TaskAnswer) -> list[Item]:
+    return [node.item for node in answer.plan]
+
+
+def tree(answer: TaskAnswer) -> TaskTree:
+    assert answer.tree is not None
+    return answer.tree
+
+
+def reach(answer: TaskAnswer, state: State, item: Item) -> tuple[Node, State]:
+    """The node of ``item``, and the state after all that comes before it."""
+    position = items(answer).index(item)
+    return answer.plan[position], DISINFECT.after(state, items(answer)[:position])
+
+
+def test_a_room_is_disinfected_by_the_nine_actions_of_listing_3():
+    answer = PLANNER.plan(infected(), [MISSION])
+    assert items(answer) == WITHOUT_REPLANNING
+    assert DISINFECT.after(infected(), items(answer)).disinfected == {ROOM: True}
+
+
+def test_a_patrol_that_finds_the_room_unfit_is_replanned_as_in_listing_4():
+    answer = PLANNER.plan(infected(), [MISSION])
+    patrol, state = reach(answer, infected(), ("a_patrol_room", SPOT, ROOM))
+    state.cleaned[ROOM] = False
+    again = PLANNER.replan(state, tree(answer), patrol.id)
+    assert items(again) == AFTER_REPLANNING
+    assert [node.item for node in tree(again).history] == WITHOUT_REPLANNING[:6]
+    assert [node.status for node in tree(again).history] == ["done"] * 5 + ["failed"]
+    assert again.plan[-3:] == answer.plan[-3:], "the slice of the other robot stays as it was, with its ids"
+
+
+def test_a_full_replan_from_there_begins_with_the_way_to_the_nurse():
+    _, state = reach(PLANNER.plan(infected(), [MISSION]), infected(), ("a_patrol_room", SPOT, ROOM))
+    state.cleaned[ROOM] = False
+    assert items(PLANNER.plan(state, [MISSION])) == [
+        ("a_navigate_to", SPOT, ROOM),
+        ("a_approach_nurse", SPOT, NURSE),
+        ("a_authenticate_nurse", SPOT, NURSE),
+        ("a_adapt_room", NURSE, ROOM),
+        *WITHOUT_REPLANNING[4:],
+    ]
+
+
+def test_a_room_that_becomes_unfit_on_the_way_is_tidied_before_the_patrol_fails():
+    answer = PLANNER.plan(infected(), [MISSION])
+    approach, state = reach(answer, infected(), ("a_approach_nurse", SPOT, NURSE))
+    state.cleaned[ROOM] = False
+    revised = PLANNER.revise(state, tree(answer), approach.id)
+    assert items(revised) == [*WITHOUT_REPLANNING[2:4], ("a_adapt_room", NURSE, ROOM), *WITHOUT_REPLANNING[4:]]
+    assert revised.redone is None
+
+
+def test_somebody_who_walks_in_between_patrol_and_disinfection_leads_to_another_patrol():
+    answer = PLANNER.plan(infected(), [MISSION])
+    light, state = reach(answer, infected(), ("a_disinfect_room", UVD, ROOM))
+    state.cleaned[ROOM] = False
+    again = items(PLANNER.replan(state, tree(answer), light.id))
+    assert again.index(("a_adapt_room", NURSE, ROOM)) < again.index(("a_patrol_room", SPOT, ROOM))
+    assert again[-1] == ("a_disinfect_room", UVD, ROOM)
+
+
+@pytest.mark.parametrize("robot", [SPOT, UVD])
+def test_a_robot_whose_battery_is_low_charges_before_it_goes(robot):
+    state = infected()
+    state.low_battery[robot] = True
+    expected: list[Item] = list(WITHOUT_REPLANNING)
+    expected.insert(expected.index(("a_navigate_to", robot, ROOM)), ("a_charge", robot))
+    assert items(PLANNER.plan(state, [MISSION])) == expected
+
+
+@pytest.mark.parametrize(
+    ("failing", "low", "first"),
+    [
+        (("a_navigate_to", SPOT, ROOM), SPOT, [("a_charge", SPOT), ("a_navigate_to", SPOT, ROOM)]),
+        (("a_navigate_to", UVD, ROOM), UVD, [("a_charge", UVD), ("a_navigate_to", UVD, ROOM)]),
+        (
+            ("a_patrol_room", SPOT, ROOM),
+            SPOT,
+            [("a_charge", SPOT), ("a_navigate_to", SPOT, ROOM), ("a_approach_nurse", SPOT, NURSE)],
+        ),
+        (("a_disinfect_room", UVD, ROOM), UVD, [("a_authorize_disinfect", UVD, SPOT), ("a_charge", UVD)]),
+    ],
+)
+def test_a_battery_that_runs_low_on_the_way_is_charged_and_the_mission_goes_on(failing, low, first):
+    answer = PLANNER.plan(infected(), [MISSION])
+    failed, state = reach(answer, infected(), failing)
+    state.low_battery[low] = True
+    again = PLANNER.replan(state, tree(answer), failed.id)
+    assert items(again)[: len(first)] == first
+    assert DISINFECT.after(state, items(again)).disinfected == {ROOM: True}
+
+
+def test_a_room_that_is_clean_already_needs_no_mission():
+    state = infected()
+    state.disinfected[ROOM] = True
+    assert PLANNER.plan(state, [MISSION]).verdict is TaskVerdict.IMPOSSIBLE
+
+
+def test_without_the_nurse_to_tidy_up_there_is_no_plan_and_the_reason_is_told():
+    state = infected()
+    state.cleaned[ROOM] = False
+    answer = PLANNER.plan(state, [MISSION], blacklist=[("a_adapt_room", NURSE, ROOM)])
+    assert answer.verdict is TaskVerdict.IMPOSSIBLE
+    assert f"m_disinfect_room({UVD}, {SPOT}, {NURSE})" in answer.message
+
+
+@pytest.mark.parametrize("rooms", [1, 10, 100, 1000])
+def test_many_rooms_are_planned_in_little_time_and_so_is_a_repair_in_the_middle(rooms):
+    state = infected(rooms)
+    missions = [mission(SPOT, UVD, f"nurse_disinfected{number}") for number in range(1, rooms + 1)]
+    begin = time.thread_time()
+    answer = PLANNER.plan(state, missions, TaskLimits(timeout_s=60))
+    assert time.thread_time() - begin < 2.0
+    assert len(answer.plan) == 9 * rooms
+    middle = (rooms + 1) // 2
+    patrol, now = reach(answer, state, ("a_patrol_room", SPOT, f"room{middle}"))
+    now.cleaned[f"room{middle}"] = False
+    begin = time.thread_time()
+    again = PLANNER.replan(now, tree(answer), patrol.id, TaskLimits(timeout_s=60))
+    assert time.thread_time() - begin < 2.0
+    assert len(again.plan) == 8 + 9 * (rooms - middle)
+    assert again.plan[5:] == answer.plan[9 * middle - 3 :]

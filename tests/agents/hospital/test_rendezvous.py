@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from socialbot.agents.hospital.rendezvous import Meeting, Rendezvous
+
+MEETING = Meeting("mission_1_1", "a_authenticate_nurse", ("spotrobot1", "nurse1"))
+
+
+class Post:
+    """Agents whose words wait until they are brought, those of one sender in their order."""
+
+    def __init__(self, *names: str) -> None:
+        self.words: dict[str, list[tuple[str, str, Meeting]]] = {name: [] for name in names}
+        self.met: list[str] = []
+        self.agents = {name: self._agent(name) for name in names}
+
+    def _agent(self, name: str) -> Rendezvous:
+        def say(word: str):
+            return lambda partner, meeting: self.words[name].append((word, partner, meeting))
+
+        return Rendezvous(say("ready"), say("done"))
+
+    def arrive(self, name: str, meeting: Meeting = MEETING) -> None:
+        partners = [other for other in self.agents if other != name]
+        self.agents[name].arrive(meeting, partners, lambda: self.met.append(name))
+
+    def bring(self, sender: str) -> bool:
+        if not self.words[sender]:
+            return False
+        word, partner, meeting = self.words[sender].pop(0)
+        agent = self.agents[partner]
+        (agent.partner_ready if word == "ready" else agent.partner_done)(sender, meeting)
+        return True
+
+    def bring_all(self) -> None:
+        while sender := next((name for name, words in self.words.items() if words), None):
+            self.bring(sender)
+
+
+def test_the_first_waits_and_the_second_answers_it():
+    post = Post("spot", "nurse")
+    post.arrive("spot")
+    post.bring_all()
+    assert post.met == []
+    post.arrive("nurse")
+    assert post.met == ["nurse"]
+    assert post.words["nurse"] == [("done", "spot", MEETING)]
+    post.bring_all()
+    assert post.met == ["nurse", "spot"]
+
+
+def test_two_that_come_at_the_same_time_meet_once():
+    post = Post("spot", "nurse")
+    post.arrive("spot")
+    post.arrive("nurse")
+    post.bring_all()
+    assert sorted(post.met) == ["nurse", "spot"]
+
+
+def test_nobody_meets_who_is_there_for_something_else():
+    post = Post("spot", "nurse")
+    post.arrive("spot")
+    post.arrive("nurse", MEETING._replace(action="a_authorize_patrol"))
+    post.bring_all()
+    assert post.met == []
+
+
+def test_who_has_left_is_waited_for():
+    post = Post("spot", "nurse")
+    post.arrive("nurse")
+    post.agents["nurse"].leave(MEETING)
+    post.agents["nurse"].partner_done("spot", MEETING)
+    assert post.met == []
+
+
+def test_what_was_said_about_other_plans_is_forgotten():
+    post = Post("spot", "nurse")
+    post.arrive("spot")
+    post.bring_all()
+    post.agents["nurse"].forget("mission_1_2")
+    post.arrive("nurse")
+    assert post.met == []
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(["spot", "nurse", "uvd"])))
+def test_three_begin_together(order):
+    post = Post("spot", "nurse", "uvd")
+    for name in order:
+        assert post.met == []
+        post.arrive(name)
+        post.bring_all()
+    assert sorted(post.met) == ["nurse", "spot", "uvd"]
+
+
+@given(st.lists(st.sampled_from(["spot", "nurse", "uvd"])), st.permutations(["spot", "nurse", "uvd"]))
+def test_however_words_are_delayed_all_meet_and_nobody_before_all_have_come(delays, order):
+    post = Post("spot", "nurse", "uvd")
+    for name, sender in itertools.zip_longest(order, delays):
+        if name:
+            assert post.met == []
+            post.arrive(name)
+        if sender:
+            post.bring(sender)
+    post.bring_all()
+    assert sorted(post.met) == ["nurse", "spot", "uvd"]

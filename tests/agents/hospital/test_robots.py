@@ -1,0 +1,360 @@
+from __future__ import annotations
+
+import logging
+
+import pytest
+
+from socialbot.agents.hospital.messages import (
+    TOPIC,
+    AclMessage,
+    Belief,
+    End,
+    Finished,
+    InitialTrigger,
+    Performative,
+    Plan,
+    Problem,
+    Refusal,
+    Register,
+    Report,
+    Start,
+    Stop,
+)
+from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
+from socialbot.agents.hospital.robots import program
+from socialbot.agents.hospital.ward_messages import (
+    CANCELS,
+    CLOSED_DOOR,
+    COMMANDS,
+    DIRTY_ROOM,
+    LOW_BATTERY,
+    PERSON_IN_ROOM,
+    RESULTS,
+    STATE,
+    ActionCancel,
+    ActionCommand,
+    ActionResult,
+    AgentState,
+    WardState,
+)
+from socialbot.bdi.agentspeak.loading import check
+from socialbot.bdi.agentspeak.parser import parse_literal
+from socialbot.clock import SECOND
+from socialbot.graph import Graph, Placement
+from socialbot.inline import InlineRunner
+
+SPOT, UVD, NURSE, ROOM = "spotrobot1", "uvdrobot1", "nurse_disinfected1", "room1"
+CONSTANTS = (NURSE, ROOM, SPOT, UVD)
+
+LISTING_1 = """
++success_a_patrol_room(SpotRobot, NurseDisinfectRoom)
+: start(NurseDisinfect, NurseDisinfectRoom,
+    SpotRobot, UvdRobot) & milestone5
+<-
+-milestone5;
++milestone6;
+.send(UvdRobot, tell, milestone5);
+.send(UvdRobot, tell, trigger_a_authorize_disinfect(
+    UvdRobot, SpotRobot));
+!a_authorize_disinfect(UvdRobot, SpotRobot).
+"""
+LISTING_2 = """
++trigger_a_authorize_disinfect(UvdRobot, SpotRobot)
+: start(NurseDisinfect, NurseDisinfectRoom,
+    SpotRobot, UvdRobot)
+<-
+!a_authorize_disinfect(UvdRobot, SpotRobot).
+"""
+
+
+class Alone:
+    """One agent without a world and a coordinator, which the test plays."""
+
+    def __init__(self, kind: type = Spot, name: str = SPOT, **parameters) -> None:
+        placement = Placement(name, kind, parameters)
+        self.name = name
+        self.runner = InlineRunner(Graph("alone", (placement,), inputs=frozenset({TOPIC, RESULTS, STATE})))
+        self.said: list[AclMessage] = []
+        self.commands: list[ActionCommand] = []
+        self.cancels: list[str] = []
+        self.runner.tap(TOPIC, self._hear)
+        self.runner.tap(COMMANDS, lambda _, message: self.commands.append(message))  # type: ignore[arg-type]
+        self.runner.tap(CANCELS, self._cancelled)
+        self.runner.start()
+        self.engine = self.runner.nodes[name].engine  # type: ignore[attr-defined]
+
+    def _hear(self, topic: str, message) -> None:
+        if message.sender == self.name:
+            self.said.append(message)
+
+    def _cancelled(self, topic: str, message) -> None:
+        assert isinstance(message, ActionCancel)
+        self.cancels.append(message.id)
+
+    @property
+    def now(self) -> int:
+        return self.runner.clock.now()
+
+    def tell(
+        self, content, *, sender="coordinator", performative: Performative = "inform", mission="mission_1_1"
+    ) -> None:
+        message = AclMessage(
+            stamp=self.now, id=f"m{self.now}", sender=sender, receiver=self.name, performative=performative,
+            content=content, mission=mission,
+        )  # fmt: skip
+        self.runner.feed(TOPIC, message)
+        assert self.runner.faults[self.name].failures == 0, self.runner.faults[self.name].first
+
+    def take_on(self, *plans: str, label: str = "mission_1_1") -> None:
+        """Gives it plans, and has it begin."""
+        texts = tuple(f"@{label}_{number} {text}" for number, text in enumerate(plans))
+        self.tell(Plan(label, texts), mission=label)
+        self.tell(Start(CONSTANTS), performative="request", mission=label)
+
+    def answer(self, outcome, reason: str = "") -> None:
+        """Tells it what became of its latest command."""
+        last = self.commands[-1]
+        result = ActionResult(
+            stamp=self.now, id=last.id, robot=last.robot, action=last.action, args=last.args, outcome=outcome,
+            reason=reason,
+        )  # fmt: skip
+        self.runner.feed(RESULTS, result)
+
+    def see(self, place: str, battery: float = 1.0) -> None:
+        agent = AgentState(
+            name=self.name, kind="x", home="room4", place=place, inside=True, x=0.0, y=0.0, battery=battery
+        )
+        self.runner.feed(STATE, WardState(stamp=self.now, rooms=(), agents=(agent,)))
+
+    def heard(self, kind: type) -> list:
+        return [message.content for message in self.said if isinstance(message.content, kind)]
+
+    def told(self) -> list[tuple[str, str]]:
+        """What it has told others to believe."""
+        return [
+            (message.receiver, message.content.literal) for message in self.said if isinstance(message.content, Belief)
+        ]
+
+    def done(self) -> list[str]:
+        return [command.action for command in self.commands]
+
+    def believes(self, text: str) -> bool:
+        return any(held.belief == parse_literal(text) for held in self.engine.beliefs)
+
+
+GO = (
+    "+initial_trigger_a_navigate_to(S, R) : start(N, R, S, U) <- !a_navigate_to(S, R).",
+    "+!a_navigate_to(S, R) : start(N, R, S, U) <- +milestone0; a_navigate_to(S, R).",
+    "+success_a_navigate_to(S, R) : milestone0 <- -milestone0; end.",
+)
+
+
+def going(**parameters) -> Alone:
+    spot = Alone(**parameters)
+    spot.take_on(*GO)
+    spot.tell(Belief(f"initial_trigger_a_navigate_to({SPOT}, {ROOM})"))
+    return spot
+
+
+@pytest.mark.parametrize("kind", ["spot", "uvd", "nurse"])
+def test_the_programs_have_no_mistakes(kind):
+    assert check(program(kind), f"{kind}.asl") == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "can"),
+    [
+        (Spot, "spotrobot", "a_patrol_room"),
+        (Uvd, "uvdrobot", "a_disinfect_room"),
+        (Nurse, "nurse_disinfected", "a_adapt_room"),
+    ],
+)  # fmt: skip
+def test_it_registers_with_what_it_can_do_until_it_is_heard(kind, name, can):
+    agent = Alone(kind, f"{name}12")
+    agent.runner.advance(2 * SECOND + 1)
+    assert len(agent.heard(Register)) == 3
+    assert agent.heard(Register)[0].kind == name
+    assert can in agent.heard(Register)[0].capabilities
+    agent.tell(Register(), performative="agree")
+    agent.runner.advance(9 * SECOND)
+    assert len(agent.heard(Register)) == 3
+
+
+def test_listing_1_runs_as_printed():
+    spot = Alone()
+    spot.take_on()
+    spot.engine.add_text(LISTING_1)
+    spot.engine.add_text("+!a_authorize_disinfect(U, S) : milestone6 <- a_authorize_disinfect(U, S).")
+    spot.engine.believe(parse_literal("milestone5"))
+    spot.engine.add_text(f"+go <- a_patrol_room({SPOT}, {ROOM}).")
+    spot.tell(Belief("go"))
+    spot.answer("success")
+    assert spot.told() == [
+        (UVD, "milestone5"),
+        (UVD, f"trigger_a_authorize_disinfect({UVD}, {SPOT})"),
+    ]  # fmt: skip
+    assert spot.believes("milestone6")
+    assert not spot.believes("milestone5")
+    assert [str(goal) for goal in spot.engine.desires()] == [f"a_authorize_disinfect({UVD}, {SPOT})"]
+
+
+def test_listing_2_runs_as_printed():
+    uvd = Alone(Uvd, UVD)
+    uvd.take_on()
+    uvd.engine.add_text(LISTING_2)
+    uvd.engine.add_text("+!a_authorize_disinfect(U, S) : milestone5 <- a_authorize_disinfect(U, S).")
+    uvd.tell(Belief("milestone5"), sender=SPOT)
+    uvd.tell(Belief(f"trigger_a_authorize_disinfect({UVD}, {SPOT})"), sender=SPOT)
+    assert [str(goal) for goal in uvd.engine.desires()] == [f"a_authorize_disinfect({UVD}, {SPOT})"]
+
+
+def test_it_does_what_the_plans_say_reports_it_and_forgets_the_mission():
+    spot = going()
+    assert [(command.action, command.args) for command in spot.commands] == [("a_navigate_to", (SPOT, ROOM))]
+    assert not spot.believes("idle")
+    spot.answer("success")
+    assert spot.heard(Report) == [Report("success", "a_navigate_to", (SPOT, ROOM))]
+    assert len(spot.heard(Finished)) == 1
+    assert spot.believes("idle")
+    assert not any(str(held.belief).startswith(("start", "milestone", "initial")) for held in spot.engine.beliefs)
+    assert not any(plan.label.startswith("mission") for plan in spot.engine.library if plan.label)
+
+
+def test_new_plans_of_the_mission_take_the_place_of_the_old_ones_and_leave_the_others_alone():
+    spot = going()
+    before = {plan.label for plan in spot.engine.library}
+    spot.take_on("+!a_charge(S) <- a_charge(S).", label="mission_1_2")
+    after = {plan.label for plan in spot.engine.library}
+    assert {label for label in before - after if label} == {f"mission_1_1_{number}" for number in range(3)}
+    assert after - before == {"mission_1_2_0"}
+    assert "tells" in after
+
+
+def test_what_new_plans_begin_with_goes_on_if_it_is_under_way():
+    spot = going()
+    spot.take_on(*GO, label="mission_1_2")
+    spot.tell(Belief(f"initial_trigger_a_navigate_to({SPOT}, {ROOM})"), mission="mission_1_2")
+    spot.runner.advance(spot.now + SECOND)
+    assert (len(spot.commands), spot.cancels) == (1, [])
+    spot.answer("success")
+    assert spot.said[-1].mission == "mission_1_2"
+    assert len(spot.heard(Finished)) == 1
+
+
+@pytest.mark.parametrize("word", [Stop("something else"), End()])
+def test_it_stops_when_it_is_told_to(word):
+    spot = going()
+    spot.tell(word, performative="request")
+    spot.runner.advance(spot.now + SECOND)
+    assert spot.cancels == [spot.commands[0].id]
+    assert spot.believes("idle")
+    assert not spot.engine.desires()
+
+
+def test_what_is_said_about_other_plans_changes_nothing():
+    spot = going()
+    spot.tell(Stop(), performative="request", mission="mission_1_0")
+    spot.tell(Belief("milestone7"), sender=UVD, mission="mission_0_9")
+    assert not spot.believes("milestone7")
+    assert spot.runner.nodes[SPOT].label == "mission_1_1"  # type: ignore[attr-defined]
+
+
+def test_a_word_that_comes_before_the_plans_waits_for_them():
+    uvd = Alone(Uvd, UVD)
+    uvd.tell(Belief("milestone3"), sender=SPOT, mission="mission_4_2")
+    assert not uvd.believes("milestone3")
+    uvd.take_on(label="mission_4_2")
+    assert uvd.believes("milestone3")
+
+
+@pytest.mark.parametrize(
+    ("plan", "reason"),
+    [("+!go <- ", "a step"), ("@mine +!go <- a_charge(x).", "labelled"), ("+!go <- a_charge(x).", "labelled")],
+)
+def test_plans_that_cannot_be_understood_are_refused(plan, reason, caplog):
+    caplog.set_level(logging.ERROR, "socialbot")
+    spot = Alone()
+    spot.tell(Plan("mission_1_1", (plan,)))
+    assert reason in spot.heard(Refusal)[0].reason
+    assert spot.said[-1].performative == "refuse"
+    assert spot.runner.nodes[SPOT].label == ""  # type: ignore[attr-defined]
+
+
+def test_what_makes_no_sense_to_a_robot_is_refused_and_a_refusal_is_not(caplog):
+    caplog.set_level(logging.ERROR, "socialbot")
+    spot = Alone()
+    spot.tell(InitialTrigger("disinfect", (ROOM,)), performative="request")
+    spot.tell(Refusal("no"), performative="refuse")
+    assert [refusal.reason for refusal in spot.heard(Refusal)] == ["spot does nothing about InitialTrigger"]
+
+
+# What it mends by itself
+
+
+def test_a_dirty_room_is_told_to_the_coordinator_at_once():
+    spot = going()
+    spot.answer("failure", DIRTY_ROOM)
+    assert spot.heard(Problem) == [Problem(DIRTY_ROOM, (SPOT, ROOM), "a_navigate_to")]
+
+
+def test_spot_opens_a_door_in_its_way_and_tries_again():
+    spot = going()
+    spot.see(ROOM)
+    spot.answer("failure", CLOSED_DOOR)
+    assert spot.done() == ["a_navigate_to", "a_open_door"]
+    spot.answer("success")
+    assert spot.done()[2:] == ["a_navigate_to"]
+    spot.answer("success")
+    assert spot.heard(Problem) == []
+    assert len(spot.heard(Finished)) == 1
+
+
+def test_a_door_that_does_not_open_is_a_problem():
+    spot = going()
+    spot.see(ROOM)
+    spot.answer("failure", CLOSED_DOOR)
+    spot.answer("failure", "it is stuck")
+    assert spot.heard(Problem) == [Problem("it is stuck", (SPOT, ROOM), "a_open_door")]
+
+
+def test_a_uvd_has_no_arm_and_tells_of_the_door():
+    uvd = Alone(Uvd, UVD)
+    uvd.take_on("+go <- a_navigate_to(uvdrobot1, room1).")
+    uvd.tell(Belief("go"))
+    uvd.answer("failure", CLOSED_DOOR)
+    assert uvd.heard(Problem) == [Problem(CLOSED_DOOR, (UVD, ROOM), "a_navigate_to")]
+
+
+def test_a_robot_on_its_way_whose_battery_is_low_charges_and_goes_on():
+    spot = going()
+    spot.answer("failure", LOW_BATTERY)
+    assert spot.done() == ["a_navigate_to", "a_charge"]
+    spot.answer("success")
+    assert spot.done()[2:] == ["a_navigate_to"]
+
+
+def test_somebody_who_walks_through_is_waited_for_once():
+    uvd = Alone(Uvd, UVD, patience_s=2.0)
+    uvd.take_on("+go <- a_disinfect_room(uvdrobot1, room1).")
+    uvd.tell(Belief("go"))
+    uvd.answer("failure", PERSON_IN_ROOM)
+    assert uvd.done() == ["a_disinfect_room"]
+    uvd.runner.advance(uvd.now + 2 * SECOND)
+    assert uvd.done() == ["a_disinfect_room"] * 2
+    assert uvd.heard(Problem) == []
+    uvd.answer("failure", PERSON_IN_ROOM)
+    assert len(uvd.heard(Problem)) == 1
+
+
+def test_without_recovery_every_failure_is_told_at_once():
+    spot = going(recovers=False)
+    spot.see(ROOM)
+    spot.answer("failure", CLOSED_DOOR)
+    assert spot.done() == ["a_navigate_to"]
+    assert spot.heard(Problem) == [Problem(CLOSED_DOOR, (SPOT, ROOM), "a_navigate_to")]
+
+
+def test_between_missions_it_charges_when_its_battery_is_low():
+    spot = Alone()
+    spot.see("room4", battery=0.1)
+    assert spot.done() == ["a_charge"]

@@ -1,0 +1,215 @@
+"""Whole missions: world, coordinator, robots and nurses in one inline graph."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordinator
+from socialbot.agents.hospital.messages import TOPIC, AclMessage, InitialTrigger, Missions, MissionView, Plan, Problem
+from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
+from socialbot.agents.hospital.ward_messages import STATE, WardState
+from socialbot.agents.hospital.ward_node import HospitalWorld
+from socialbot.clock import SECOND, nanoseconds
+from socialbot.errors import ParameterError
+from socialbot.graph import Graph, Placement
+from socialbot.inline import InlineRunner
+from tests.agents.hospital.test_coordinator import LISTING_3, LISTING_4, NURSE, SPOT, UVD
+
+logging.getLogger("socialbot.coordinator").setLevel(logging.ERROR)
+logging.getLogger("socialbot.bdi").setLevel(logging.ERROR)
+
+
+class Hospital:
+    """A run, and what was said in it."""
+
+    def __init__(self, world: dict, coordinator: dict, *, robots: int = 1, nurses: int = 1, **agents) -> None:
+        numbers = range(1, robots + 1)
+        self.runner = InlineRunner(
+            Graph(
+                "hospital",
+                (
+                    Placement("world", HospitalWorld, world),
+                    Placement("coordinator", HospitalCoordinator, coordinator),
+                    *(Placement(f"spotrobot{n}", Spot, agents) for n in numbers),
+                    *(Placement(f"uvdrobot{n}", Uvd, agents) for n in numbers),
+                    *(Placement(f"nurse_disinfected{n}", Nurse, agents) for n in range(1, nurses + 1)),
+                ),
+            )
+        )
+        self.said: list[AclMessage] = []
+        self.views: dict[int, MissionView] = {}
+        self.ended: dict[int, float] = {}
+        self.ward: WardState | None = None
+        self.runner.tap(TOPIC, lambda _, message: self.said.append(message))  # type: ignore[arg-type]
+        self.runner.tap(MISSIONS, self._see)
+        self.runner.tap(STATE, self._look)
+        self.runner.start()
+
+    def _see(self, topic: str, message) -> None:
+        assert isinstance(message, Missions)
+        for view in message.missions:
+            self.views[view.id] = view
+            if view.status in ("finished", "failed"):
+                self.ended.setdefault(view.id, message.stamp / SECOND)
+
+    def _look(self, topic: str, message) -> None:
+        self.ward = message
+
+    def until(self, second: float) -> Hospital:
+        self.runner.advance(nanoseconds(second))
+        failed = {name: faults.first for name, faults in self.runner.faults.items() if faults.failures}
+        assert not failed
+        return self
+
+    def history(self, mission: int = 1) -> list[tuple[str, ...]]:
+        return [(each.action, *each.args) for each in self.views[mission].actions]
+
+    def problems(self) -> list[Problem]:
+        return [message.content for message in self.said if isinstance(message.content, Problem)]
+
+    def infected(self) -> list[str]:
+        assert self.ward is not None
+        return [room.name for room in self.ward.rooms if room.infected]
+
+
+def paper(rate: float, **coordinator) -> Hospital:
+    return Hospital({"rate": rate}, {"proactive": False, **coordinator})
+
+
+def large(rooms: int, robots: int, *, seed: int, rate: float, coordinator: dict | None = None, **more) -> Hospital:
+    world = {"ward": "large", "rooms": rooms, "spots": robots, "uvds": robots, "seed": seed, "rate": rate, "noise": 0.1}
+    world |= more
+    return Hospital(world, coordinator or {}, robots=robots, nurses=rooms)
+
+
+def test_a_mission_without_a_problem_is_listing_3():
+    run = paper(0).until(6.0)
+    assert run.history() == LISTING_3
+    assert {each.status for each in run.views[1].actions} == {"done"}
+    assert (run.views[1].status, run.views[1].recoveries) == ("finished", 0)
+    assert run.infected() == []
+    assert run.ended[1] == pytest.approx(4.2, abs=0.1)
+
+
+def test_a_mission_with_a_problem_that_is_repaired_is_listing_4_and_takes_little_longer():
+    run = paper(100, policy="repair").until(6.0)
+    assert run.history() == LISTING_4
+    assert [each.status for each in run.views[1].actions] == ["done"] * 5 + ["failed"] + ["done"] * 8
+    assert run.problems() == [Problem("dirty room", (SPOT, "room1"), "a_patrol_room")]
+    assert run.infected() == []
+    assert run.ended[1] / paper(0).until(6.0).ended[1] < 1.08
+
+
+def test_a_mission_that_is_planned_anew_as_a_whole_is_completed():
+    run = paper(100, policy="replan").until(6.0)
+    assert run.views[1].status == "finished"
+    assert ("a_adapt_room", NURSE, "room1") in run.history()
+
+
+def test_without_recovery_it_is_not_completed():
+    run = paper(100, policy="none").until(6.0)
+    assert run.views[1].status == "failed"
+    assert run.infected() == ["room1"]
+
+
+def test_a_coordinator_that_looks_ahead_meets_no_problem():
+    run = paper(100, proactive=True).until(6.0)
+    assert run.problems() == []
+    assert run.views[1].status == "finished"
+
+
+def test_one_that_looks_ahead_acts_when_something_happens_on_the_way():
+    run = Hospital({"faults": "1.5 dirty room1"}, {"proactive": True}).until(6.0)
+    assert run.problems() == []
+    assert (run.views[1].status, run.views[1].revisions) == ("finished", 1)
+    assert ("a_adapt_room", NURSE, "room1") in run.history()
+
+
+def test_two_runs_of_the_same_seed_say_the_same():
+    assert paper(100).until(6.0).said == paper(100).until(6.0).said
+
+
+@pytest.mark.parametrize("second", [1.5, 2.0, 2.35, 3.0, 4.0])
+@pytest.mark.parametrize("rate", [0, 100])
+def test_a_coordinator_that_is_killed_and_begun_anew_completes_the_mission(tmp_path: Path, second: float, rate: int):
+    run = paper(rate, memory_file=str(tmp_path / "memory.json")).until(second)
+    run.runner.kill("coordinator")
+    run.until(second + 2.0)
+    run.runner.restart("coordinator")
+    run.until(second + 9.0)
+    assert run.infected() == []
+    assert [view.status for view in run.views.values()] == ["finished"]
+
+
+@pytest.mark.parametrize("second", [1.5, 2.35, 3.0, 4.0])
+def test_without_a_memory_it_begins_the_mission_anew(second: float):
+    run = paper(0).until(second)
+    run.runner.kill("coordinator")
+    run.until(second + 0.1)
+    run.runner.restart("coordinator")
+    run.until(second + 9.0)
+    assert run.infected() == []
+
+
+@pytest.mark.parametrize("name", [SPOT, UVD, NURSE])
+def test_an_agent_that_is_killed_and_begun_anew_takes_its_part(name: str):
+    run = paper(0).until(2.1)
+    run.runner.kill(name)
+    run.until(2.3)
+    run.runner.restart(name)
+    run.until(20.0)
+    assert run.infected() == []
+    assert run.views[1].status == "finished"
+
+
+def test_a_memory_that_cannot_be_read_is_an_error(tmp_path: Path):
+    (tmp_path / "memory.json").write_text("{")
+    with pytest.raises(ParameterError, match="cannot read what it remembers"):
+        paper(0, memory_file=str(tmp_path / "memory.json"))
+
+
+def test_an_urgent_room_comes_first():
+    run = large(4, 1, seed=0, rate=0).until(2.5)
+    first = run.views[1].room
+    urgent = next(room.name for room in run.ward.rooms if room.name not in (first, "dock"))  # type: ignore[union-attr]
+    trigger = AclMessage(
+        stamp=run.runner.clock.now(), id="d", sender="desk", receiver="coordinator", performative="request",
+        content=InitialTrigger("urgent", (urgent,)),
+    )  # fmt: skip
+    run.runner.feed(TOPIC, trigger)
+    run.until(60.0)
+    assert run.infected() == []
+    ends = {run.views[mission].room: end for mission, end in run.ended.items()}
+    assert min(ends, key=ends.__getitem__) == urgent
+
+
+def test_the_plans_of_robots_with_high_numbers_are_as_good_as_others():
+    run = large(12, 11, seed=1, rate=0, every_s=0.0).until(60.0)
+    assert run.infected() == []
+    receivers = {message.receiver for message in run.said if isinstance(message.content, Plan)}
+    assert {"spotrobot10", "uvdrobot11"} <= receivers
+
+
+@pytest.mark.parametrize("proactive", [True, False])
+@pytest.mark.parametrize("seed", range(4))
+def test_every_room_is_disinfected_though_each_meets_a_problem(seed: int, proactive: bool):
+    run = large(8, 2, seed=seed, rate=100, coordinator={"proactive": proactive})
+    for second in range(10, 200, 10):
+        run.until(second)
+        if second > 30 and not run.infected():
+            break
+    assert run.infected() == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(200))
+def test_no_run_of_a_large_ward_ends_in_a_deadlock(seed: int):
+    run = large(50, 4, seed=seed, rate=(25, 50, 75, 100)[seed % 4], coordinator={"proactive": seed % 8 < 6})
+    for second in range(60, 601, 10):
+        run.until(second)
+        if not run.infected():
+            break
+    assert run.infected() == []

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+
+from socialbot.agents.hospital.ward import NURSE, SPOT, UVD, Point, Ward, large_ward, length, paper_ward
+
+WARDS = [paper_ward(), large_ward(), large_ward(1, 1, 1), large_ward(200, 30, 30, 20)]
+
+
+def test_the_ward_of_the_paper_has_four_rooms_a_nurse_in_the_first_and_both_robots_in_the_last():
+    ward = paper_ward()
+    assert [room.name for room in ward.rooms] == ["room1", "room2", "room3", "room4"]
+    assert {member.name: member.home for member in ward.members} == {
+        "nurse_disinfected1": "room1", "spotrobot1": "room4", "uvdrobot1": "room4",
+    }  # fmt: skip
+    assert (ward.closed, ward.dock) == ({"room1"}, "room4")
+
+
+def test_a_large_ward_has_as_many_rooms_and_members_as_asked_for_and_each_nurse_has_work():
+    ward = large_ward(50, 4, 5)
+    assert len(ward.rooms) == 51
+    assert (len(ward.of_kind(SPOT)), len(ward.of_kind(UVD)), len(ward.of_kind(NURSE))) == (4, 5, 50)
+    assert sorted(room for _, room in ward.infections) == sorted(room.name for room in ward.rooms[:-1])
+    assert [time_s for time_s, _ in ward.infections] == [1.0 + 3.0 * number for number in range(50)]
+    assert large_ward(50, 4, 5) == ward
+    assert len(large_ward(50, nurses=7).infections) == 7
+
+
+@pytest.mark.parametrize("wrong", [{"rooms": 0}, {"nurses": 51}, {"spots": -1}, {"uvds": -1}, {"every_s": -1.0}])
+def test_a_ward_that_cannot_be_is_refused(wrong):
+    with pytest.raises(ValueError, match="no ward of"):
+        large_ward(**wrong)
+
+
+@pytest.mark.parametrize("ward", WARDS, ids=lambda ward: f"{len(ward.rooms)} rooms")
+def test_rooms_do_not_overlap_and_lie_beside_their_corridor(ward: Ward):
+    for number, room in enumerate(ward.rooms):
+        assert ward.room_at(room.centre) == room.name
+        assert ward.room_at(room.entrance) == ""
+        assert math.dist(room.door, room.entrance) == pytest.approx(1.2)
+        for other in ward.rooms[number + 1 :]:
+            apart_x = abs(room.corner.x - other.corner.x) >= 4.6 - 1e-9
+            assert apart_x or abs(room.corner.y - other.corner.y) >= 4.0 - 1e-9
+
+
+def way_inside(ward: Ward, start: str, target: str) -> tuple[Point, ...]:
+    end = ward.room_by_name[target]
+    return (*ward.way(ward.room_by_name[start].centre, start, target), end.door, end.centre)
+
+
+@pytest.mark.parametrize("ward", WARDS[:3], ids=lambda ward: f"{len(ward.rooms)} rooms")
+def test_ways_run_along_corridors_and_through_no_other_room(ward: Ward):
+    for start in ward.room_by_name:
+        for target in ward.room_by_name:
+            if start == target:
+                assert ward.distance(start, target) == 0.0
+                continue
+            way = way_inside(ward, start, target)
+            assert length(way) == pytest.approx(ward.distance(start, target))
+            assert ward.distance(start, target) == pytest.approx(ward.distance(target, start))
+            for here, there in pairwise(way):
+                assert here.x == there.x or here.y == there.y
+                middle = Point((here.x + there.x) / 2, (here.y + there.y) / 2)
+                assert ward.room_at(middle) in ("", start, target)
+
+
+def test_a_way_from_the_middle_of_a_corridor_begins_there():
+    ward = large_ward()
+    room = ward.room_by_name["room1"]
+    here = Point(room.entrance.x + 5.0, room.entrance.y)
+    assert ward.way(here, "", "room1") == (here, room.entrance)
+    assert ward.way(room.entrance, "", "room1") == (room.entrance,)
+    beside = Point(room.entrance.x, room.entrance.y - 0.5)
+    assert ward.way(beside, "", "room2")[1] == room.entrance
+    spine = Point(ward.spine_x, 20.0)
+    assert ward.way(spine, "", "room1")[1].x == ward.spine_x

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+from collections import Counter
+from math import comb
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from socialbot.agents.hospital.ward import large_ward, paper_ward
+from socialbot.agents.hospital.ward_faults import PROBLEM_OF, Fault, drawn_problems, parse_faults, random_faults
+from socialbot.agents.hospital.ward_messages import PROBLEMS
+from socialbot.agents.hospital.ward_world import WardWorld
+from socialbot.clock import SECOND
+from socialbot.errors import ParameterError
+
+PAPER, LARGE = paper_ward(), large_ward()
+
+
+def test_faults_are_read_in_the_order_in_which_they_are_written():
+    text = (
+        "2 dirty room1; 3.5 closes room2 ; 4 drains spotrobot1; 5 enters room1 10; 6 leaves nurse_disinfected1 10;"
+        "7 silent uvdrobot1 5; 7 silent room1 5; 8 slow state 5; 9 stalls uvdrobot1 3;"
+    )
+    assert parse_faults(text, PAPER) == (
+        Fault(2.0, "dirty", "room1"),
+        Fault(3.5, "closes", "room2"),
+        Fault(4.0, "drains", "spotrobot1"),
+        Fault(5.0, "enters", "room1", 10.0),
+        Fault(6.0, "leaves", "nurse_disinfected1", 10.0),
+        Fault(7.0, "silent", "uvdrobot1", 5.0),
+        Fault(7.0, "silent", "room1", 5.0),
+        Fault(8.0, "slow", "state", 5.0),
+        Fault(9.0, "stalls", "uvdrobot1", 3.0),
+    )
+    assert parse_faults("", PAPER) == ()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["30", "dirty room1", "1 dirty room5", "1 dirty spotrobot1", "1 drains nurse_disinfected1", "1 enters room1",
+     "1 leaves spotrobot1 3", "x dirty room1", "-1 dirty room1", "nan dirty room1", "1 silent moon 3",
+     "1 stalls room1 3", "1 explodes", "1 stalls spotrobot1 inf"],
+)  # fmt: skip
+def test_what_is_no_fault_is_refused_with_a_remedy(text):
+    with pytest.raises(ParameterError, match="remedy: write faults as"):
+        parse_faults(text, PAPER)
+
+
+words = st.sampled_from(["dirty", "closes", "drains", "enters", "leaves", "silent", "slow", "stalls", "room1",
+                         "spotrobot1", "nurse_disinfected1", "state", ";", "moon"])  # fmt: skip
+texts = st.lists(words | st.floats(-1, 1e7).map(str), max_size=12).map(" ".join)
+
+
+@given(texts)
+def test_any_text_is_read_or_refused_and_what_is_read_can_be_written_down(text):
+    try:
+        faults = parse_faults(text, PAPER)
+    except ParameterError:
+        return
+    assert parse_faults("; ".join(map(str, faults)), PAPER) == faults
+
+
+def test_random_faults_depend_on_the_seed_only_and_can_be_written_down():
+    kinds = set()
+    for seed in range(100):
+        faults = random_faults(LARGE, seed)
+        assert 1 <= len(faults) <= 6
+        assert faults == random_faults(LARGE, seed) == parse_faults("; ".join(map(str, faults)), LARGE)
+        assert [fault.time_s for fault in faults] == sorted(fault.time_s for fault in faults)
+        kinds |= {fault.kind for fault in faults}
+    assert kinds == {*PROBLEM_OF, "silent", "slow", "stalls"}
+
+
+def binomial_interval(runs: int, rate: float, outside: float = 0.01) -> range:
+    """How many of ``runs`` meet a problem, but for a share of ``outside``, half on each side."""
+    share, found, below = rate / 100.0, [], 0.0
+    for number in range(runs + 1):
+        chance = comb(runs, number) * share**number * (1 - share) ** (runs - number)
+        if below + chance > outside / 2 and below < 1 - outside / 2:
+            found.append(number)
+        below += chance
+    return range(found[0], found[-1] + 1)
+
+
+@pytest.mark.parametrize("rate", [0.0, 10.0, 25.0, 50.0, 75.0, 100.0])
+def test_the_paper_problem_comes_as_often_as_the_rate_says_in_300_runs_and_at_the_start(rate):
+    worlds = [WardWorld(PAPER, seed=seed, rate=rate) for seed in range(300)]
+    dirty = sum(not world.rooms["room1"].cleaned for world in worlds)
+    assert dirty == sum(bool(world.problems) for world in worlds)
+    assert dirty in binomial_interval(300, rate)
+    assert all(world.rooms[room].cleaned for world in worlds for room in ("room2", "room3", "room4"))
+
+
+@pytest.mark.parametrize("rate", [10.0, 25.0, 50.0, 75.0])
+def test_runs_of_30_are_within_the_interval_too_almost_always(rate):
+    met = [bool(drawn_problems(PAPER, seed, rate)) for seed in range(300)]
+    inside = [sum(met[first : first + 30]) in binomial_interval(30, rate, 0.05) for first in range(0, 300, 30)]
+    assert sum(inside) >= 8
+
+
+@pytest.mark.parametrize("rate", [0.0, 25.0, 100.0])
+def test_in_a_large_ward_all_rooms_and_kinds_have_their_share_at_any_time(rate):
+    problems = [problem for seed in range(300) for problem in drawn_problems(LARGE, seed, rate)]
+    draws, share = 300 * 50, rate / 100.0
+    assert abs(len(problems) - draws * share) <= 2.6 * (draws * share * (1 - share)) ** 0.5
+    kinds = Counter(PROBLEM_OF[problem.kind] for problem in problems)
+    if rate:
+        assert set(kinds) == set(PROBLEMS)
+        assert max(kinds.values()) < 1.2 * min(kinds.values())
+        times = {room: time_s for time_s, room in LARGE.infections}
+        late = [problem.time_s - times[problem.who] for problem in problems if problem.kind == "dirty"]
+        assert min(late) >= 0.0
+        assert max(late) <= 10.0
+        assert sum(late) / len(late) == pytest.approx(5.0, abs=0.5)
+        assert {problem.who for problem in problems if problem.kind == "dirty"} == set(times)
+
+
+def test_a_higher_rate_only_adds_problems():
+    for seed in range(50):
+        few, many = drawn_problems(LARGE, seed, 25.0), drawn_problems(LARGE, seed, 75.0)
+        assert set(few) <= set(many)
+
+
+def test_a_ward_without_robots_or_nurses_still_has_problems():
+    lonely = large_ward(3, 0, 0, 1)
+    assert all(problem.kind != "drains" for seed in range(50) for problem in drawn_problems(lonely, seed, 100.0))
+    world = WardWorld(lonely, rate=100.0)
+    world.advance(100 * SECOND)
+    assert len(world.problems) == 1

@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import msgspec
+import pytest
+
+from socialbot.agents.hospital.ward import Ward, large_ward, paper_ward
+from socialbot.agents.hospital.ward_faults import Fault
+from socialbot.agents.hospital.ward_messages import WardState
+from socialbot.agents.hospital.ward_picture import Picture, ward_svg
+from socialbot.agents.hospital.ward_world import WardWorld
+from socialbot.clock import SECOND
+from tests.agents.warehouse.test_floor import shapes
+
+SVG = "{http://www.w3.org/2000/svg}"
+WARDS = [paper_ward(), large_ward(), large_ward(1, 1, 1), large_ward(120, 20, 12, 9)]
+SPOT, UVD, NURSE = "spotrobot1", "uvdrobot1", "nurse_disinfected1"
+
+
+def at(second: float, *faults: Fault, ward: Ward | None = None) -> WardState:
+    world = WardWorld(ward or paper_ward(), faults=faults)
+    world.advance(round(second * SECOND))
+    return world.state()
+
+
+def words(element: ElementTree.Element, kind: str = "text") -> list[str]:
+    return [found.text or "" for found in element.iter(f"{SVG}{kind}")]
+
+
+def group(picture: str, name: str) -> ElementTree.Element:
+    [found] = [part for part in ElementTree.fromstring(picture).iter(f"{SVG}g") if part.get("data-name") == name]
+    return found
+
+
+@pytest.mark.parametrize("ward", WARDS, ids=lambda ward: f"{len(ward.rooms)} rooms")
+def test_each_room_robot_and_nurse_is_a_group_by_its_name_and_all_is_within_the_picture(ward):
+    picture = ElementTree.fromstring(ward_svg(ward, at(0.5, ward=ward)))
+    named = [part.attrib["data-name"] for part in picture.iter(f"{SVG}g") if "data-name" in part.attrib]
+    assert sorted(named) == sorted([*ward.room_by_name, *ward.member_by_name])
+    wide, high = float(picture.attrib["width"]), float(picture.attrib["height"])
+    for part in picture.iter(f"{SVG}g"):
+        if "scale" in part.get("transform", ""):
+            part.attrib.pop("transform")  # signs have no rectangles
+    found = list(shapes(picture))
+    assert len(found) > len(ward.rooms)
+    for x, y, w, h in found:
+        assert min(x, y) >= 0.0
+        assert x + w <= wide + 0.6
+        assert y + h <= high + 0.6
+
+
+def test_signs_say_what_colours_say():
+    before, after = ward_svg(paper_ward(), at(0.5)), ward_svg(paper_ward(), at(1.0))
+    assert "disinfected" in words(group(before, "room1"), "title")
+    assert "to be disinfected" in words(group(after, "room1"), "title")
+    assert "disinfected" in words(group(after, "room2"), "title")
+    faults = (
+        Fault(1.0, "dirty", "room2"),
+        Fault(1.0, "enters", "room3", 9.0),
+        Fault(1.0, "leaves", NURSE, 9.0),
+        Fault(1.0, "closes", "room2"),
+    )
+    troubled = ward_svg(paper_ward(), at(2.0, *faults))
+    assert "dirty" in words(group(troubled, "room2"), "title")
+    assert "person inside" in words(group(troubled, "room3"), "title")
+    assert "nurse absent" in words(group(troubled, "room1"), "title")
+    assert "room2: door closed, dirty, disinfected" in words(group(troubled, "room2"), "title")
+    assert NURSE not in troubled, "who is away is not drawn"
+
+
+def test_batteries_show_how_full_they_are_and_what_is_done_is_told():
+    world = WardWorld(paper_ward(), faults=(Fault(1.0, "drains", UVD),))
+    world.command("a", SPOT, "a_navigate_to", (SPOT, "room1"))
+    world.advance(round(0.5 * SECOND))
+    spot = group(ward_svg(world.ward, world.state()), SPOT)
+    assert words(spot) == ["1", "spot", "navigate to"]
+    assert words(spot, "title") == ["spotrobot1: corridor, battery 100%, a_navigate_to(spotrobot1, room1)"]
+    world.advance(2 * SECOND)
+    picture = ward_svg(world.ward, world.state())
+    assert words(group(picture, SPOT), "title") == ["spotrobot1: before room1, battery 99%"]
+    assert words(group(picture, UVD), "title") == ["uvdrobot1: room4, battery 10%"]
+    assert [part.attrib["class"] for part in group(picture, UVD).iter(f"{SVG}rect")][-1] == "f-red"
+
+
+def test_the_room_in_which_the_light_is_on_shines():
+    world = WardWorld(paper_ward(), start=0)
+    world.rooms["room1"].door_open = True
+    world.command("a", UVD, "a_navigate_to", (UVD, "room1"))
+    world.advance(2 * SECOND)
+    dark = ward_svg(world.ward, world.state())
+    world.command("b", UVD, "a_disinfect_room", (UVD, "room1"))
+    world.advance(round(2.2 * SECOND))
+    light = ward_svg(world.ward, world.state())
+    assert 'class="f-violet s-violet"' in light
+    assert 'class="f-violet s-violet"' not in dark
+    assert "1 room to be disinfected" in light
+    world.advance(4 * SECOND)
+    assert "all rooms disinfected" in ward_svg(world.ward, world.state())
+
+
+def places(picture: str, names: list[str]) -> list[tuple[float, ...]]:
+    found = [group(picture, name).attrib["transform"] for name in names]
+    return [tuple(map(float, each.removeprefix("translate(").rstrip(")").split())) for each in found]
+
+
+def test_those_in_one_room_or_before_one_door_do_not_hide_each_other():
+    ward = large_ward(12, 5, 7, 1)
+    world = WardWorld(ward)
+    robots = list(ward.robots)
+    docked = places(ward_svg(ward, world.state()), robots)
+    for number, robot in enumerate(robots):
+        world.command(str(number), robot, "a_navigate_to", (robot, "room1"))
+    world.advance(60 * SECOND)
+    waiting = places(ward_svg(ward, world.state()), robots)
+    for spots in (docked, waiting):
+        for number, (x, y) in enumerate(spots):
+            assert all(max(abs(x - other), abs(y - there)) > 17.0 for other, there in spots[number + 1 :])
+
+
+def test_what_the_state_leaves_out_is_grey_or_not_drawn():
+    state = at(1.0)
+    known = msgspec.structs.replace(state, rooms=state.rooms[1:], agents=state.agents[1:])
+    picture = ward_svg(paper_ward(), known)
+    assert words(group(picture, "room1"), "title") == ["room1: unknown"]
+    assert NURSE not in picture
+
+
+def test_it_is_for_light_and_dark_and_a_title_is_text():
+    picture = ward_svg(paper_ward(), at(0.0), "a < b & c")
+    assert "prefers-color-scheme:dark" in picture
+    assert "a < b & c" in words(ElementTree.fromstring(picture))
+
+
+def test_a_picture_can_be_drawn_again_and_is_the_same():
+    picture = Picture(large_ward())
+    state = at(9.0, ward=large_ward())
+    assert picture.draw(state) == picture.draw(state)

@@ -1,0 +1,514 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.agents.hospital.ward import Ward, large_ward, paper_ward
+from socialbot.agents.hospital.ward_agents import JOINT, ROLES
+from socialbot.agents.hospital.ward_faults import Fault, random_faults
+from socialbot.agents.hospital.ward_messages import AWAY, CORRIDOR, ActionResult
+from socialbot.agents.hospital.ward_pace import CLINIC, INSTANT, PAPER, Pace
+from socialbot.agents.hospital.ward_world import PATIENCE_S, WardWorld
+from socialbot.clock import SECOND
+
+SPOT, UVD, NURSE, ROOM = "spotrobot1", "uvdrobot1", "nurse_disinfected1", "room1"
+
+LISTING_3 = [
+    ("a_navigate_to", SPOT, ROOM),
+    ("a_open_door", SPOT, ROOM),
+    ("a_approach_nurse", SPOT, NURSE),
+    ("a_authenticate_nurse", SPOT, NURSE),
+    ("a_authorize_patrol", SPOT, NURSE),
+    ("a_patrol_room", SPOT, ROOM),
+    ("a_authorize_disinfect", UVD, SPOT),
+    ("a_navigate_to", UVD, ROOM),
+    ("a_disinfect_room", UVD, ROOM),
+]
+LISTING_4 = [*LISTING_3[:6], ("a_adapt_room", NURSE, ROOM), *LISTING_3[2:]]
+
+
+class Story:
+    """A world that is told one thing after the other."""
+
+    def __init__(self, *faults: Fault, ward: Ward | None = None, rate: float = 0.0, pace: Pace = PAPER, **more) -> None:
+        self.world = WardWorld(ward or paper_ward(), rate=rate, pace=pace, faults=faults, **more)
+        self.results: dict[str, ActionResult] = {}
+        self.count = 0
+        self.until(1.0)
+
+    def until(self, second: float) -> None:
+        self.world.advance(max(self.world.now, round(second * SECOND)))
+        self.take()
+
+    def take(self) -> None:
+        for result in self.world.take_results():
+            assert result.id not in self.results, "a command has one result"
+            self.results[result.id] = result
+
+    def begin(self, action: str, *args: str, robot: str = "") -> str:
+        self.count += 1
+        self.world.command(f"c{self.count}", robot or args[0], action, args)
+        self.take()
+        return f"c{self.count}"
+
+    def do(self, action: str, *args: str) -> str:
+        """Does an action, with its partner if it is a joint one, to its end; why it failed, if it did."""
+        ids = [self.begin(action, *args, robot=who) for who in (args if action in JOINT else args[:1])]
+        while not all(id in self.results for id in ids):
+            due = self.world.next_event
+            assert due is not None
+            self.until(due / SECOND)
+        [reason] = {self.results[id].reason for id in ids}
+        return reason
+
+    def bring_in(self) -> None:
+        for action in LISTING_3[:3]:
+            assert self.do(*action) == ""
+
+    @property
+    def seconds(self) -> float:
+        return self.world.now / SECOND
+
+
+def test_the_mission_of_the_paper_takes_as_long_as_in_the_paper_and_disinfects_the_room():
+    story = Story()
+    assert not story.world.rooms[ROOM].disinfected
+    assert [story.do(*action) for action in LISTING_3] == [""] * 9
+    assert story.world.rooms[ROOM].disinfected
+    assert story.seconds == pytest.approx(4.22, abs=0.005)
+
+
+def test_with_the_problem_the_patrol_fails_and_tidying_up_costs_little_time():
+    story = Story(rate=100.0)
+    reasons = [story.do(*action) for action in LISTING_4]
+    assert reasons == [*[""] * 5, "dirty room", *[""] * 8]
+    assert story.world.rooms[ROOM].disinfected
+    assert story.seconds == pytest.approx(4.50, abs=0.005)
+
+
+@pytest.mark.parametrize(("pace", "seconds"), [(INSTANT, 1.0), (CLINIC, 359.0)])
+def test_other_paces_do_the_same_in_another_time(pace, seconds):
+    story = Story(pace=pace)
+    assert [story.do(*action) for action in LISTING_3] == [""] * 9
+    assert story.seconds == pytest.approx(seconds)
+
+
+def test_a_robot_stands_before_a_closed_door_and_goes_in_when_it_is_open():
+    story = Story()
+    story.do("a_navigate_to", SPOT, ROOM)
+    spot = story.world.agent_state(SPOT)
+    assert (spot.place, spot.inside) == (ROOM, False)
+    assert story.do("a_approach_nurse", SPOT, NURSE) == "closed door"
+    assert story.do("a_patrol_room", SPOT, ROOM) == "closed door"
+    assert story.do("a_open_door", SPOT, ROOM) == ""
+    assert story.do("a_approach_nurse", SPOT, NURSE) == ""
+    assert story.world.agent_state(SPOT).inside
+
+
+def test_who_is_inside_is_not_kept_by_a_door_that_closes():
+    story = Story()
+    story.bring_in()
+    story.world.rooms[ROOM].door_open = False
+    assert story.do("a_authenticate_nurse", SPOT, NURSE) == ""
+    assert story.do("a_navigate_to", SPOT, "room2") == ""
+    assert story.world.agent_state(SPOT).place == "room2"
+    assert not story.world.rooms[ROOM].door_open
+
+
+def test_a_door_that_closes_on_the_way_keeps_the_robot_before_it():
+    story = Story(Fault(1.5, "closes", "room2"))
+    assert story.do("a_navigate_to", SPOT, "room2") == ""
+    assert story.world.agent_state(SPOT).inside
+    story = Story(Fault(1.2, "closes", "room2"))
+    assert story.do("a_navigate_to", SPOT, "room2") == ""
+    assert not story.world.agent_state(SPOT).inside
+
+
+def test_nothing_can_be_done_in_a_room_from_elsewhere():
+    story = Story()
+    assert story.do("a_patrol_room", SPOT, ROOM) == "spotrobot1 is not at room1"
+    assert story.do("a_open_door", SPOT, ROOM) == "spotrobot1 is not at room1"
+    assert story.do("a_approach_nurse", SPOT, NURSE) == "spotrobot1 is not at room1"
+    assert story.do("a_authenticate_nurse", SPOT, NURSE) == "spotrobot1 is not at room1"
+    assert story.do("a_disinfect_room", UVD, ROOM) == "uvdrobot1 is not at room1"
+    assert story.do("a_adapt_room", NURSE, "room2") == "nurse_disinfected1 is not at room2"
+
+
+def test_a_joint_action_begins_when_both_are_told_to_and_ends_for_both():
+    story = Story()
+    story.bring_in()
+    first = story.begin("a_authenticate_nurse", SPOT, NURSE, robot=NURSE)
+    story.until(story.seconds + 2.0)
+    assert first not in story.results
+    second = story.begin("a_authenticate_nurse", SPOT, NURSE, robot=SPOT)
+    story.until(story.seconds + 1.0)
+    waited, came = story.results[first], story.results[second]
+    assert waited.outcome == came.outcome == "success"
+    assert waited.stamp == came.stamp
+    assert waited.duration_s == pytest.approx(2.04)
+    assert came.duration_s == pytest.approx(0.04)
+
+
+def test_a_partner_that_never_comes_is_not_waited_for_longer_than_patience_lasts():
+    story = Story()
+    story.bring_in()
+    only = story.begin("a_authorize_patrol", SPOT, NURSE)
+    story.until(story.seconds + PATIENCE_S - 0.1)
+    assert only not in story.results
+    story.until(story.seconds + 0.2)
+    assert story.results[only].reason == "partner absent"
+    assert story.world.agent_state(SPOT).busy == ""
+
+
+def test_another_joint_action_is_not_the_one_that_the_partner_waits_for():
+    story = Story()
+    story.bring_in()
+    story.begin("a_authenticate_nurse", SPOT, NURSE, robot=SPOT)
+    story.begin("a_authorize_patrol", SPOT, NURSE, robot=NURSE)
+    story.until(story.seconds + 20.0)
+    assert [result.reason for result in story.results.values()][-2:] == ["partner absent", "partner absent"]
+
+
+def test_one_thing_at_a_time():
+    story = Story()
+    story.begin("a_navigate_to", SPOT, ROOM)
+    assert story.results[story.begin("a_charge", SPOT)].reason == (
+        "spotrobot1 is busy with a_navigate_to(spotrobot1, room1)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("robot", "action", "args", "reason"),
+    [
+        ("robot9", "a_charge", ("robot9",), "there is no 'robot9'"),
+        (SPOT, "a_fly", (SPOT,), "there is no action 'a_fly'"),
+        (SPOT, "a_charge", (), "a_charge takes robot, not nothing"),
+        (SPOT, "a_navigate_to", (SPOT, "moon"), "a_navigate_to takes agent, room, not spotrobot1, moon"),
+        (UVD, "a_patrol_room", (UVD, ROOM), "a_patrol_room takes spotrobot, room, not uvdrobot1, room1"),
+        (NURSE, "a_charge", (NURSE,), "a_charge takes robot, not nurse_disinfected1"),
+        (UVD, "a_patrol_room", (SPOT, ROOM), "uvdrobot1 cannot do what spotrobot1 does"),
+        (UVD, "a_authenticate_nurse", (SPOT, NURSE), "uvdrobot1 cannot do what spotrobot1 does"),
+    ],
+)
+def test_what_makes_no_sense_fails_at_once_with_a_sentence_and_changes_nothing(robot, action, args, reason):
+    story = Story()
+    before = story.world.state()
+    story.world.command("c", robot, action, args)
+    [result] = story.world.take_results()
+    assert (result.id, result.outcome, result.reason, result.duration_s) == ("c", "failure", reason, 0.0)
+    assert story.world.state() == before
+
+
+def test_a_low_battery_stops_what_takes_power_and_charging_fills_it():
+    story = Story(Fault(1.4, "drains", SPOT))
+    assert story.do("a_navigate_to", SPOT, ROOM) == "low battery"
+    assert story.seconds == pytest.approx(1.4)
+    spot = story.world.agent_state(SPOT)
+    assert spot.place == CORRIDOR
+    assert spot.low_battery
+    assert story.do("a_navigate_to", SPOT, ROOM) == "low battery"
+    assert story.do("a_charge", SPOT) == ""
+    assert story.world.agent_state(SPOT).battery == 1.0
+    assert story.world.agent_state(SPOT).place == "room4"
+    assert story.do("a_navigate_to", SPOT, ROOM) == ""
+
+
+def test_a_robot_that_breaks_off_charging_keeps_what_it_has():
+    story = Story(Fault(1.0, "drains", UVD))
+    charging = story.begin("a_charge", UVD)
+    story.until(1.0 + 3.0 * 0.45)
+    story.world.cancel(charging)
+    assert story.world.agent_state(UVD).battery == pytest.approx(0.5)
+    assert story.do("a_charge", UVD) == ""
+    assert story.seconds == pytest.approx(2.35 + 1.5)
+    assert story.world.agent_state(UVD).battery == 1.0
+
+
+def test_ways_and_work_take_power_and_in_time_the_battery_is_low():
+    story = Story()
+    story.do("a_navigate_to", SPOT, ROOM)
+    assert story.world.agent_state(SPOT).battery == pytest.approx(1.0 - 0.0078)
+    story.do("a_open_door", SPOT, ROOM)
+    story.do("a_navigate_to", UVD, ROOM)
+    patrols = 0
+    while not (reason := story.do("a_disinfect_room", UVD, ROOM)):
+        patrols += 1
+    assert reason == "low battery"
+    assert patrols == 20
+
+
+def test_a_person_who_walks_in_is_seen_on_patrol_and_stops_the_light():
+    story = Story(Fault(2.0, "enters", ROOM, 3.0), Fault(20.2, "enters", ROOM, 3.0))
+    story.bring_in()
+    assert story.world.room_state(ROOM).people == ("person1",)
+    assert story.do("a_patrol_room", SPOT, ROOM) == "person in the room"
+    story.until(5.5)
+    assert story.world.room_state(ROOM).people == ()
+    assert story.do("a_patrol_room", SPOT, ROOM) == ""
+    story.do("a_navigate_to", UVD, ROOM)
+    story.until(20.0)
+    assert story.do("a_disinfect_room", UVD, ROOM) == "person in the room"
+    assert story.seconds == pytest.approx(20.2)
+    assert story.do("a_adapt_room", NURSE, ROOM) == ""
+    assert story.world.room_state(ROOM).ready
+    assert story.do("a_disinfect_room", UVD, ROOM) == ""
+
+
+def test_a_nurse_who_is_called_away_lets_everybody_down_until_she_is_back():
+    story = Story(Fault(2.5, "leaves", NURSE, 4.0))
+    story.bring_in()
+    waits = story.begin("a_authenticate_nurse", SPOT, NURSE, robot=NURSE)
+    story.until(2.5)
+    assert story.results[waits].reason == "nurse absent"
+    assert story.world.agent_state(NURSE).place == AWAY
+    assert story.results[story.begin("a_authenticate_nurse", SPOT, NURSE, robot=SPOT)].reason == "nurse absent"
+    assert story.do("a_approach_nurse", SPOT, NURSE) == "nurse absent"
+    assert story.do("a_adapt_room", NURSE, ROOM) == "nurse absent"
+    story.until(6.6)
+    assert story.world.agent_state(NURSE).place == ROOM
+    assert story.do("a_authenticate_nurse", SPOT, NURSE) == ""
+
+
+def test_a_nurse_who_is_away_comes_when_she_is_called():
+    story = Story(Fault(1.0, "leaves", NURSE, 100.0))
+    assert story.do("a_navigate_to", SPOT, ROOM) == ""
+    assert story.do("a_open_door", SPOT, ROOM) == ""
+    assert story.do("a_navigate_to", NURSE, ROOM) == ""
+    nurse = story.world.agent_state(NURSE)
+    assert (nurse.place, nurse.inside) == (ROOM, True)
+    story.until(200.0)
+    assert story.world.agent_state(NURSE) == nurse
+
+
+def test_a_nurse_can_tell_of_an_infection():
+    story = Story()
+    assert story.do("a_infected_room", NURSE, "room2") == ""
+    assert story.world.room_state("room2").infected
+    assert story.seconds == 2.0
+
+
+def test_what_is_cancelled_ends_where_it_is_and_goes_on_from_there():
+    story = Story()
+    way = story.begin("a_navigate_to", SPOT, ROOM)
+    story.until(1.5)
+    story.world.cancel(way)
+    story.take()
+    assert story.results[way].reason == "cancelled"
+    spot = story.world.agent_state(SPOT)
+    assert spot.place == CORRIDOR
+    story.until(2.0)
+    assert story.world.agent_state(SPOT) == spot
+    story.world.cancel(way)
+    story.world.cancel("nothing")
+    assert story.do("a_navigate_to", SPOT, ROOM) == ""
+    assert story.seconds == pytest.approx(2.28), "what was left of 0.78 s"
+
+
+def test_a_way_that_ends_before_it_has_left_the_room_ends_in_the_room():
+    story = Story()
+    way = story.begin("a_navigate_to", SPOT, ROOM)
+    story.until(1.1)
+    story.world.cancel(way)
+    spot = story.world.agent_state(SPOT)
+    assert (spot.place, spot.inside) == ("room4", True)
+    assert story.do("a_navigate_to", SPOT, "room4") == ""
+
+
+def test_cancelling_one_partner_ends_a_joint_action_that_has_begun_and_else_only_the_waiting():
+    story = Story()
+    story.bring_in()
+    first = story.begin("a_authenticate_nurse", SPOT, NURSE, robot=NURSE)
+    story.world.cancel(first)
+    assert story.do("a_authenticate_nurse", SPOT, NURSE) == ""
+    ids = [story.begin("a_authorize_patrol", SPOT, NURSE, robot=who) for who in (SPOT, NURSE)]
+    story.world.cancel(ids[0])
+    story.take()
+    assert {story.results[id].reason for id in ids} == {"cancelled"}
+
+
+def test_a_robot_that_stalls_goes_on_afterwards_and_takes_that_much_longer():
+    story = Story(Fault(1.3, "stalls", SPOT, 5.0))
+    story.begin("a_navigate_to", SPOT, ROOM)
+    story.until(1.3)
+    at = story.world.agent_state(SPOT)
+    story.until(6.2)
+    assert story.world.agent_state(SPOT) == at
+    story.until(6.77)
+    assert story.world.agent_state(SPOT).busy
+    story.until(6.79)
+    spot = story.world.agent_state(SPOT)
+    assert (spot.busy, spot.place) == ("", ROOM)
+    assert spot.battery == pytest.approx(1.0 - 0.0078, abs=1e-4)
+
+
+def test_noise_stays_within_what_it_is_said_to_be():
+    times = set()
+    for seed in range(100):
+        story = Story(noise=0.1, seed=seed)
+        for action in LISTING_3:
+            story.do(*action)
+        assert 1.0 + 3.22 * 0.9 <= story.seconds <= 1.0 + 3.22 * 1.1
+        times.add(story.world.now)
+    assert len(times) > 90
+
+
+def overcome(story: Story, spot: str, uvd: str, nurse: str) -> int:
+    """Has the room of a nurse disinfected, whatever comes in between; how often something did."""
+    room = story.world.ward.member_by_name[nurse].home
+    mission = [
+        tuple({SPOT: spot, UVD: uvd, NURSE: nurse, ROOM: room}.get(word, word) for word in step) for step in LISTING_3
+    ]
+    for tries in range(30):
+        for action in mission:
+            match story.do(*action):
+                case "":
+                    continue
+                case "low battery":
+                    story.do("a_charge", action[1])
+                case "dirty room" | "person in the room":
+                    story.do("a_adapt_room", nurse, room)
+                case "nurse absent":
+                    story.do("a_navigate_to", nurse, room)
+                case "closed door":
+                    story.do("a_open_door", uvd, room)
+            break
+        else:
+            return tries
+    return 30
+
+
+def test_every_problem_can_be_overcome():
+    ward, met = large_ward(12, 2, 2), 0
+    for seed in range(20):
+        story = Story(ward=ward, rate=100.0, seed=seed, noise=0.1)
+        for time_s, room in ward.infections:
+            story.until(time_s)
+            nurse = next(member.name for member in ward.members if (member.home, member.kind[:5]) == (room, "nurse"))
+            team = "12"[int(time_s) % 2]
+            tries = overcome(story, f"spotrobot{team}", f"uvdrobot{team}", nurse)
+            assert tries < 10
+            met += tries > 0
+        assert all(room.disinfected for room in story.world.rooms.values())
+    assert met > 60, "of 240 missions; many a problem passes by unnoticed"
+
+
+SMALL = large_ward(6, 2, 2, 3)
+AGENTS = [*SMALL.member_by_name, "nobody"]
+NAMES = [*AGENTS, *SMALL.room_by_name, "nowhere"]
+
+
+def whole(draw: Any) -> tuple[str, str, tuple[str, ...]]:
+    """A command that is likely to make sense."""
+    action = draw(st.sampled_from(sorted(ROLES)))
+    kinds = {"agent": list(SMALL.member_by_name), "robot": list(SMALL.robots), "room": list(SMALL.room_by_name)}
+    args = tuple(draw(st.sampled_from(kinds.get(role) or list(SMALL.of_kind(role)))) for role in ROLES[action])
+    return draw(st.sampled_from(args if action in JOINT else args[:1])), action, args
+
+
+any_command = st.tuples(
+    st.sampled_from(AGENTS), st.sampled_from([*ROLES, "a_fly"]), st.lists(st.sampled_from(NAMES), max_size=3).map(tuple)
+)
+commands = st.composite(whole)()
+visits = st.tuples(st.sampled_from(SMALL.of_kind("spotrobot")), st.sampled_from(SMALL.of_kind("nurse_disinfected")))
+steps = st.one_of(commands, commands, any_command, st.integers(0, 40), visits, visits)
+scripts = st.lists(st.tuples(st.sampled_from([0.0, 0.0, 0.05, 0.5, 3.0]), steps), max_size=30)
+
+
+def steps_of(step: Any) -> list[tuple[float, Any]]:
+    """A visit is the way to a nurse, step by step, which single commands seldom make."""
+    if not isinstance(step, tuple) or len(step) != 2:
+        return [(0.0, step)]
+    spot, nurse = step
+    uvd, room = spot.replace("spot", "uvd"), SMALL.member_by_name[nurse].home
+    return [
+        (0.0, (spot, "a_navigate_to", (spot, room))),
+        (0.0, (uvd, "a_navigate_to", (uvd, room))),
+        (8.0, (spot, "a_open_door", (spot, room))),
+        (0.3, (spot, "a_approach_nurse", (spot, nurse))),
+        (0.5, (spot, "a_authenticate_nurse", (spot, nurse))),
+        (0.5, (nurse, "a_authenticate_nurse", (spot, nurse))),
+        (0.1, (spot, "a_patrol_room", (spot, room))),
+        (0.1, (uvd, "a_disinfect_room", (uvd, room))),
+    ]
+
+
+def run(script: Sequence[tuple[float, Any]], seed: int, parts: int) -> tuple[list[Any], list[ActionResult]]:
+    """The states after each step, and all results; time passes in so many ``parts``."""
+    world = WardWorld(SMALL, seed=seed, rate=50.0, noise=0.1, faults=random_faults(SMALL, seed, until_s=20.0))
+    states, results, given_ = [], [], []
+    script = [(wait + more, each) for wait, step in script for more, each in steps_of(step)]
+    for number, (wait, step) in enumerate(script):
+        begin = world.now
+        for part in range(1, parts + 1):
+            world.advance(begin + round(wait * SECOND) * part // parts)
+        if isinstance(step, int):
+            world.cancel(f"c{step}")
+        else:
+            given_.append(f"c{number}")
+            world.command(f"c{number}", *step)
+        check(world)
+        results += world.take_results()
+        states.append(world.state())
+    world.advance(world.now + 200 * SECOND)
+    check(world)
+    results += world.take_results()
+    assert sorted(result.id for result in results) == sorted(given_), "every command has one result in the end"
+    assert all((result.outcome == "failure") == bool(result.reason) for result in results)
+    return states, results
+
+
+def check(world: WardWorld) -> None:
+    """Everybody is in one place, where that place is; tasks and agents belong together."""
+    for agent in world.agents.values():
+        at = agent.at(world.now)
+        assert agent.place in {*world.rooms, CORRIDOR, AWAY}
+        assert 0.0 <= agent.battery <= 1.0
+        assert not (agent.inside and agent.place in (CORRIDOR, AWAY))
+        if agent.place in world.rooms and not agent.journey:
+            room = world.ward.room_by_name[agent.place]
+            near = room.contains(at) if agent.inside else math.dist(at, room.entrance) < 1e-6
+            assert near or (agent.inside and abs(at.x - room.centre.x) < 1e-6), "in the room, or in its door"
+        if agent.task is None:
+            assert agent.journey is None
+            continue
+        assert not agent.task.over
+        assert [name for name, other in world.agents.items() if other.task is agent.task] == sorted(
+            agent.task.ids, key=list(world.agents).index
+        )
+    people = [person for room in world.rooms.values() for person in room.people]
+    assert len(people) == len(set(people))
+
+
+@settings(max_examples=150, deadline=None)
+@given(script=scripts, seed=st.integers(0, 8))
+def test_nobody_is_in_two_places_no_command_raises_and_time_may_pass_in_any_steps(script, seed):
+    assert run(script, seed, 1) == run(script, seed, 7)
+
+
+def test_the_same_seed_is_the_same_run_and_another_is_another():
+    def tale(seed: int) -> Any:
+        world = WardWorld(large_ward(), seed=seed, rate=50.0, noise=0.1, faults=random_faults(large_ward(), 1))
+        found = []
+        for number, robot in enumerate(world.ward.robots):
+            world.command(str(number), robot, "a_navigate_to", (robot, f"room{number + 1}"))
+        for second in range(60):
+            world.advance(second * SECOND)
+            found.append((world.state(), world.take_results()))
+        return found
+
+    assert tale(1) == tale(1) != tale(2)
+
+
+def test_the_world_begins_at_its_start_and_time_does_not_go_back():
+    start = 1_700_000_000 * SECOND
+    world = WardWorld(paper_ward(), start=start)
+    world.advance(0)
+    assert world.now == start
+    assert not world.room_state(ROOM).infected
+    world.advance(start + SECOND)
+    assert world.room_state(ROOM).infected
