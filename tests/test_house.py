@@ -49,14 +49,41 @@ def offenders(paths: list[Path], forbidden: tuple[str, ...]) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("folder", ["bdi", "vision", "speech", "planning"])
+PARTS = {"bdi", "vision", "speech", "planning", "tasks", "deliberation", "agents", "report", "bridge"}
+
+
+@pytest.mark.parametrize("folder", ["bdi", "vision", "speech", "planning", "tasks"])
 def test_the_parts_do_not_know_each_other_nor_the_bridge(folder):
-    others = {"bdi", "vision", "speech", "planning", "agents", "bridge"} - {folder}
+    others = PARTS - {folder}
     assert offenders(modules(folder), tuple(f"socialbot.{other}" for other in others)) == []
 
 
+def beyond(folder: str, allowed: set[str]) -> list[str]:
+    """What a folder imports from socialbot that is not itself, nor allowed."""
+    names = ((path, name) for path in modules(folder) for name in sorted(imports(path)))
+    return [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path, name in names
+        if name.startswith("socialbot.") and name.split(".")[1] not in {folder, *allowed}
+    ]
+
+
+@pytest.mark.parametrize("folder", ["planning", "tasks"])
+def test_planning_knows_nothing_but_clocks_and_errors(folder):
+    assert beyond(folder, {"clock", "errors"}) == []
+
+
+def test_deliberation_knows_the_engine_planning_and_what_agents_say():
+    assert beyond("deliberation", {"agent_messages", "bdi", "clock", "errors", "planning"}) == []
+
+
+def test_what_agents_say_is_made_of_messages_only():
+    said = [name for name in imports(ROOT / "agent_messages.py") if name.startswith("socialbot.")]
+    assert said == ["socialbot.messages.Structured"]
+
+
 def test_the_parts_that_are_there_were_looked_at():
-    for folder in ("bdi", "vision", "speech", "agents", "bridge"):
+    for folder in ("bdi", "vision", "speech", "planning", "deliberation", "agents", "bridge"):
         assert len(modules(folder)) > 2
     assert "socialbot.bdi.events.Head" in imports(ROOT / "bdi" / "literals.py")
     assert any("rclpy" in name for path in modules("bridge") for name in imports(path))

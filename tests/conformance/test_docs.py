@@ -22,6 +22,7 @@ from tests.conformance.examples import Example, Stage
 ROOT = Path(__file__).parents[2]
 SEMANTICS = (ROOT / "docs" / "semantics.md").read_text("utf-8")
 ENGINE = (ROOT / "docs" / "engine.md").read_text("utf-8")
+DELIBERATION = (ROOT / "docs" / "deliberation.md").read_text("utf-8")
 EXAMPLES = Path(__file__).parent / "examples"
 COMPILED = {".findall", ".setof", ".count"}
 
@@ -41,7 +42,10 @@ def test_an_example_in_agentspeak_prints_what_it_says(number):
     assert Stage(Example("docs", "", {"me": text}, [], {"prints": expected})).play() == {"prints": expected}
 
 
-SCRIPTS = {"semantics.md": blocks(SEMANTICS, "python"), "engine.md": blocks(ENGINE, "python")}
+SCRIPTS = {
+    name: blocks(text, "python")
+    for name, text in (("semantics.md", SEMANTICS), ("engine.md", ENGINE), ("deliberation.md", DELIBERATION))
+}
 
 
 @pytest.mark.parametrize("document", [name for name, scripts in SCRIPTS.items() if scripts])
@@ -65,6 +69,7 @@ def test_the_examples_in_python_run_one_after_the_other(document):
 def test_there_are_examples():
     assert len(PROGRAMS) > 8
     assert len(SCRIPTS["engine.md"]) > 5
+    assert len(SCRIPTS["deliberation.md"]) > 3
 
 
 def test_every_internal_action_is_in_the_table_and_has_an_example():
