@@ -75,39 +75,27 @@ def warehouse(
     _show(title, Run(graph, runner, composed, rate, limit), changes, out, bag)
 
 
-@demo.command()
-def cleaner(
-    runner: RunnerOption = "inline",
-    composed: ComposedOption = False,
-    rate: RateOption = 0.0,
-    limit: LimitOption = 1800.0,
-    out: OutOption = None,
-    bag: BagOption = False,
-    changes: SetOption = None,
-) -> None:
-    """A robot cleans rooms, and recharges when its battery runs low."""
-    from socialbot.demo import Run
-    from socialbot.graph_file import load_graph
+def _demo_of(name: str, title: str, what: str) -> None:
+    """Adds the demo of a graph that comes with socialbot."""
 
-    _show("The cleaner", Run(load_graph("cleaner"), runner, composed, rate, limit), changes, out, bag)
+    @demo.command(name=name, help=what)
+    def show(
+        runner: RunnerOption = "inline",
+        composed: ComposedOption = False,
+        rate: RateOption = 0.0,
+        limit: LimitOption = 1800.0,
+        out: OutOption = None,
+        bag: BagOption = False,
+        changes: SetOption = None,
+    ) -> None:
+        from socialbot.demo import Run
+        from socialbot.graph_file import load_graph
+
+        _show(title, Run(load_graph(name), runner, composed, rate, limit), changes, out, bag)
 
 
-@demo.command(name="cleaner-sweeper")
-def cleaner_sweeper(
-    runner: RunnerOption = "inline",
-    composed: ComposedOption = False,
-    rate: RateOption = 0.0,
-    limit: LimitOption = 1800.0,
-    out: OutOption = None,
-    bag: BagOption = False,
-    changes: SetOption = None,
-) -> None:
-    """A robot cleans what another one has swept, which it asks to."""
-    from socialbot.demo import Run
-    from socialbot.graph_file import load_graph
-
-    graph = load_graph("cleaner-sweeper")
-    _show("Cleaner and sweeper", Run(graph, runner, composed, rate, limit), changes, out, bag)
+_demo_of("cleaner", "The cleaner", "A robot cleans rooms, and recharges when its battery runs low.")
+_demo_of("cleaner-sweeper", "Cleaner and sweeper", "A robot cleans what another one has swept, which it asks to.")
 
 
 def run(
