@@ -26,8 +26,8 @@ TRACKERS = ("kalman", "none")
 BRIDGE_S = 0.3
 _HIDING, _NEARER = 0.5, 0.1
 """Who takes up this share of another's width, and reaches lower by this share of their height, stands before them."""
-_SLIMMEST = 0.3
-"""Who hides somebody's feet may hide a side of them too: nobody is slimmer than this share of their height."""
+_SLIMMEST, _WIDEST = 0.3, 0.5
+"""How wide people are, as shares of their height: of who is slimmer a side is hidden, of who is wider the feet are."""
 _REMEMBERED_S = 10.0
 """So long what was learnt of somebody who is no longer seen is kept."""
 
@@ -48,8 +48,8 @@ class PersonFinder:
     Without a ``tracker`` each picture is looked at by itself, and whoever scores ``sure`` is there. With one, the
     detector is asked for whatever scores ``weak`` as well, for tracks that are already known; what
     is learnt of a person's size and distance helps in the next frames; and with ``hide_still`` whoever never moves is
-    taken for a thing (`scenery`). Boxes of people whose feet are hidden reach down to where their feet must be, and are
-    no slimmer than people are.
+    taken for a thing (`scenery`). Boxes of people whose feet are hidden reach down to where their feet must be, and
+    none is slimmer than people are: behind a door frame or a trolley there is more of them.
     """
 
     def __init__(
@@ -119,6 +119,7 @@ class PersonFinder:
         bearing, elevation = head_direction(camera, box, track.cut, distance and distance.value, height_m)
         if track.feet_hidden and distance is not None:
             h = min(max(h, whole_height(camera, box, distance.value)), camera.height - y)
+        if track.id and not (track.cut.left or track.cut.right):
             x, w = _widened(x, w, _SLIMMEST * h, camera.width)
         return PersonDetection(
             x=x,
@@ -164,12 +165,19 @@ class PersonFinder:
 
 
 def _with_hidden_feet(tracks: Sequence[Track]) -> tuple[Track, ...]:
-    """``tracks``, of which those whose lower end lies behind somebody nearer have hidden feet."""
+    """``tracks``, of which those who end behind somebody nearer, or are too wide to be whole, have hidden feet."""
     boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
     return tuple(
-        replace(track, feet_hidden=True) if not track.cut.bottom and _behind(track.box, boxes) else track
+        replace(track, feet_hidden=True)
+        if not track.cut.bottom and (_too_wide(track) or _behind(track.box, boxes))
+        else track
         for track in tracks
     )
+
+
+def _too_wide(track: Track) -> bool:
+    """Whether the box of ``track`` ends above the feet: something low stands before them, as what somebody pushes."""
+    return not track.cut.top and bool(track.box[2] > _WIDEST * track.box[3])
 
 
 def _widened(x: float, w: float, least: float, width: int) -> tuple[float, float]:
