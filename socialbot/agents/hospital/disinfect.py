@@ -4,7 +4,8 @@ State variables: ``loc`` where robots and nurses are; of each room whether its d
 tidy and empty (``cleaned``), whether it is ``disinfected``; of robots whether the battery is low (``low_battery``), and
 which nurse they have shown who they are (``authenticated``), who then allows one patrol.
 
-What an action needs is left to the methods: the robots find out whether it can be done.
+What an action needs is left to the methods, and the robots find out whether it can be done. The way to a room is an
+exception: a robot whose battery is low does not set out, so a plan that has it do that has to be revised.
 """
 
 from __future__ import annotations
@@ -37,8 +38,10 @@ def ward(nurses: Mapping[str, str], robots: Iterable[str], waiting_room: str) ->
 
 
 @DISINFECT.action
-def a_navigate_to(state: State, agent: str, room: str) -> State:
-    """It goes to the room, or before its door."""
+def a_navigate_to(state: State, agent: str, room: str) -> State | None:
+    """It goes to the room, or before its door, unless its battery is low."""
+    if state.low_battery.get(agent):
+        return None
     state.loc[agent] = room
     return state
 
