@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from socialbot.agent_messages import AGENT_MESSAGES
 from socialbot.agents.hospital.messages import MISSION_MESSAGES
+from socialbot.agents.hospital.ward_messages import WARD_MESSAGES
 from socialbot.agents.warehouse.messages import WAREHOUSE_MESSAGES
 from socialbot.messages import (
     ActionRequest,
     HeadCommand,
+    Health,
     Mind,
     PersonDetections,
+    PictureAck,
     SpeechStatus,
     Structured,
     TraceRecord,
@@ -17,6 +20,6 @@ from socialbot.messages import (
 )
 
 STRUCTURED: tuple[type[Structured], ...] = (
-    PersonDetections, ActionRequest, Utterance, SpeechStatus, HeadCommand, TraceRecord, Mind, *AGENT_MESSAGES,
-    *WAREHOUSE_MESSAGES, *MISSION_MESSAGES,
+    PersonDetections, ActionRequest, Utterance, SpeechStatus, HeadCommand, TraceRecord, Mind, PictureAck, Health,
+    *AGENT_MESSAGES, *WAREHOUSE_MESSAGES, *MISSION_MESSAGES, *WARD_MESSAGES,
 )  # fmt: skip

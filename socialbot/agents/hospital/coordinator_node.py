@@ -103,8 +103,10 @@ class HospitalCoordinator(Node):
         self._save()
 
     def _save(self) -> None:
+        if not self.memory_file:
+            return
         data = msgspec.json.encode(self.coordinator.memory)
-        if not self.memory_file or data == self._saved:
+        if data == self._saved:
             return
         path = Path(self.memory_file)
         new = path.with_name(f"{path.name}.new")
@@ -122,7 +124,7 @@ class HospitalCoordinator(Node):
             return Memory()
         try:
             return msgspec.json.decode(path.read_bytes(), type=Memory)
-        except (OSError, msgspec.DecodeError) as error:
+        except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ParameterError(
                 f"cannot read what it remembers: {error}", where=str(path), remedy="delete the file"
             ) from error

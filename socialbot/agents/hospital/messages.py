@@ -6,6 +6,7 @@ by the codec.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 import msgspec
@@ -138,6 +139,35 @@ class AclMessage(Structured, frozen=True, kw_only=True):
     content: AnyContent
     in_reply_to: str = ""
     mission: str = ""
+
+
+PERFORMATIVES: Mapping[type[Content], tuple[Performative, ...]] = {
+    Register: ("request", "query", "agree"),
+    Plan: ("inform",),
+    Belief: ("inform",),
+    Start: ("request",),
+    Stop: ("request",),
+    End: ("request",),
+    Ready: ("query",),
+    Done: ("query",),
+    Report: ("inform",),
+    Problem: ("inform",),
+    Finished: ("request",),
+    InitialTrigger: ("request", "agree"),
+    Refusal: ("refuse",),
+}
+"""As what agents with a mind, and who directs them, say each thing."""
+
+
+def mistake(message: AclMessage) -> str:
+    """What is wrong with the way in which something is said; empty if nothing is."""
+    content = message.content
+    allowed = PERFORMATIVES[type(content)]
+    if message.performative not in allowed:
+        return f"{type(content).__name__} is said as {' or '.join(allowed)}, not as {message.performative}"
+    if isinstance(content, Plan) and (content.label != message.mission or not content.label):
+        return f"plans of {content.label or 'no mission'} in a message of {message.mission or 'no mission'}"
+    return ""
 
 
 ActionStatus = Literal["planned", "done", "failed"]

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import msgspec
 
 from socialbot.agents.hospital.disinfect import mission as disinfection
-from socialbot.agents.hospital.messages import ActionStatus, MissionStatus, MissionView, PlannedAction
-from socialbot.agents.hospital.translation import Stage, stages
-from socialbot.agents.hospital.ward_messages import WardState
+from socialbot.agents.hospital.messages import MissionStatus, PlannedAction, Problem
+from socialbot.agents.hospital.ward_messages import (
+    CLOSED_DOOR,
+    CORRIDOR,
+    DIRTY_ROOM,
+    LOW_BATTERY,
+    PERSON_IN_ROOM,
+    WardState,
+)
 from socialbot.tasks.domain import Item
-from socialbot.tasks.growth import progressed
 from socialbot.tasks.state import State
-from socialbot.tasks.tree import Node, TaskTree
 
 JOINT_ACTIONS = frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_authorize_disinfect"})
 """Actions that all agents do whom they name; any other one is done by the first that it names."""
@@ -24,6 +29,7 @@ JOINT_ACTIONS = frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_auth
 _NUMBERED = re.compile(r"(.*?)(\d*)")
 
 
+@lru_cache(maxsize=10_000)
 def by_number(name: str) -> tuple[str, int]:
     """What names are sorted by: their kind, then their number, so that ``spotrobot10`` comes after ``spotrobot9``."""
     found = _NUMBERED.fullmatch(name)
@@ -80,6 +86,10 @@ class Member(msgspec.Struct):
     mission: int = 0
 
 
+UNFIT, DOOR_CLOSED, BATTERY_LOW = "unfit", "door closed", "battery low: "
+"""What agents find out: that the room is not fit, its door closed, the battery of one (its name follows) low."""
+
+
 class Mission(msgspec.Struct):
     """A mission and how far it has come.
 
@@ -130,6 +140,31 @@ class Mission(msgspec.Struct):
         """What its team has to do."""
         return KINDS[self.kind].tasks(self.team)
 
+    def is_done(self, item: Item) -> None:
+        """Takes into account what an action has brought about."""
+        match item:
+            case ("a_adapt_room", *_):
+                self.found.pop(UNFIT, None)
+            case ("a_open_door", *_):
+                self.found.pop(DOOR_CLOSED, None)
+            case ("a_charge", robot):
+                self.found.pop(BATTERY_LOW + robot, None)
+            case ("a_authenticate_nurse", *_):
+                self.authenticated = True
+            case ("a_authorize_patrol", *_):
+                self.authenticated = False
+            case _:
+                pass
+
+    def has_met(self, problem: Problem, agent: str, now: int) -> None:
+        """Takes into account what an ``agent`` has found out."""
+        if problem.kind in (DIRTY_ROOM, PERSON_IN_ROOM):
+            self.found[UNFIT] = now
+        elif problem.kind == CLOSED_DOOR:
+            self.found[DOOR_CLOSED] = now
+        elif problem.kind == LOW_BATTERY:
+            self.found[BATTERY_LOW + agent] = now
+
 
 Policy = Literal["auto", "replan", "repair", "none"]
 
@@ -160,86 +195,12 @@ class Memory(msgspec.Struct):
     last: int = 0
 
 
-@dataclass
-class Course:
-    """The plan of a running mission: the tree it comes from, its actions, and how many of them are done."""
-
-    tree: TaskTree
-    agenda: tuple[Node, ...]
-    stages: tuple[Stage, ...]
-    position: int = 0
-    foreseen: tuple[int, State] | None = None
-    """The position and the state for which it was last looked over."""
-    doubted: int | None = None
-    """Since when (ns) it does not seem to be right."""
-
-    @staticmethod
-    def of(tree: TaskTree, team: Iterable[str]) -> Course:
-        """The plan of ``tree`` for a ``team``, at its beginning."""
-        plan = tree.plan
-        return Course(tree, plan, stages([node.item for node in plan], tuple(team), JOINT_ACTIONS))
-
-    @property
-    def next(self) -> Node | None:
-        """The action that is being done, or comes next."""
-        return self.agenda[self.position] if self.position < len(self.agenda) else None
-
-    @property
-    def joint_share(self) -> float:
-        """How many of the actions are joint, 0 to 1."""
-        return sum(len(stage.agents) > 1 for stage in self.stages) / max(len(self.stages), 1)
-
-    def drawing(self) -> str:
-        """The tasks, with what is done of them."""
-        comes, status = (self.next, "planned") if self.next else (self.agenda[-1], "done")
-        return str(progressed(self.tree, comes, status))
-
-    def find(self, item: Item) -> int | None:
-        """Where ``item`` stands among what is not known to be done."""
-        left = range(self.position, len(self.agenda))
-        return next((index for index in left if self.agenda[index].item == item), None)
-
-    def actions(self, *, failed: bool = False) -> list[PlannedAction]:
-        """The actions, with what became of them; with ``failed`` the one at hand has failed."""
-        at_hand: ActionStatus = "failed" if failed else "planned"
-        return [
-            PlannedAction(
-                action=stage.action,
-                args=stage.args,
-                agents=stage.agents,
-                status="done" if index < self.position else at_hand if index == self.position else "planned",
-            )
-            for index, stage in enumerate(self.stages)
-        ]
-
-
-def view(mission: Mission, course: Course | None) -> MissionView:
-    """The mission for others to see."""
-    return MissionView(
-        id=mission.id,
-        kind=mission.kind,
-        room=mission.room,
-        priority=mission.priority,
-        status=mission.status,
-        team=tuple(mission.team.values()),
-        label=mission.label,
-        actions=(*mission.past, *(course.actions() if course else ())),
-        tree=course.drawing() if course else "",
-        recoveries=mission.recoveries,
-        revisions=mission.revisions,
-        problem=mission.problem,
-    )
-
-
-UNFIT, DOOR_CLOSED, BATTERY_LOW = "unfit", "door closed", "battery low: "
-"""What agents find out: that the room is not fit, its door closed, the battery of one (its name follows) low."""
-
-
 def state_of(ward: WardState, mission: Mission, *, sees_rooms: bool) -> State:
     """What the planner of tasks is told: the ward as it was seen, and what the agents of the mission found out.
 
     Unless it ``sees_rooms``, rooms are taken to be tidy and batteries to be full as long as nobody says otherwise.
-    What was found out before the ward was seen is of no account if it does.
+    What was found out before the ward was seen is of no account if it does. Where robots are on their way to the room
+    makes no difference: all of that is the corridor.
     """
     found = [what for what, since in mission.found.items() if not sees_rooms or since >= ward.stamp]
     nurse, spot = mission.team[NURSE], mission.team[SPOT]
@@ -248,7 +209,10 @@ def state_of(ward: WardState, mission: Mission, *, sees_rooms: bool) -> State:
     low = {name: sees_rooms and agent is not None and agent.low_battery for name, agent in agents.items()}
     return State(
         "ward",
-        loc={name: agent.place if agent else "" for name, agent in agents.items()} | {nurse: mission.room},
+        loc={
+            name: mission.room if agent and agent.place == mission.room else CORRIDOR for name, agent in agents.items()
+        }
+        | {nurse: mission.room},
         doors={mission.room: room is not None and room.door_open and DOOR_CLOSED not in found},
         cleaned={mission.room: (room is None or room.ready or not sees_rooms) and UNFIT not in found},
         disinfected={mission.room: False},

@@ -26,6 +26,7 @@ from socialbot.agents.hospital.messages import (
     Report,
     Start,
     Stop,
+    mistake,
 )
 from socialbot.agents.hospital.rendezvous import Meeting, Rendezvous
 from socialbot.agents.hospital.robots import (
@@ -63,8 +64,8 @@ from socialbot.errors import SocialbotError
 from socialbot.graph import Context, Delivery, Input, Output, Parameter
 from socialbot.messages import ActionRequest, Mind, TraceRecord
 
-REGISTER_S = 1.0
-"""So long it waits for an answer before it registers once more."""
+REGISTER_S = 0.25
+"""So long it waits for an answer, or a plan, before it registers once more."""
 LEISURE_S = 0.1
 """Whoever begins a plan needs the processor first; so long those wait who have theirs compiled before it is needed."""
 LET_GO_S = 0.2
@@ -76,6 +77,7 @@ _X = Variable("X")
 class HospitalAgent(AgentNode):
     """An agent that bears the name of its node, and does what plans of the coordinator say."""
 
+    keeps_mind = False
     kind: ClassVar[str] = ""
     """That of its program: ``spot``, ``uvd``, ``nurse``."""
 
@@ -100,6 +102,8 @@ class HospitalAgent(AgentNode):
         self._labels: list[str] = []
         self._early: list[AclMessage] = []
         self._uncompiled: list[ReadyPlan] = []
+        self._planned: AclMessage | None = None
+        """The message that its latest plans came with."""
         self._under_way: dict[str, Deed] = {}
         self._let_go: dict[tuple[str, tuple[str, ...]], str] = {}
         self._registered = False
@@ -124,12 +128,12 @@ class HospitalAgent(AgentNode):
         if not self.recovers:
             for label in [plan.label for plan in engine.library if plan.label and plan.label != "tells"]:
                 engine.remove_plan(label)
-        engine.run_until_idle()
         for ready in all_plans(engine):
             ready.compile()
         return engine
 
     def start(self) -> None:
+        self.engine.run_until_idle()
         super().start()
         self._register()
 
@@ -148,6 +152,10 @@ class HospitalAgent(AgentNode):
     def on_heard(self, message: AclMessage) -> None:
         """Takes what is said to it; what is not to be understood it refuses."""
         if message.receiver not in (self.name, EVERYBODY) or message.sender == self.name:
+            return
+        if wrong := self._mistake(message):
+            if message.receiver == self.name:
+                self._refuse(message, wrong)
             return
         match message.content:
             case Register():
@@ -168,17 +176,27 @@ class HospitalAgent(AgentNode):
                 if message.receiver == self.name and message.performative not in ("agree", "inform"):
                     self._refuse(message, f"{self.kind} does nothing about {type(other).__name__}")
 
+    def _mistake(self, message: AclMessage) -> str:
+        """What is wrong with a message, in itself or because of who has sent it; empty if nothing is."""
+        if message.sender != COORDINATOR and isinstance(message.content, (Plan, Start, Stop, End)):
+            return f"{message.sender} directs nobody"
+        return mistake(message)
+
     def _take_plan(self, message: AclMessage, content: Plan) -> None:
+        if self._planned is not None and message.id == self._planned.id:
+            return
+        # To register once more would be taken for a new beginning.
+        self._registered = True
         try:
             plans = [parse_plan(text, content.label) for text in content.plans]
-        except SocialbotError as mistake:
-            self._refuse(message, str(mistake))
+        except SocialbotError as error:
+            self._refuse(message, str(error))
             return
         if any(plan.label is None or not plan.label.startswith(f"{content.label}_") for plan in plans):
             self._refuse(message, f"a plan is labelled otherwise than {content.label}")
             return
         self._clear()
-        self.label = content.label
+        self.label, self._planned = content.label, message
         self._labels = [plan.label for plan in plans if plan.label]
         self._rendezvous.forget(self.label)
         self.engine.forget(literal("idle"))
@@ -188,14 +206,28 @@ class HospitalAgent(AgentNode):
             self._take_word(word)
 
     def _install(self, plans: list[AgentSpeakPlan]) -> None:
-        self._uncompiled = install(self.engine, plans)
-        self.call_after(LEISURE_S, self._compile_one)
+        try:
+            self._uncompiled = install(self.engine, plans)
+        except SocialbotError as error:
+            self._hand_back(error)
+        else:
+            self.call_after(LEISURE_S, self._compile_one)
 
     def _compile_one(self) -> None:
         """Compiles a plan while nothing else is to be done: when its turn comes there is no time for that."""
         if self._uncompiled:
-            self._uncompiled.pop(0).compile()
-            self.context.call_soon(self._compile_one)
+            try:
+                self._uncompiled.pop(0).compile()
+            except SocialbotError as error:
+                self._hand_back(error)
+            else:
+                self.context.call_soon(self._compile_one)
+
+    def _hand_back(self, error: SocialbotError) -> None:
+        """Refuses the plans that it has, as they cannot be used."""
+        self._give_up()
+        if self._planned is not None:
+            self._refuse(self._planned, str(error))
 
     def _take_word(self, message: AclMessage) -> None:
         """Takes a word about a mission; one that comes before the plans waits for them."""
@@ -210,8 +242,8 @@ class HospitalAgent(AgentNode):
                 try:
                     belief = parse_literal(text)
                     self.engine.believe(belief, source=message.sender, cause=message.id)  # type: ignore[arg-type]
-                except SocialbotError as mistake:
-                    self._refuse(message, str(mistake))
+                except SocialbotError as error:
+                    self._refuse(message, str(error))
             case Ready(action=action, args=args):
                 self._rendezvous.partner_ready(message.sender, Meeting(message.mission, action, args))
             case Done(action=action, args=args):
@@ -257,7 +289,7 @@ class HospitalAgent(AgentNode):
 
     def _clear(self) -> None:
         """Drops what goes on for the mission, its plans and what is believed because of it."""
-        labels, self._labels, self.label = self._labels, [], ""
+        labels, self._labels, self.label, self._uncompiled = self._labels, [], "", []
         self.engine.call(lambda: self._clear_mind(labels))
 
     def _clear_mind(self, labels: list[str]) -> None:

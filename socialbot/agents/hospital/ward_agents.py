@@ -96,25 +96,31 @@ class Agent:
     battery: float = 1.0
     task: Task | None = None
     journey: Journey | None = None
+    _shown: tuple[tuple[object, ...], AgentState] | None = None
+    """What its sensor said last, and because of what."""
 
     def at(self, time: int) -> Point:
         """Where it is."""
         return self.journey.position(time) if self.journey else self.position
 
     def state(self, time: int) -> AgentState:
-        """What its sensor says."""
-        x, y = self.at(time)
-        return AgentState(
-            name=self.member.name,
-            kind=self.member.kind,
-            home=self.member.home,
-            place=self.place,
-            inside=self.inside,
-            x=round(x, 3),
-            y=round(y, 3),
-            battery=round(self.battery, 4),
-            busy=str(self.task or ""),
-        )
+        """What its sensor says; the very same as before if that has not changed, as it mostly has not."""
+        position = self.at(time)
+        because = (self.place, self.inside, position, self.battery, self.task)
+        if self._shown is None or self._shown[0] != because:
+            state = AgentState(
+                name=self.member.name,
+                kind=self.member.kind,
+                home=self.member.home,
+                place=self.place,
+                inside=self.inside,
+                x=round(position.x, 3),
+                y=round(position.y, 3),
+                battery=round(self.battery, 4),
+                busy=str(self.task or ""),
+            )
+            self._shown = because, state
+        return self._shown[1]
 
 
 @dataclass
@@ -125,13 +131,19 @@ class RoomNow:
     cleaned: bool = True
     disinfected: bool = True
     people: list[str] = field(default_factory=list)
+    _shown: tuple[tuple[object, ...], RoomState] | None = None
+    """What its sensor said last, and because of what."""
 
     def state(self, name: str) -> RoomState:
-        """What the sensor of the room called ``name`` says."""
-        return RoomState(
-            name=name,
-            door_open=self.door_open,
-            cleaned=self.cleaned,
-            disinfected=self.disinfected,
-            people=tuple(sorted(self.people)),
-        )
+        """What the sensor of the room called ``name`` says; the very same as before if that has not changed."""
+        because = (name, self.door_open, self.cleaned, self.disinfected, *self.people)
+        if self._shown is None or self._shown[0] != because:
+            state = RoomState(
+                name=name,
+                door_open=self.door_open,
+                cleaned=self.cleaned,
+                disinfected=self.disinfected,
+                people=tuple(sorted(self.people)),
+            )
+            self._shown = because, state
+        return self._shown[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Annotated, Literal
 
 import msgspec
@@ -110,7 +111,7 @@ class AgentState(msgspec.Struct, frozen=True, kw_only=True):
         return self.battery < LOW_AT
 
 
-class WardState(Structured, frozen=True, kw_only=True):
+class WardState(Structured, frozen=True, kw_only=True, dict=True):
     """The ward as its sensors see it; a room or agent whose sensor is silent is left out."""
 
     rooms: tuple[RoomState, ...]
@@ -118,11 +119,19 @@ class WardState(Structured, frozen=True, kw_only=True):
 
     def room(self, name: str) -> RoomState | None:
         """The room called ``name``, if it is told of."""
-        return next((room for room in self.rooms if room.name == name), None)
+        return self._room_by_name.get(name)
 
     def agent(self, name: str) -> AgentState | None:
         """The robot or nurse called ``name``, if it is told of."""
-        return next((agent for agent in self.agents if agent.name == name), None)
+        return self._agent_by_name.get(name)
+
+    @cached_property
+    def _room_by_name(self) -> dict[str, RoomState]:
+        return {room.name: room for room in self.rooms}
+
+    @cached_property
+    def _agent_by_name(self) -> dict[str, AgentState]:
+        return {agent.name: agent for agent in self.agents}
 
 
 WARD_MESSAGES: tuple[type[Structured], ...] = (ActionCommand, ActionCancel, ActionResult, WardState)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from socialbot.agents.hospital.ward import Ward, large_ward, paper_ward
 from socialbot.agents.hospital.ward_faults import SLOW_S, STATE_SENSOR, parse_faults
@@ -66,16 +66,7 @@ class HospitalWorld(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         """Raises ParameterError for faults that cannot be, or more nurses than rooms."""
         super().__init__(name, context, parameters)
-        ward = paper_ward() if self.ward == "paper" else self._large_ward()
-        self.world = WardWorld(
-            ward,
-            seed=self.seed,
-            rate=self.rate,
-            noise=self.noise,
-            faults=parse_faults(self.faults, ward),
-            pace=PACES[self.pace],
-            start=self.clock.now(),
-        )
+        self.world = self._new_world()
         self._seen: dict[str, tuple[int, RoomState | AgentState]] = {}
         """What slow sensors saw last, and when."""
         self._timer: Timer | None = None
@@ -84,8 +75,22 @@ class HospitalWorld(Node):
         self._told_at = -1
 
     def start(self) -> None:
+        # Nothing happens before all are there to see it.
+        self.world = self._new_world()
         self._tell(due=True)
         self.context.call_at(self.clock.now() + nanoseconds(self.period_s), self._report)
+
+    def _new_world(self) -> WardWorld:
+        ward = ward_of(self.parameter_values)
+        return WardWorld(
+            ward,
+            seed=self.seed,
+            rate=self.rate,
+            noise=self.noise,
+            faults=parse_faults(self.faults, ward),
+            pace=PACES[self.pace],
+            start=self.clock.now(),
+        )
 
     @commands
     def on_command(self, command: ActionCommand) -> None:
@@ -148,8 +153,13 @@ class HospitalWorld(Node):
         self._seen[who] = since, seen
         return seen  # type: ignore[return-value]
 
-    def _large_ward(self) -> Ward:
-        try:
-            return large_ward(self.rooms, self.spots, self.uvds, self.nurses, every_s=self.every_s)
-        except ValueError as error:
-            raise ParameterError(str(error), where=self.name, remedy="have no more nurses than rooms") from error
+
+def ward_of(parameters: Mapping[str, Any]) -> Ward:
+    """The ward that a world with these parameters has. Raises ParameterError for more nurses than rooms."""
+    if parameters["ward"] == "paper":
+        return paper_ward()
+    sizes = (parameters[name] for name in ("rooms", "spots", "uvds", "nurses"))
+    try:
+        return large_ward(*sizes, every_s=parameters["every_s"])
+    except ValueError as error:
+        raise ParameterError(str(error), where="ward", remedy="have no more nurses than rooms") from error

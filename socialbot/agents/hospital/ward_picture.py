@@ -6,7 +6,8 @@ It is light or dark as its reader likes; what colours say, signs say too. Robots
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from html import escape
 
 from socialbot.agents.hospital.ward import CORRIDOR_M, NURSE, ROOM_M, SPOT, UVD, Point, Room, Ward
@@ -39,6 +40,9 @@ TONES = {
     "dark": ("#26323a", "#12181c"),
 }
 """Colours, light and dark."""
+
+TALLY = "tally"
+"""The name of the group that tells how many rooms are left."""
 
 COAT = {SPOT: "yellow", UVD: "violet", NURSE: "teal"}
 WORD = {SPOT: "spot", UVD: "uvd", NURSE: "nurse"}
@@ -79,6 +83,20 @@ def ward_svg(ward: Ward, state: WardState, title: str = "") -> str:
     return Picture(ward).draw(state, title)
 
 
+@dataclass(frozen=True)
+class Group:
+    """A part of the picture that has a name: what it looks like, and where it is (pixels) if it moves."""
+
+    name: str
+    drawing: str
+    place: tuple[float, float] | None = None
+
+    def svg(self) -> str:
+        """It as a group of the picture."""
+        at = "" if self.place is None else f' transform="translate({self.place[0]:.1f} {self.place[1]:.1f})"'
+        return f'<g data-name="{escape(self.name)}"{at}>{self.drawing}</g>'
+
+
 class Picture:
     """The picture of one ward."""
 
@@ -101,8 +119,21 @@ class Picture:
 
     def draw(self, state: WardState, title: str = "") -> str:
         """The whole picture."""
+        return self.framed(title, [group.svg() for group in self.groups(state)])
+
+    def groups(self, state: WardState) -> Iterator[Group]:
+        """All that may change: how many rooms are left, each room, and who is somewhere in the ward."""
+        tally = _text(self.wide - EDGE - 4, 33, _tally(state), size=13, anchor="end", tone="f-soft")
+        yield Group(TALLY, tally)
         lit = {_room_lit(agent) for agent in state.agents}
         away = {agent.home for agent in state.agents if agent.kind == NURSE and agent.place == AWAY}
+        for room in self.ward.rooms:
+            yield Group(room.name, self._room(room, state.room(room.name), room.name in lit, room.name in away))
+        for agent, place in self._whereabouts(state.agents):
+            yield Group(agent.name, self._agent(agent), place)
+
+    def framed(self, title: str, groups: Iterable[str]) -> str:
+        """A picture of some groups, with what never changes around them."""
         title = title or "The ward"
         parts = [
             f'<svg xmlns="http://www.w3.org/2000/svg" class="ward" viewBox="0 0 {self.wide:.0f} {self.high:.0f}" '
@@ -110,10 +141,8 @@ class Picture:
             f"<title>{escape(title)}</title>{_style()}",
             _rectangle(0, 0, self.wide, self.high, "f-paper"),
             _text(EDGE + 4, 33, title, size=19, anchor="start", weight=600),
-            _text(self.wide - EDGE - 4, 33, _tally(state), size=13, anchor="end", tone="f-soft"),
             *self._corridors(),
-            *(self._room(room, state.room(room.name), room.name in lit, room.name in away) for room in self.ward.rooms),
-            *self._agents(state.agents),
+            *groups,
             *self._legend(),
             "</svg>",
         ]
@@ -158,7 +187,7 @@ class Picture:
         for number, sign in enumerate(signs):
             place = x + wide - (len(signs) - number - 0.5) * step - (6 if self.is_roomy else 3)
             parts.append(_sign(sign, place, label - 4.5 * size, size))
-        return f'<g data-name="{escape(room.name)}">{"".join(parts)}</g>'
+        return "".join(parts)
 
     def _door(self, room: Room, state: RoomState | None) -> str:
         """The gap in the wall, and the leaf: across the gap, or swung into the room."""
@@ -180,21 +209,21 @@ class Picture:
 
     # Who is where
 
-    def _agents(self, agents: Sequence[AgentState]) -> Iterator[str]:
+    def _whereabouts(self, agents: Sequence[AgentState]) -> Iterator[tuple[AgentState, tuple[float, float]]]:
+        """Where each one is drawn who is in the ward."""
         inside: dict[str, list[AgentState]] = {}
         outside: dict[str, list[AgentState]] = {}
         for agent in agents:
             if agent.place in self.ward.room_by_name:
                 (inside if agent.inside else outside).setdefault(agent.place, []).append(agent)
             elif agent.place != AWAY:
-                yield self._agent(agent, *self.at(Point(agent.x, agent.y)))
+                yield agent, self.at(Point(agent.x, agent.y))
         for name, those in inside.items():
-            for agent, place in zip(those, self._places(self.ward.room_by_name[name], len(those)), strict=True):
-                yield self._agent(agent, *place)
+            yield from zip(those, self._places(self.ward.room_by_name[name], len(those)), strict=True)
         for name, those in outside.items():
             x, y = self.at(self.ward.room_by_name[name].entrance)
             for number, agent in enumerate(those):
-                yield self._agent(agent, x + (number - (len(those) - 1) / 2) * 2.6 * self.icon, y)
+                yield agent, (x + (number - (len(those) - 1) / 2) * 2.6 * self.icon, y)
 
     def _places(self, room: Room, count: int) -> list[tuple[float, float]]:
         """Where so many stand in a room: in rows."""
@@ -209,7 +238,7 @@ class Picture:
             for n in range(count)
         ]
 
-    def _agent(self, agent: AgentState, x: float, y: float) -> str:
+    def _agent(self, agent: AgentState) -> str:
         size = self.icon
         coat = COAT.get(agent.kind, "soft")
         number = agent.name.removeprefix(agent.kind)
@@ -227,7 +256,7 @@ class Picture:
         if self.is_roomy:
             parts.append(_text(0, below + 11, WORD.get(agent.kind, agent.kind), size=11.5, weight=600))
             parts.append(_text(0, below + 24, _action_words(agent.busy), size=11, tone="f-soft"))
-        return f'<g data-name="{escape(agent.name)}" transform="translate({x:.1f} {y:.1f})">{"".join(parts)}</g>'
+        return "".join(parts)
 
     def _figure(self, kind: str, coat: str) -> Iterator[str]:
         """A four-legged robot, a lamp on a round base, or a person with a cap."""

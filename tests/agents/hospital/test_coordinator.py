@@ -214,6 +214,17 @@ def test_the_nurse_is_the_one_of_the_room_and_robots_with_full_batteries_come_fi
     assert ward.working() == {"nurse_disinfected11": 1, "spotrobot2": 1, "uvdrobot1": 1}
 
 
+def test_a_robot_that_charges_is_left_to_it_as_long_as_there_is_another_one():
+    ward = Ward(spots=2, uvds=3)
+    ward.register()
+    ward.agent(SPOT, battery=0.3, busy=f"a_charge({SPOT})")
+    ward.agent(UVD, battery=0.1)
+    ward.agent("uvdrobot2", battery=0.3, busy="a_charge(uvdrobot2)")
+    ward.agent("uvdrobot3", place=AWAY)
+    ward.infect()
+    assert ward.working() == {NURSE: 1, "spotrobot2": 1, "uvdrobot2": 1}
+
+
 def test_who_has_finished_is_free_and_the_mission_is_when_all_have_and_the_room_is():
     ward = started()
     ward.do(9)
@@ -418,6 +429,23 @@ def test_a_proactive_one_revises_the_plan_before_it_meets_the_problem(change, ne
     assert [view.revisions for view in ward.coordinator.views()] == [1]
 
 
+def test_that_both_tell_of_a_joint_action_does_not_leave_out_what_comes_before_the_next_one_like_it():
+    ward = started(proactive=True)
+    ward.do(2)
+    ward.room(door_open=True)
+    ward.agent(SPOT, place=ROOM, battery=0.1)
+    ward.look()
+    ward.look()
+    come_back = [("a_charge", SPOT), LISTING_3[0], *LISTING_3[2:]]
+    assert ward.plan() == [*LISTING_3[2:4], *come_back], "it meets the nurse once more when it has charged"
+    ward.do(2)
+    ward.say(NURSE, Report("success", "a_authenticate_nurse", (SPOT, NURSE)), mission=ward.label())
+    assert ward.plan() == come_back
+    ward.do(4)
+    ward.say(NURSE, Report("success", "a_authenticate_nurse", (SPOT, NURSE)), mission=ward.label())
+    assert ward.plan() == LISTING_3[4:]
+
+
 def test_what_shows_before_its_report_comes_is_no_reason_to_revise():
     ward = started(proactive=True)
     ward.room(door_open=True)
@@ -520,6 +548,23 @@ def test_a_message_to_somebody_who_is_not_known_is_refused_and_so_is_what_makes_
         (SPOT, "refuse", Refusal("there is no nurse7"), ""),
         (SPOT, "refuse", Refusal("a coordinator does nothing about Ready"), ""),
     ]
+
+
+@pytest.mark.parametrize(
+    ("content", "performative"),
+    [
+        (Register("uvdrobot"), "query"),
+        (Problem(DIRTY_ROOM, (SPOT, ROOM), "a_patrol_room"), "request"),
+        (InitialTrigger("urgent", (ROOM,)), "query"),
+    ],
+)
+def test_what_is_said_otherwise_than_it_has_to_be_is_refused_and_changes_nothing(content, performative):
+    ward = started()
+    before = msgspec.json.encode(ward.coordinator.memory)
+    ward.said.clear()
+    ward.say(SPOT, content, performative=performative, mission=ward.label())
+    assert [type(what) for *_, what, _ in ward.said] == [Refusal]
+    assert msgspec.json.encode(ward.coordinator.memory) == before
 
 
 # After an end

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +13,7 @@ import pytest
 from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordinator
 from socialbot.agents.hospital.messages import TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
+from socialbot.agents.hospital.ward_messages import STATE, WardState
 from socialbot.agents.hospital.ward_node import HospitalWorld
 from socialbot.bridge.launch import Launch
 from socialbot.bridge.observing import Fates, observing
@@ -40,21 +43,32 @@ class Heard:
     def __init__(self) -> None:
         self.view: MissionView | None = None
         self.problems: list[Problem] = []
+        self.ward: WardState | None = None
 
     def observe(self, topic: str, message: Message) -> None:
         if isinstance(message, Missions) and message.missions:
             self.view = message.missions[0]
         elif isinstance(message, AclMessage) and isinstance(message.content, Problem):
             self.problems.append(message.content)
+        elif isinstance(message, WardState):
+            self.ward = message
 
     def done(self) -> bool:
         return self.view is not None and self.view.status == "finished"
+
+    def begun(self, action: str) -> bool:
+        """Whether somebody in the ward is at ``action``."""
+        return self.ward is not None and any(agent.busy.startswith(action) for agent in self.ward.agents)
+
+    def disinfected(self) -> bool:
+        return self.ward is not None and all(room.disinfected for room in self.ward.rooms)
 
 
 @contextmanager
 def over_dds(graph: Graph, folder: Path) -> Iterator[tuple[Heard, Launch]]:
     heard, fates = Heard(), Fates(graph)
-    with observing({TOPIC: AclMessage, MISSIONS: Missions}, heard.observe, fates.note) as onlooker:
+    topics = {TOPIC: AclMessage, MISSIONS: Missions, STATE: WardState}
+    with observing(topics, heard.observe, fates.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, folder) as launch:
             yield heard, launch
@@ -67,6 +81,19 @@ def test_a_mission_is_done_by_processes_that_only_talk(rate: float, listing: lis
         launch.check()
     assert heard.view is not None
     done = [(each.action, *each.args) for each in heard.view.actions]
-    assert done == listing or heard.view.recoveries > len(heard.problems), "an agent may have come late"
-    assert done[-9 if rate == 0.0 else -3 :] == listing[-9 if rate == 0.0 else -3 :]
-    assert len(heard.problems) == (rate == 100.0)
+    assert done == listing
+    assert len(heard.problems) == heard.view.recoveries == (rate == 100.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["coordinator", "spotrobot1"])
+def test_a_process_that_is_killed_and_started_again_takes_its_part(name: str, tmp_path: Path):
+    graph = HOSPITAL.with_parameters({"coordinator": {"memory_file": str(tmp_path / "memory.json")}})
+    with over_dds(graph, tmp_path) as (heard, launch):
+        assert eventually(lambda: heard.begun("a_approach_nurse"), timeout_s=60.0)
+        os.kill(launch.pids[name], signal.SIGKILL)
+        launch.start(name, ["node", "--graph", str(tmp_path / "graph.yaml"), name])
+        assert eventually(lambda: heard.done() and heard.disinfected(), timeout_s=60.0), heard.view
+        launch.check()
+    assert heard.view is not None
+    assert heard.view.id == 1

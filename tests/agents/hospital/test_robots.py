@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import logging
 
 import pytest
@@ -20,7 +21,7 @@ from socialbot.agents.hospital.messages import (
     Start,
     Stop,
 )
-from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
+from socialbot.agents.hospital.robot_node import REGISTER_S, Nurse, Spot, Uvd
 from socialbot.agents.hospital.robots import program
 from socialbot.agents.hospital.ward_messages import (
     CANCELS,
@@ -39,7 +40,7 @@ from socialbot.agents.hospital.ward_messages import (
 )
 from socialbot.bdi.agentspeak.loading import check
 from socialbot.bdi.agentspeak.parser import parse_literal
-from socialbot.clock import SECOND
+from socialbot.clock import SECOND, nanoseconds
 from socialbot.graph import Graph, Placement
 from socialbot.inline import InlineRunner
 
@@ -73,6 +74,7 @@ class Alone:
     def __init__(self, kind: type = Spot, name: str = SPOT, **parameters) -> None:
         placement = Placement(name, kind, parameters)
         self.name = name
+        self.numbers = itertools.count()
         self.runner = InlineRunner(Graph("alone", (placement,), inputs=frozenset({TOPIC, RESULTS, STATE})))
         self.said: list[AclMessage] = []
         self.commands: list[ActionCommand] = []
@@ -97,11 +99,15 @@ class Alone:
 
     def tell(
         self, content, *, sender="coordinator", performative: Performative = "inform", mission="mission_1_1"
-    ) -> None:
+    ) -> AclMessage:
         message = AclMessage(
-            stamp=self.now, id=f"m{self.now}", sender=sender, receiver=self.name, performative=performative,
+            stamp=self.now, id=f"m{next(self.numbers)}", sender=sender, receiver=self.name, performative=performative,
             content=content, mission=mission,
         )  # fmt: skip
+        self.hear(message)
+        return message
+
+    def hear(self, message: AclMessage) -> None:
         self.runner.feed(TOPIC, message)
         assert self.runner.faults[self.name].failures == 0, self.runner.faults[self.name].first
 
@@ -171,13 +177,20 @@ def test_the_programs_have_no_mistakes(kind):
 )  # fmt: skip
 def test_it_registers_with_what_it_can_do_until_it_is_heard(kind, name, can):
     agent = Alone(kind, f"{name}12")
-    agent.runner.advance(2 * SECOND + 1)
+    agent.runner.advance(nanoseconds(2 * REGISTER_S) + 1)
     assert len(agent.heard(Register)) == 3
     assert agent.heard(Register)[0].kind == name
     assert can in agent.heard(Register)[0].capabilities
     agent.tell(Register(), performative="agree")
     agent.runner.advance(9 * SECOND)
     assert len(agent.heard(Register)) == 3
+
+
+def test_who_has_a_plan_is_known_and_registers_no_more():
+    spot = going()
+    registered = len(spot.heard(Register))
+    spot.runner.advance(9 * SECOND)
+    assert len(spot.heard(Register)) == registered
 
 
 def test_listing_1_runs_as_printed():
@@ -278,6 +291,63 @@ def test_plans_that_cannot_be_understood_are_refused(plan, reason, caplog):
     assert reason in spot.heard(Refusal)[0].reason
     assert spot.said[-1].performative == "refuse"
     assert spot.runner.nodes[SPOT].label == ""  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("+!go <- a_charge(x).", "+!go <- a_open_door(x)."),
+        ("+initial_trigger_go <- .no_such_action(x).", "+!go <- true."),
+    ],
+)
+def test_plans_that_cannot_be_used_are_refused_and_leave_the_robot_free(first, second, caplog):
+    caplog.set_level(logging.CRITICAL, "socialbot")
+    spot = Alone()
+    label = "mission_1_1_0"
+    other = label if "charge" in first else "mission_1_1_1"
+    spot.tell(Plan("mission_1_1", (f"@{label} {first}", f"@{other} {second}")))
+    spot.runner.advance(SECOND)
+    assert len(spot.heard(Refusal)) == 1
+    assert spot.said[-1].mission == "mission_1_1"
+    assert spot.believes("idle")
+    assert not any(plan.label.startswith("mission") for plan in spot.engine.library if plan.label)
+
+
+def test_a_plan_that_comes_twice_changes_nothing_the_second_time():
+    spot = Alone()
+    plans = tuple(f"@mission_1_1_{number} {text}" for number, text in enumerate(GO))
+    message = spot.tell(Plan("mission_1_1", plans))
+    spot.tell(Start(CONSTANTS), performative="request")
+    spot.tell(Belief(f"initial_trigger_a_navigate_to({SPOT}, {ROOM})"))
+    spot.hear(message)
+    spot.answer("success")
+    assert len(spot.heard(Finished)) == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "performative", "sender", "mission", "reason"),
+    [
+        (Plan("mission_2_1", ()), "inform", UVD, "mission_2_1", "directs"),
+        (Stop("mine"), "request", UVD, "mission_1_1", "directs"),
+        (Start(CONSTANTS), "request", UVD, "mission_1_1", "directs"),
+        (Plan("mission_2_1", ()), "request", "coordinator", "mission_2_1", "inform"),
+        (Start(CONSTANTS), "inform", "coordinator", "mission_1_1", "request"),
+        (Belief("milestone9"), "query", UVD, "mission_1_1", "inform"),
+        (Plan("mission_2_1", ()), "inform", "coordinator", "mission_3_1", "mission_3_1"),
+        (Plan("", ()), "inform", "coordinator", "", "no mission"),
+    ],
+)
+def test_what_is_said_otherwise_than_it_has_to_be_is_refused_and_changes_nothing(
+    content, performative, sender, mission, reason, caplog
+):
+    caplog.set_level(logging.ERROR, "socialbot")
+    spot = going()
+    spot.tell(content, performative=performative, sender=sender, mission=mission)
+    assert reason in spot.heard(Refusal)[0].reason
+    assert spot.said[-1].receiver == sender
+    assert not spot.believes("milestone9")
+    spot.answer("success")
+    assert len(spot.heard(Finished)) == 1
 
 
 def test_what_makes_no_sense_to_a_robot_is_refused_and_a_refusal_is_not(caplog):

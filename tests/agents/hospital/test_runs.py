@@ -10,7 +10,7 @@ import pytest
 from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordinator
 from socialbot.agents.hospital.messages import TOPIC, AclMessage, InitialTrigger, Missions, MissionView, Plan, Problem
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
-from socialbot.agents.hospital.ward_messages import STATE, WardState
+from socialbot.agents.hospital.ward_messages import RESULTS, STATE, WardState
 from socialbot.agents.hospital.ward_node import HospitalWorld
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.errors import ParameterError
@@ -165,8 +165,9 @@ def test_an_agent_that_is_killed_and_begun_anew_takes_its_part(name: str):
     assert run.views[1].status == "finished"
 
 
-def test_a_memory_that_cannot_be_read_is_an_error(tmp_path: Path):
-    (tmp_path / "memory.json").write_text("{")
+@pytest.mark.parametrize("content", [b"{", b'{"missions": "\xff"}', b'{"a":' * 10_000])
+def test_a_memory_that_cannot_be_read_is_an_error(tmp_path: Path, content: bytes):
+    (tmp_path / "memory.json").write_bytes(content)
     with pytest.raises(ParameterError, match="cannot read what it remembers"):
         paper(0, memory_file=str(tmp_path / "memory.json"))
 
@@ -204,8 +205,17 @@ def test_every_room_is_disinfected_though_each_meets_a_problem(seed: int, proact
     assert run.infected() == []
 
 
+def test_a_mission_s_charge_is_not_cut_short_when_the_plan_is_revised_meanwhile():
+    run = Hospital({"faults": "1.7 drains spotrobot1; 2.6 dirty room1"}, {"proactive": True})
+    charges: list[str] = []
+    run.runner.tap(RESULTS, lambda _, result: charges.extend([result.reason] * (result.action == "a_charge")))  # type: ignore[attr-defined]
+    run.until(20.0)
+    assert run.views[1].status == "finished"
+    assert charges == [""]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(200))
+@pytest.mark.parametrize("seed", range(16))
 def test_no_run_of_a_large_ward_ends_in_a_deadlock(seed: int):
     run = large(50, 4, seed=seed, rate=(25, 50, 75, 100)[seed % 4], coordinator={"proactive": seed % 8 < 6})
     for second in range(60, 601, 10):
@@ -213,3 +223,9 @@ def test_no_run_of_a_large_ward_ends_in_a_deadlock(seed: int):
         if not run.infected():
             break
     assert run.infected() == []
+
+
+def test_an_action_that_takes_longer_than_the_patience_of_the_coordinator_is_left_to_end():
+    run = Hospital({"pace": "clinic"}, {"patience_s": 60.0}).until(600.0)
+    assert run.views[1].status == "finished"
+    assert run.views[1].recoveries == 0

@@ -8,7 +8,7 @@ import pytest
 from socialbot.agents.hospital.ward import Ward, large_ward, paper_ward
 from socialbot.agents.hospital.ward_faults import Fault
 from socialbot.agents.hospital.ward_messages import WardState
-from socialbot.agents.hospital.ward_picture import Picture, ward_svg
+from socialbot.agents.hospital.ward_picture import TALLY, Picture, ward_svg
 from socialbot.agents.hospital.ward_world import WardWorld
 from socialbot.clock import SECOND
 from tests.agents.warehouse.test_floor import shapes
@@ -37,7 +37,7 @@ def group(picture: str, name: str) -> ElementTree.Element:
 def test_each_room_robot_and_nurse_is_a_group_by_its_name_and_all_is_within_the_picture(ward):
     picture = ElementTree.fromstring(ward_svg(ward, at(0.5, ward=ward)))
     named = [part.attrib["data-name"] for part in picture.iter(f"{SVG}g") if "data-name" in part.attrib]
-    assert sorted(named) == sorted([*ward.room_by_name, *ward.member_by_name])
+    assert sorted(named) == sorted([TALLY, *ward.room_by_name, *ward.member_by_name])
     wide, high = float(picture.attrib["width"]), float(picture.attrib["height"])
     for part in picture.iter(f"{SVG}g"):
         if "scale" in part.get("transform", ""):

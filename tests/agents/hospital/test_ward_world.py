@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -473,6 +474,7 @@ def check(world: WardWorld) -> None:
             room = world.ward.room_by_name[agent.place]
             near = room.contains(at) if agent.inside else math.dist(at, room.entrance) < 1e-6
             assert near or (agent.inside and abs(at.x - room.centre.x) < 1e-6), "in the room, or in its door"
+        assert agent.state(world.now) == replace(agent, _shown=None).state(world.now), "what was shown is not old"
         if agent.task is None:
             assert agent.journey is None
             continue
@@ -480,6 +482,8 @@ def check(world: WardWorld) -> None:
         assert [name for name, other in world.agents.items() if other.task is agent.task] == sorted(
             agent.task.ids, key=list(world.agents).index
         )
+    for name, room in world.rooms.items():
+        assert room.state(name) == replace(room, _shown=None).state(name)
     people = [person for room in world.rooms.values() for person in room.people]
     assert len(people) == len(set(people))
 
@@ -512,3 +516,14 @@ def test_the_world_begins_at_its_start_and_time_does_not_go_back():
     assert not world.room_state(ROOM).infected
     world.advance(start + SECOND)
     assert world.room_state(ROOM).infected
+
+
+def test_who_stands_still_shows_the_very_same_as_before():
+    world = WardWorld(paper_ward())
+    before = world.state()
+    world.command("c", SPOT, "a_navigate_to", (SPOT, ROOM))
+    world.advance(SECOND // 2)
+    after = world.state()
+    assert after.agent(UVD) is before.agent(UVD)
+    assert after.room(ROOM) is before.room(ROOM)
+    assert after.agent(SPOT) != before.agent(SPOT)

@@ -1,0 +1,338 @@
+"""The hospital without minds: a coordinator that plans once, and robots that do what they are told, action by action.
+
+It is what agents are compared with. The coordinator requests each action of those who do it, as a `Plan` of one
+literal, and goes on when all have reported; the first problem ends the mission.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordinator
+from socialbot.agents.hospital.course import Course, view
+from socialbot.agents.hospital.disinfect import DISINFECT as DOMAIN
+from socialbot.agents.hospital.messages import (
+    COORDINATOR,
+    EVERYBODY,
+    TOPIC,
+    AclMessage,
+    AnyContent,
+    End,
+    Missions,
+    MissionStatus,
+    MissionView,
+    Performative,
+    Plan,
+    Problem,
+    Refusal,
+    Register,
+    Report,
+    Stop,
+)
+from socialbot.agents.hospital.missions import DISINFECT, Member, Mission, state_of
+from socialbot.agents.hospital.robot_node import REGISTER_S, Nurse, Spot, Uvd
+from socialbot.agents.hospital.robots import as_literal, names_of
+from socialbot.agents.hospital.teams import Pool
+from socialbot.agents.hospital.ward import NURSE, ROBOTS, SPOT, UVD
+from socialbot.agents.hospital.ward_agents import JOINT, ROLES
+from socialbot.agents.hospital.ward_messages import (
+    CANCELS,
+    COMMANDS,
+    RESULTS,
+    STATE,
+    ActionCancel,
+    ActionCommand,
+    ActionResult,
+    WardState,
+)
+from socialbot.bdi.agentspeak.parser import parse_literal
+from socialbot.bdi.agentspeak.printer import agentspeak
+from socialbot.errors import SocialbotError
+from socialbot.graph import Context, Delivery, Graph, Input, Node, Output
+from socialbot.tasks.planner import TaskPlanner
+
+
+class Speaker(Node):
+    """A node that says something."""
+
+    said = Output(AclMessage, TOPIC)
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        super().__init__(name, context, parameters)
+        self._begun = self.clock.now()
+        self._numbers = itertools.count(1)
+
+    def say(
+        self, receiver: str, performative: Performative, content: AnyContent, mission: str = "", in_reply_to: str = ""
+    ) -> None:
+        """Says it to the receiver; see `AclMessage`."""
+        self.said.publish(
+            AclMessage(
+                stamp=self.clock.now(),
+                id=f"{self.name}-{self.next_id()}",
+                sender=self.name,
+                receiver=receiver,
+                performative=performative,
+                content=content,
+                in_reply_to=in_reply_to,
+                mission=mission,
+            )
+        )
+
+    def next_id(self) -> str:
+        """One that the node, however often it begins anew, has not used before."""
+        return f"{self._begun}-{next(self._numbers)}"
+
+
+@dataclass
+class _Running:
+    """The mission under way, its plan, and those who have not yet reported that they did the action at hand."""
+
+    mission: Mission
+    course: Course
+    awaited: set[str] = field(default_factory=set)
+
+
+class ScriptedCoordinator(Speaker):
+    """Has rooms disinfected, one after the other in the order in which they show; one that failed is left alone."""
+
+    heard = Input(AclMessage, TOPIC)
+    state = Input(WardState, STATE, Delivery.LATCHED)
+    missions = Output(Missions, MISSIONS, Delivery.LATCHED)
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        super().__init__(name, context, parameters)
+        self.planning_s: list[float] = []
+        """How long each plan took to find, s."""
+        self._planner = TaskPlanner(DOMAIN)
+        self._members: dict[str, Member] = {}
+        self._ward: WardState | None = None
+        self._running: _Running | None = None
+        self._over: list[MissionView] = []
+
+    def start(self) -> None:
+        self.say(EVERYBODY, "query", Register())
+
+    @heard
+    def on_heard(self, message: AclMessage) -> None:
+        """Takes what robots and nurses say."""
+        if message.receiver != self.name:
+            return
+        content = message.content
+        if isinstance(content, Register):
+            self._members[message.sender] = Member(message.sender, content.kind, frozenset(content.capabilities))
+            self.say(message.sender, "agree", content, in_reply_to=message.id)
+            self._begin()
+        elif self._running is not None and message.mission == self._running.mission.label:
+            match content:
+                case Report(outcome="success"):
+                    self._done_by(message.sender, self._running)
+                case Problem(kind=problem) | Refusal(reason=problem):
+                    self._end(self._running, "failed", problem)
+                case _:
+                    pass
+
+    @state
+    def on_state(self, message: WardState) -> None:
+        """Takes what the ward shows."""
+        self._ward = message
+        self._conclude()
+        self._begin()
+
+    def _begin(self) -> None:
+        """Plans the mission for the next room, if one is due and there is a team."""
+        if self._running is not None or self._ward is None:
+            return
+        tried = {over.room for over in self._over if over.status == "failed"}
+        room = next((room.name for room in self._ward.rooms if room.infected and room.name not in tried), None)
+        if room is None:
+            return
+        mission = Mission(len(self._over) + 1, DISINFECT.name, room, "running", revision=1)
+        team = Pool(self._members, self._ward).team(mission)
+        if team is None:
+            return
+        mission.team = team
+        answer = self._planner.plan(state_of(self._ward, mission, sees_rooms=False), mission.tasks())
+        self.planning_s.append(answer.seconds)
+        if answer.tree is None:
+            mission.status, mission.problem = "failed", answer.message
+            self._over.append(view(mission, None))
+            self._tell()
+            return
+        self._running = _Running(mission, Course.of(answer.tree, team.values()))
+        self._request(self._running)
+
+    def _request(self, running: _Running) -> None:
+        """Has the action at hand done."""
+        mission, stage = running.mission, running.course.stages[running.course.position]
+        running.awaited = set(stage.agents)
+        action = agentspeak(as_literal(stage.action, stage.args))
+        for agent in stage.agents:
+            self.say(agent, "request", Plan(mission.label, (action,)), mission.label)
+        self._tell()
+
+    def _done_by(self, agent: str, running: _Running) -> None:
+        if agent not in running.awaited:
+            return
+        running.awaited.remove(agent)
+        if running.awaited:
+            return
+        running.course.position += 1
+        if running.course.next is not None:
+            self._request(running)
+        else:
+            running.mission.ended = self.clock.now()
+            self._conclude()
+
+    def _conclude(self) -> None:
+        """Ends a mission all of whose actions are done, if the ward shows what came of it."""
+        running, ward = self._running, self._ward
+        if running is None or ward is None or running.course.next is not None:
+            return
+        room = ward.room(running.mission.room)
+        if room is not None and room.disinfected:
+            self._end(running, "finished")
+        elif room is not None and ward.stamp > running.mission.ended:
+            self._end(running, "failed", "the room is not disinfected")
+
+    def _end(self, running: _Running, status: MissionStatus, problem: str = "") -> None:
+        mission, course = running.mission, running.course
+        mission.status, mission.problem = status, problem
+        mission.past = [action for action in course.actions(failed=status == "failed") if action.status != "planned"]
+        self._over.append(view(mission, None))
+        self._running = None
+        for name in mission.team.values():
+            self.say(name, "request", End() if status == "finished" else Stop(problem), mission.label)
+        self._tell()
+        self._begin()
+
+    def _tell(self) -> None:
+        running = [view(self._running.mission, self._running.course)] if self._running else []
+        self.missions.publish(Missions(stamp=self.clock.now(), missions=(*self._over, *running)))
+
+
+class ScriptedAgent(Speaker):
+    """Does what it is told, and reports."""
+
+    kind: ClassVar[str] = ""
+    """What it is: a kind of the ward's members."""
+
+    heard = Input(AclMessage, TOPIC)
+    results = Input(ActionResult, RESULTS)
+    commands = Output(ActionCommand, COMMANDS)
+    cancels = Output(ActionCancel, CANCELS)
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        super().__init__(name, context, parameters)
+        self._registered = False
+        self._missions: dict[str, str] = {}
+        """The missions of actions under way, by the id of the command."""
+
+    def start(self) -> None:
+        self._register()
+
+    def _register(self, in_reply_to: str = "") -> None:
+        if self._registered and not in_reply_to:
+            return
+        self.say(COORDINATOR, "request", Register(self.kind, actions_of(self.kind)), in_reply_to=in_reply_to)
+        if not in_reply_to:
+            self.call_after(REGISTER_S, self._register)
+
+    @heard
+    def on_heard(self, message: AclMessage) -> None:
+        """Takes what the coordinator says."""
+        if message.sender == self.name or message.receiver not in (self.name, EVERYBODY):
+            return
+        match message.content:
+            case Register() if message.performative == "query":
+                self._register(message.id)
+            case Register():
+                self._registered = True
+            case Plan(plans=(action,)):
+                self._do(action, message)
+            case Stop() | End():
+                self._give_up(message.mission)
+            case _:
+                pass
+
+    def _give_up(self, mission: str) -> None:
+        """Takes back what is under way for a mission."""
+        for id in [id for id, other in self._missions.items() if other == mission]:
+            del self._missions[id]
+            self.cancels.publish(ActionCancel(stamp=self.clock.now(), id=id))
+
+    def _do(self, text: str, message: AclMessage) -> None:
+        try:
+            action = parse_literal(text)
+        except SocialbotError as mistake:
+            self.say(message.sender, "refuse", Refusal(str(mistake)), message.mission, message.id)
+            return
+        id = f"{self.name}-action-{self.next_id()}"
+        self._missions[id] = message.mission
+        self.commands.publish(
+            ActionCommand(
+                stamp=self.clock.now(), id=id, robot=self.name, action=action.functor, args=names_of(action.args)
+            )
+        )
+
+    @results
+    def on_result(self, message: ActionResult) -> None:
+        """Reports what became of an action."""
+        mission = self._missions.pop(message.id, None)
+        if mission is None:
+            return
+        report = Report(message.outcome, message.action, message.args, message.reason)
+        self.say(COORDINATOR, "inform", report, mission)
+        if message.outcome == "failure":
+            self.say(COORDINATOR, "inform", Problem(message.reason, message.args, message.action), mission)
+
+
+def actions_of(kind: str) -> tuple[str, ...]:
+    """What members of a ward of this kind can do."""
+    able = {kind, "agent"} | ({"robot"} if kind in ROBOTS else set())
+    return tuple(
+        action for action, roles in ROLES.items() if able.intersection(roles if action in JOINT else roles[:1])
+    )
+
+
+class ScriptedSpot(ScriptedAgent):
+    """A robot that patrols."""
+
+    kind = SPOT
+
+
+class ScriptedUvd(ScriptedAgent):
+    """A robot that disinfects."""
+
+    kind = UVD
+
+
+class ScriptedNurse(ScriptedAgent):
+    """A nurse who follows the screen in the room."""
+
+    kind = NURSE
+
+
+SCRIPTED: Mapping[type[Node], type[Node]] = {
+    HospitalCoordinator: ScriptedCoordinator,
+    Spot: ScriptedSpot,
+    Uvd: ScriptedUvd,
+    Nurse: ScriptedNurse,
+}
+"""Who stands in for whom."""
+
+
+def scripted(graph: Graph) -> Graph:
+    """A hospital's graph with scripted nodes instead of those with minds; the ward stays as it is."""
+    return replace(
+        graph,
+        placements=tuple(
+            replace(placement, type=SCRIPTED[placement.type], parameters={})
+            if placement.type in SCRIPTED
+            else placement
+            for placement in graph.placements
+        ),
+    )

@@ -1,0 +1,184 @@
+"""A run of the hospital in the terminal: the ward at its turns, and the tasks of plans as they are made and mended."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from socialbot.agents.hospital.missions import DISINFECT
+from socialbot.agents.hospital.outcome import MissionsTold, MissionTold
+from socialbot.agents.hospital.ward import NURSE, Room, Ward
+from socialbot.agents.hospital.ward_messages import AgentState, RoomState, WardState
+from socialbot.agents.hospital.ward_picture import WORD
+from socialbot.messages import Message, TraceRecord
+from socialbot.report.trees import Branch, as_text, branches, with_failure, with_news
+
+SMALL = 12
+"""Wards with no more rooms than this are drawn room by room."""
+ROWS = 12
+"""Of more missions than this the table has only those that met a problem, or were not done."""
+TREES = 6
+"""So many trees are shown in a run, at most: of the first plan, and of plans that had to change."""
+
+
+class WardShow:
+    """Prints the ward and the trees of plans on ``console``, as the messages of a run come."""
+
+    def __init__(self, console: Console, ward: Ward) -> None:
+        self.missions = MissionsTold()
+        self._console = console
+        self._ward = ward
+        self._state: WardState | None = None
+        self._trees = 0
+        self._before: dict[str, list[Branch]] = {}
+        self._failed: dict[str, str] = {}
+
+    def show(self, message: Message) -> None:
+        """Takes a message of the run, or a record of its trace."""
+        self.missions.take(message)
+        match message:
+            case WardState():
+                first = self._state is None
+                self._state = message
+                if first:
+                    self._show_ward()
+            case TraceRecord(kind="step_end") if message.detail["outcome"] == "failed":
+                action, *args = message.what.strip("()").split()
+                self._failed[message.source] = f"{action}({', '.join(args)})"
+            case TraceRecord(kind="plan_start") if "tree" in message.detail:
+                self._show_plan(message)
+            case TraceRecord(kind="plan_end") if "tree" in message.detail:
+                self._show_end(message)
+
+    def finish(self) -> None:
+        """Prints the ward as it is at the end, and a table of the missions."""
+        self._show_ward()
+        told = [mission for _, mission in sorted(self.missions.missions.items())]
+        if told:
+            self._console.print(missions_table(told))
+
+    def _show_plan(self, record: TraceRecord) -> None:
+        made, before = branches(record.detail["tree"]), self._before.get(record.what)
+        self._before[record.what] = made
+        if self._trees and before is None:
+            return
+        self._show_tree(made if before is None else with_news(made, before))
+
+    def _show_end(self, record: TraceRecord) -> None:
+        """The tree of a plan that is given up, with what has failed; and the ward."""
+        if record.detail["outcome"] == "succeeded":
+            return
+        tree = branches(record.detail["tree"])
+        team = [call for name, call in self._failed.items() if any(name in branch.text for branch in tree)]
+        self._failed.clear()
+        self._show_tree(with_failure(tree, team[-1]) if team else tree)
+        if len(self._ward.rooms) <= SMALL:
+            self._show_ward()
+
+    def _show_tree(self, tree: list[Branch]) -> None:
+        self._trees += 1
+        if self._trees <= TREES:
+            self._console.print(as_text(tree, " " * 11), soft_wrap=True, end="")
+        elif self._trees == TREES + 1:
+            self._console.print(" " * 11 + "(the page has more trees)", style="dim")
+
+    def _show_ward(self) -> None:
+        if self._state is not None:
+            self._console.print(ward_text(self._ward, self._state), soft_wrap=True)
+
+
+def ward_text(ward: Ward, state: WardState) -> Table | Text:
+    """The ward for a terminal: each room of a small one, else how many rooms are how, and which are not disinfected."""
+    if len(ward.rooms) > SMALL:
+        return _in_figures(ward, state)
+    table = Table("room", "door", "tidy", "disinfected", "who is there", box=None, padding=(0, 2, 0, 0))
+    for column in table.columns:
+        column.header_style = "dim"
+    for room in ward.rooms:
+        table.add_row(*_room(room, state.room(room.name), state))
+    on_the_way = [_who(agent) for agent in state.agents if agent.place not in ward.room_by_name]
+    if on_the_way:
+        table.add_row("elsewhere", "", "", "", ", ".join(on_the_way))
+    return table
+
+
+def _room(room: Room, state: RoomState | None, ward: WardState) -> Iterator[str | Text]:
+    yield room.name
+    if state is None:
+        yield from ("?", "?", "?")
+    else:
+        yield Text("open") if state.door_open else Text("closed", "red")
+        yield Text("yes") if state.cleaned else Text("dirty", "yellow")
+        yield Text("✓", "green") if state.disinfected else Text("✗ infected", "bold red")
+    there = [_who(agent) for agent in ward.agents if agent.place == room.name]
+    yield ", ".join([*there, *(state.people if state else ())])
+
+
+def _who(agent: AgentState) -> str:
+    battery = "" if agent.kind == NURSE else f" {agent.battery:.0%}"
+    number = agent.name.removeprefix(agent.kind)
+    return f"{WORD.get(agent.kind, agent.kind)}{number}{battery}"
+
+
+def _in_figures(ward: Ward, state: WardState) -> Text:
+    infected = [room.name for room in state.rooms if room.infected]
+    text = Text(f"{len(ward.rooms)} rooms: ")
+    text.append(f"{len(state.rooms) - len(infected)} disinfected", "green")
+    if infected:
+        text.append(f", {len(infected)} infected: {', '.join(infected)}", "red")
+    unfit = [room.name for room in state.rooms if not room.ready]
+    if unfit:
+        text.append(f"; not fit: {', '.join(unfit)}", "yellow")
+    low = [agent.name for agent in state.agents if agent.low_battery]
+    if low:
+        text.append(f"; battery low: {', '.join(low)}", "yellow")
+    return text
+
+
+def missions_table(missions: list[MissionTold]) -> Table:
+    """What was planned, what was done, what went wrong and whether it was mended, and how long it took."""
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
+    for heading in ("mission", "room"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("planned", "done", "failed"):
+        table.add_column(heading, justify="right")
+    table.add_column("problem", min_width=18)
+    for heading in ("recovered", "ended"):
+        table.add_column(heading, no_wrap=True)
+    table.add_column("took", justify="right", no_wrap=True)
+    shown = missions if len(missions) <= ROWS else [each for each in missions if each.problems or not each.finished]
+    for mission in shown:
+        view, problems = mission.view, mission.problems
+        recovered = "" if not problems else "yes" if mission.finished else "no"
+        table.add_row(
+            f"{view.id} {view.kind}" if view.kind != DISINFECT.name else str(view.id),
+            view.room,
+            str(mission.planned),
+            str(mission.done()),
+            str(mission.done("failed")),
+            "; ".join(problems),
+            recovered,
+            view.status,
+            "" if mission.took_s is None else f"{mission.took_s:.2f} s",
+        )
+    if len(missions) > 1:
+        table.add_row(*_sum(missions), style="bold")
+    return table
+
+
+def _sum(missions: list[MissionTold]) -> tuple[str, ...]:
+    met = [mission for mission in missions if mission.problems]
+    return (
+        f"all {len(missions)}",
+        "",
+        str(sum(mission.planned for mission in missions)),
+        str(sum(mission.done() for mission in missions)),
+        str(sum(mission.done("failed") for mission in missions)),
+        str(sum(len(mission.problems) for mission in met)),
+        f"{sum(mission.finished for mission in met)} of {len(met)}",
+        f"{sum(mission.finished for mission in missions)}",
+        "",
+    )

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+from collections import deque
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from socialbot.agents.hospital.course import Course, view
+from socialbot.agents.hospital.disinfect import DISINFECT, mission, ward
+from socialbot.agents.hospital.missions import Mission
+from socialbot.tasks.planner import TaskPlanner
+from tests.agents.hospital.test_coordinator import LISTING_3, NURSE, ROOM, SPOT, UVD
+
+TEAM = (NURSE, SPOT, UVD)
+
+
+def course() -> Course:
+    """A plan in which the robot meets the nurse twice, as its battery runs low in between."""
+    planner = TaskPlanner(DISINFECT)
+    state = ward({NURSE: ROOM}, [SPOT, UVD], "room4")
+    state.disinfected[ROOM] = False
+    first = planner.plan(state, [mission(SPOT, UVD, NURSE)])
+    assert first.tree is not None
+    later = DISINFECT.after(state, LISTING_3[:2])
+    later.low_battery[SPOT] = True
+    revised = planner.revise(later, first.tree, first.plan[2].id)
+    assert revised.tree is not None
+    return Course.of(revised.tree, TEAM)
+
+
+def test_the_same_joint_action_may_come_twice():
+    actions = [node.item[0] for node in course().agenda]
+    assert actions[:6] == [
+        "a_approach_nurse", "a_authenticate_nurse", "a_charge", "a_navigate_to", "a_approach_nurse",
+        "a_authenticate_nurse",
+    ]  # fmt: skip
+
+
+@given(st.data())
+def test_however_late_agents_tell_the_plan_is_never_further_than_they_are(data: st.DataObject):
+    plan = course()
+    reports: dict[str, deque[int]] = {name: deque() for name in TEAM}
+    done = 0
+    while done < len(plan.stages) or any(reports.values()):
+        late = [name for name, some in reports.items() if some]
+        choices = [*late, ""] if done < len(plan.stages) else late
+        teller = data.draw(st.sampled_from(choices))
+        if teller:
+            before, index = plan.position, reports[teller].popleft()
+            further = plan.advance(teller, plan.agenda[index].item)
+            assert further == (plan.position > before)
+            assert before <= plan.position <= done
+        else:
+            for name in plan.stages[done].agents:
+                reports[name].append(done)
+            done += 1
+    assert plan.next is None
+    assert plan.left == []
+
+
+def test_what_is_none_of_the_plan_changes_nothing():
+    plan = course()
+    assert not plan.advance(SPOT, ("a_open_door", SPOT, ROOM))
+    assert plan.fail(SPOT, ("a_open_door", SPOT, ROOM)) is plan.agenda[0]
+    assert plan.position == 0
+
+
+def test_an_action_that_fails_is_the_next_one_and_shows_as_failed():
+    plan = course()
+    plan.advance(SPOT, plan.agenda[0].item)
+    failed = plan.fail(NURSE, plan.agenda[1].item)
+    assert failed is plan.agenda[1]
+    assert [action.status for action in plan.actions(failed=True)][:3] == ["done", "failed", "planned"]
+
+
+def test_a_mission_shows_its_past_its_plan_and_its_tree():
+    plan = course()
+    seen = Mission(7, "urgent", ROOM, past=plan.actions(failed=True)[:1])
+    shown = view(seen, plan)
+    assert (shown.id, shown.priority) == (7, 2)
+    assert [action.status for action in shown.actions[:2]] == ["failed", "planned"]
+    assert shown.tree.startswith(f"m_patrol_and_disinfect({SPOT}, {UVD}, {NURSE})")
+    assert view(seen, None).tree == ""

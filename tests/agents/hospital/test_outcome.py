@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import pytest
+
+from socialbot.agents.hospital.graphs import hospital, large_hospital
+from socialbot.agents.hospital.messages import Missions, MissionStatus, MissionView
+from socialbot.agents.hospital.outcome import QUIET_S, Infections, MissionsTold, ward_in
+from socialbot.agents.hospital.ward import large_ward, paper_ward
+from socialbot.agents.hospital.ward_messages import RoomState, WardState
+from socialbot.clock import nanoseconds
+from socialbot.errors import ParameterError
+from socialbot.graph_file import load_graph
+
+
+def ward_at(seconds: float, *infected: str) -> WardState:
+    rooms = tuple(
+        RoomState(name=name, door_open=True, cleaned=True, disinfected=name not in infected)
+        for name in paper_ward().room_by_name
+    )
+    return WardState(stamp=nanoseconds(seconds), rooms=rooms, agents=())
+
+
+def missions_at(seconds: float, status: MissionStatus, **more) -> Missions:
+    view = MissionView(id=1, kind="disinfect", room="room1", priority=0, status=status, **more)
+    return Missions(stamp=nanoseconds(seconds), missions=(view,))
+
+
+def over(*messages: WardState | Missions, at: float) -> bool:
+    left = Infections(paper_ward())
+    for message in messages:
+        left.observe(message)
+    return left.are_over(nanoseconds(at))
+
+
+def test_a_run_is_over_when_each_room_is_disinfected_and_no_mission_is_open():
+    begin = (ward_at(5.0), ward_at(6.1, "room1"), missions_at(6.1, "running"))
+    assert not over(*begin, at=100.0)
+    assert not over(*begin, ward_at(9.0), at=100.0), "the mission is still open"
+    assert over(*begin, ward_at(9.0), missions_at(9.0, "finished"), at=9.0 + QUIET_S)
+    assert not over(*begin, ward_at(9.0), missions_at(9.0, "finished"), at=8.9 + QUIET_S)
+
+
+def test_it_is_not_over_before_the_last_infection():
+    assert not over(ward_at(5.0), ward_at(5.9), at=100.0)
+    assert over(ward_at(5.0), ward_at(6.1), at=6.2 + QUIET_S)
+
+
+def test_rooms_that_were_given_up_are_left_and_others_are_not():
+    begin = (ward_at(5.0), missions_at(7.0, "failed"))
+    assert over(*begin, ward_at(7.1, "room1"), at=9.0)
+    assert not over(*begin, ward_at(7.1, "room1", "room2"), at=9.0)
+
+
+def test_a_graph_whose_ward_cannot_be_is_an_error_with_a_remedy():
+    graph = hospital(world={"ward": "large", "rooms": 3, "nurses": 5})
+    with pytest.raises(ParameterError, match="have no more nurses than rooms"):
+        ward_in(graph)
+
+
+@pytest.mark.parametrize(
+    ("graph", "ward"),
+    [
+        (hospital(), paper_ward()),
+        (load_graph("hospital"), paper_ward()),
+        (large_hospital(7, 2, 1, world={"every_s": 2.0}), large_ward(7, 2, 1, every_s=2.0)),
+        (load_graph("warehouse"), None),
+    ],
+    ids=["paper", "file", "large", "none"],
+)
+def test_the_ward_of_a_graph_is_known(graph, ward):
+    assert ward_in(graph) == ward
+
+
+def test_missions_are_told_with_their_problems():
+    told = MissionsTold()
+    problem = {"problem": "dirty room", "recoveries": 1}
+    for message in (
+        missions_at(1.0, "waiting"),
+        missions_at(2.0, "running"),
+        missions_at(3.0, "running", **problem),
+        missions_at(3.5, "running", **problem),
+        missions_at(4.5, "finished", **problem),
+    ):
+        told.take(message)
+    results = told.missions[1].results()
+    assert (results["status"], results["took_s"], results["problems"]) == ("finished", 2.5, ["dirty room"])

@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import logging
+
+import pytest
+
+from socialbot.agents.hospital.coordinator_node import MISSIONS
+from socialbot.agents.hospital.graphs import hospital, large_hospital
+from socialbot.agents.hospital.messages import (
+    TOPIC,
+    AclMessage,
+    MissionView,
+    Plan,
+    Problem,
+    Refusal,
+    Register,
+    Report,
+    Stop,
+)
+from socialbot.agents.hospital.missions import KINDS
+from socialbot.agents.hospital.scripted import SCRIPTED, ScriptedAgent, actions_of, scripted
+from socialbot.agents.hospital.ward import NURSE, SPOT, UVD
+from socialbot.agents.hospital.ward_messages import CANCELS, COMMANDS, STATE, ActionCommand, WardState
+from socialbot.clock import SECOND, nanoseconds
+from socialbot.graph import Graph
+from socialbot.inline import InlineRunner
+from tests.agents.hospital.test_coordinator import LISTING_3
+
+logging.getLogger("socialbot.coordinator").setLevel(logging.ERROR)
+
+
+class Run:
+    """A run of a scripted hospital, and what was said in it."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.runner = InlineRunner(scripted(graph))
+        self.said: list[AclMessage] = []
+        self.commands: list[ActionCommand] = []
+        self.cancels: list[object] = []
+        self.views: dict[int, MissionView] = {}
+        self.ended: dict[int, float] = {}
+        self.ward: WardState | None = None
+        self.runner.tap(TOPIC, lambda _, message: self.said.append(message))  # type: ignore[arg-type]
+        self.runner.tap(COMMANDS, lambda _, message: self.commands.append(message))  # type: ignore[arg-type]
+        self.runner.tap(CANCELS, lambda _, message: self.cancels.append(message))
+        self.runner.tap(MISSIONS, self._see)
+        self.runner.tap(STATE, self._look)
+        self.runner.start()
+
+    def _see(self, topic: str, message) -> None:
+        for view in message.missions:
+            self.views[view.id] = view
+            if view.status in ("finished", "failed"):
+                self.ended.setdefault(view.id, message.stamp / SECOND)
+
+    def _look(self, topic: str, message) -> None:
+        self.ward = message
+
+    def until(self, second: float) -> Run:
+        self.runner.advance(nanoseconds(second))
+        assert not {name: faults.first for name, faults in self.runner.faults.items() if faults.failures}
+        return self
+
+    def infected(self) -> list[str]:
+        assert self.ward is not None
+        return [room.name for room in self.ward.rooms if room.infected]
+
+    def contents(self, kind: type) -> list:
+        return [message.content for message in self.said if isinstance(message.content, kind)]
+
+    def hear(self, **changes) -> None:
+        message = AclMessage(
+            **{
+                "stamp": self.runner.clock.now(), "id": "x", "sender": "coordinator", "receiver": "spotrobot1",
+                "performative": "request", "content": Plan("mission_9_1", ()), "mission": "mission_9_1", **changes,
+            }
+        )  # fmt: skip
+        self.runner.feed(TOPIC, message)
+
+
+def test_no_minds_are_left_in_a_scripted_hospital():
+    graph = scripted(hospital(rate=25.0, seed=3))
+    assert {placement.type for placement in graph.placements} & set(SCRIPTED) == set()
+    assert [placement.name for placement in graph.placements] == [each.name for each in hospital().placements]
+    assert graph.placement("world").parameters == {"rate": 25.0, "seed": 3}
+
+
+def test_a_mission_is_done_action_by_action_in_the_order_of_listing_3():
+    run = Run(hospital()).until(6.0)
+    view = run.views[1]
+    assert [(each.action, *each.args) for each in view.actions] == LISTING_3
+    assert {each.status for each in view.actions} == {"done"}
+    assert (view.status, run.infected()) == ("finished", [])
+    assert run.ended[1] == pytest.approx(4.2, abs=0.1)
+    assert len(run.contents(Plan)) == len(LISTING_3) + 3  # three of them are for two
+    begun = {(command.action, *command.args): command.stamp for command in run.commands}
+    assert sorted(begun.values()) == list(begun.values())
+    assert list(begun) == LISTING_3
+
+
+def test_the_first_problem_ends_the_mission():
+    run = Run(hospital(rate=100.0)).until(20.0)
+    view = run.views[1]
+    assert run.contents(Problem) == [Problem("dirty room", ("spotrobot1", "room1"), "a_patrol_room")]
+    assert (view.status, view.problem) == ("failed", "dirty room")
+    assert [each.status for each in view.actions] == ["done"] * 5 + ["failed"]
+    assert run.infected() == ["room1"]
+    assert list(run.views) == [1]
+    assert run.ended[1] < 2.6
+
+
+def test_a_nurse_who_is_called_away_ends_it_for_both_partners_of_a_joint_action():
+    graph = hospital(world={"faults": "1.9 leaves nurse_disinfected1 30"})
+    run = Run(graph).until(20.0)
+    assert run.views[1].status == "failed"
+    assert run.views[1].problem == "nurse absent"
+    reports = [report for report in run.contents(Report) if report.action == "a_authenticate_nurse"]
+    assert {report.outcome for report in reports} <= {"failure"}
+
+
+def test_rooms_are_disinfected_one_after_the_other_and_what_failed_is_left_alone():
+    run = Run(large_hospital(4, 1, 1, seed=3, rate=50.0)).until(90.0)
+    failed = {view.room for view in run.views.values() if view.status == "failed"}
+    finished = {view.room for view in run.views.values() if view.status == "finished"}
+    assert failed
+    assert finished
+    assert failed | finished == {"room1", "room2", "room3", "room4"}
+    assert set(run.infected()) == failed
+
+
+def test_what_is_no_action_is_refused_and_ends_the_mission():
+    run = Run(hospital()).until(0.5)
+    run.hear(content=Plan("mission_9_1", ("no action(",)))
+    (refusal,) = run.contents(Refusal)
+    assert "no action(" in refusal.reason
+    assert run.commands == []
+
+
+def test_an_action_is_taken_back_when_its_mission_is_given_up():
+    run = Run(hospital()).until(0.5)
+    run.hear(content=Plan("mission_9_1", ("a_navigate_to(spotrobot1, room2)",)))
+    run.hear(content=Stop("enough"), mission="mission_8_1")
+    assert run.cancels == []
+    run.hear(content=Stop("enough"))
+    assert len(run.cancels) == 1
+    run.until(3.0)
+    assert [report.action for report in run.contents(Report) if report.args == ("spotrobot1", "room2")] == []
+
+
+def test_what_is_said_to_others_does_not_concern_a_robot():
+    run = Run(hospital()).until(0.5)
+    run.hear(receiver="uvdrobot1", content=Plan("mission_9_1", ("a_navigate_to(spotrobot1, room2)",)))
+    assert [command.robot for command in run.commands] == ["uvdrobot1"]
+
+
+def test_they_register_again_when_the_coordinator_asks():
+    run = Run(hospital()).until(0.5)
+    before = len(run.contents(Register))
+    run.hear(receiver="all", performative="query", content=Register(), mission="")
+    assert len(run.contents(Register)) == before + 1 + 3 + 3
+
+
+@pytest.mark.parametrize("kind", [SPOT, UVD, NURSE])
+def test_robots_and_nurses_know_what_they_can_do(kind: str):
+    able = set(actions_of(kind))
+    roles = [role for role in KINDS["disinfect"].roles if role.needs <= able]
+    assert len(roles) == 1
+    assert ("a_charge" in able) is (kind != NURSE)
+
+
+def test_every_scripted_agent_is_of_a_kind():
+    agents = [node for node in SCRIPTED.values() if issubclass(node, ScriptedAgent)]
+    assert sorted(agent.kind for agent in agents) == sorted((SPOT, UVD, NURSE))
