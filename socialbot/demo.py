@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import msgspec
 
 from socialbot.agent_messages import AgentReply, AgentRequest, DesireSet, PlanExecutionInfo
+from socialbot.agents.hospital.messages import AclMessage, Missions
+from socialbot.agents.hospital.outcome import Infections, ward_in
 from socialbot.bridge.bag_writer import BagWriter
 from socialbot.bridge.launch import Launch
 from socialbot.bridge.observing import Fates, observing
@@ -24,8 +26,7 @@ from socialbot.graph_file import dump_graph
 from socialbot.inline import InlineRunner
 from socialbot.messages import Message, TraceRecord
 from socialbot.replay import BAG_GRAPH, GRAPH_TIMEOUT_S, Fate, parameters_of, ros_fates, versions
-
-Observer = Callable[[str, Message], None]
+from socialbot.report.telling import Observer, telling
 
 STEP_S = 0.1
 """So much time passes between two looks at whether the run is over."""
@@ -58,6 +59,18 @@ class Ran:
     fates: dict[str, Fate] = field(default_factory=dict)
 
 
+class Left(Protocol):
+    """Knows whether anything is left to do in a run, by its messages."""
+
+    def observe(self, message: Message) -> None:
+        """Takes a message of the run."""
+        ...
+
+    def are_over(self, now: int) -> bool:
+        """Whether nothing is left to do at ``now`` (ns)."""
+        ...
+
+
 class Wishes:
     """Knows whether anybody still wants something, by what agents tell of their desires."""
 
@@ -85,14 +98,14 @@ class Wishes:
 def run(what: Run, folder: Path, observe: Observer, *, bag: Path | None = None) -> Ran:
     """Runs a graph until nobody wants anything more, its time is up, or SIGINT or SIGTERM comes.
 
-    ``observe`` gets the messages of `watched`. With ``bag`` what `replayable` lists is recorded there. Raises NodeError
-    when a node fails over ROS.
+    ``observe`` gets the messages of `watched`, and as records what they tell. With ``bag`` what `replayable` lists is
+    recorded there. Raises NodeError when a node fails over ROS.
     """
-    ran, wishes = Ran(), Wishes()
+    ran, left, tell = Ran(), left_in(what.graph), telling(what.graph, observe)
 
     def note(topic: str, message: Message) -> None:
-        wishes.observe(message)
-        observe(topic, message)
+        left.observe(message)
+        tell(topic, message)
 
     carry_out = _inline if what.runner == "inline" else _over_ros
     with _recording(what.graph, bag, note) as seen, Ending().on_signals() as ending:
@@ -102,7 +115,7 @@ def run(what: Run, folder: Path, observe: Observer, *, bag: Path | None = None) 
             ran.ended = "the time was up"
             now = start
             while now - start < nanoseconds(what.limit_s):
-                if ending.asked or wishes.are_over(now):
+                if ending.asked or left.are_over(now):
                     ran.ended = STOPPED if ending.asked else "nobody wants anything more"
                     break
                 now = advance()
@@ -112,6 +125,12 @@ def run(what: Run, folder: Path, observe: Observer, *, bag: Path | None = None) 
 
         ran.fates = carry_out(what, folder, seen, go_on)
     return ran
+
+
+def left_in(graph: Graph) -> Left:
+    """What knows whether anything is left to do in a run of ``graph``: of infected rooms, or of desires."""
+    ward = ward_in(graph)
+    return Wishes() if ward is None else Infections(ward)
 
 
 def results_of(what: Run, ran: Ran, summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -140,14 +159,14 @@ def watched(graph: Graph) -> dict[str, type[Message]]:
 
 
 def replayable(graph: Graph) -> dict[str, type[Message]]:
-    """The topics that a bag needs for a replay: what the world says and is told, requests, and the traces."""
+    """The topics that a bag needs for a replay: what the world says and is told, what agents say, and the traces."""
     worldly = {
         topic
         for placement in graph.placements
         if placement.type.stands_for_world
         for topic, _ in (*placement.publications, *placement.subscriptions)
     }
-    kinds = (TraceRecord, AgentRequest, AgentReply)
+    kinds = (TraceRecord, AgentRequest, AgentReply, AclMessage, Missions)
     return {topic: kind for topic, kind in graph.topics().items() if topic in worldly or issubclass(kind, kinds)}
 
 

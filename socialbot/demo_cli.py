@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
@@ -75,6 +76,59 @@ def warehouse(
     _show(title, Run(graph, runner, composed, rate, limit), changes, out, bag)
 
 
+@demo.command()
+def hospital(
+    rate: Annotated[float, typer.Option(min=0.0, max=100.0, metavar="%", help="Missions that meet a problem.")] = 50.0,
+    seed: Annotated[
+        int, typer.Option(help="Chance of the run; with the default one the paper's mission meets a problem at 50 %.")
+    ] = 0,
+    ward: Annotated[
+        Literal["paper", "large"],
+        typer.Option(
+            help="paper: four rooms, a nurse, two robots, dirty rooms; large: problems of five kinds, anywhere."
+        ),
+    ] = "paper",
+    rooms: Annotated[int, typer.Option(min=1, max=1000, help="Rooms of the large ward.")] = 50,
+    robots: Annotated[int, typer.Option(min=1, max=100, help="Robots of each kind in the large ward.")] = 4,
+    policy: Annotated[
+        Literal["auto", "replan", "repair", "none"],
+        typer.Option(help="After a problem: a new plan, a mended one, either by its joint actions (auto), or none."),
+    ] = "auto",
+    foresight: Annotated[
+        bool,
+        typer.Option("--foresight", help="The coordinator looks at the ward, and acts before a plan meets a problem."),
+    ] = False,
+    faults: Annotated[
+        str,
+        typer.Option(
+            metavar="TEXT", help="What goes wrong besides: '2 dirty room1; 3 drains uvdrobot1; 4 enters room1 9'."
+        ),
+    ] = "",
+    runner: RunnerOption = "inline",
+    composed: ComposedOption = False,
+    speed: RateOption = 0.0,
+    limit: LimitOption = 1800.0,
+    out: OutOption = None,
+    bag: BagOption = False,
+    changes: SetOption = None,
+) -> None:
+    """Robots disinfect rooms of a hospital: tasks, teams, what fails, and the new plan.
+
+    Exit codes beside the usual ones: 10 not all missions were done.
+    """
+    from socialbot.agents.hospital.graphs import hospital as small
+    from socialbot.agents.hospital.graphs import large_hospital
+    from socialbot.demo import Run
+
+    world, coordinator = {"faults": faults}, {"policy": policy, "proactive": foresight}
+    if ward == "paper":
+        graph = small(rate=rate, seed=seed, world=world, coordinator=coordinator)
+    else:
+        graph = large_hospital(rooms, robots, robots, rate=rate, seed=seed, world=world, coordinator=coordinator)
+    title = f"The hospital, {rate:g} % problems" + ("" if ward == "paper" else f", {rooms} rooms")
+    _show(title, Run(graph, runner, composed, speed, limit), changes, out, bag)
+
+
 def _demo_of(name: str, title: str, what: str) -> None:
     """Adds the demo of a graph that comes with socialbot."""
 
@@ -120,6 +174,8 @@ def run(
 
 
 def _show(title: str, what: Run, changes: list[str] | None, out: Path | None, bag: bool) -> None:
+    from socialbot.agents.hospital.outcome import ward_in
+    from socialbot.agents.hospital.ward_show import WardShow
     from socialbot.cli import new_run_folder, report_faults, with_changes
     from socialbot.demo import STOPPED, results_of
     from socialbot.demo import run as carry_out
@@ -132,19 +188,28 @@ def _show(title: str, what: Run, changes: list[str] | None, out: Path | None, ba
     report = RunReport(what.graph)
     folder = out or new_run_folder()
     console = Console(highlight=False)
+    logging.getLogger("socialbot").setLevel(logging.ERROR)  # what fails is told as it happens
+    ward = ward_in(what.graph)
+    shown = WardShow(console, ward) if ward is not None else None
     with RunRecord(folder) as record, RunDisplay(console, report.phrases, what.graph.without_sources()) as display:
 
         def observe(topic: str, message: Message) -> None:
             record.observe(topic, message)
             report.observe(topic, message)
             display.show(topic, message)
+            if shown is not None:
+                shown.show(message)
 
         ran = carry_out(what, folder, observe, bag=folder / "bag" if bag else None)
     summary = report.summary()
     results = results_of(what, ran, summary.results())
     record.write_results(results)
     page = report.write(folder, title, results)
-    _tell(console, summary)
+    console.print()
+    if shown is not None:
+        shown.finish()
+    else:
+        _tell(console, summary)
     report_faults(console, results)
     console.print(f"\n{ran.seconds:.1f} s, in {ran.wall_s:.1f} s of real time; {ran.ended}")
     console.print(f"The record of this run: {folder}; its page: {page}", soft_wrap=True, markup=False)
@@ -160,7 +225,6 @@ def _tell(console: Console, summary: Summary) -> None:
         table.add_column(heading, justify="right")
     for agent, counts in summary.results()["agents"].items():
         table.add_row(agent, *(str(counts[key]) for key in ("plans", "given_up", "steps", "requests")))
-    console.print()
     console.print(table)
     console.print()
     for desire in story.aims:
@@ -170,7 +234,7 @@ def _tell(console: Console, summary: Summary) -> None:
         reason = f": {desire.reason}" if desire.reason else ""
         console.print(f"{desire.agent}: {desire.name} {how}{planned}{reason}", soft_wrap=True, markup=False)
     holders: dict[str, list[str]] = {}
-    for box, holder in summary.boxes.items():
+    for box, holder in summary.world.get("boxes", {}).items():
         holders.setdefault(holder, []).append(box)
     for holder in sorted(holders):
         console.print(f"{holder}: {', '.join(sorted(holders[holder]))}", soft_wrap=True, markup=False)

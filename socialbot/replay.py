@@ -6,7 +6,7 @@ import functools
 import itertools
 import platform
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
@@ -21,6 +21,7 @@ from socialbot.bridge.feeding import feeding, takes_pictures
 from socialbot.bridge.launch import Launch
 from socialbot.bridge.observing import Fates, Onlooker, observing
 from socialbot.bridge.readiness import await_graph, expect_free_names
+from socialbot.bridge.recorded_world import InlineStage, Script, play
 from socialbot.bridge.reenactment import Played
 from socialbot.clock import SECOND
 from socialbot.ending import Ending
@@ -29,14 +30,13 @@ from socialbot.graph import Graph, check_parameters
 from socialbot.inline import InlineRunner
 from socialbot.messages import Message, Structured, TraceRecord
 from socialbot.report.decisions import DECIDED, Comparison, compare
+from socialbot.report.telling import Observer, telling, told_topics
 from socialbot.run_record import RECORDED, RunRecord
 from socialbot.speech.speaker import Speaker
 from socialbot.vision.scoring import Scores, score
 from socialbot.vision.truth import Truth, load_truth
 
 Runner = Literal["ros", "inline"]
-Observer = Callable[[str, Message], None]
-
 TAIL_S = 3.0
 """How long time goes on after the last picture, for speech that is still to be finished."""
 
@@ -104,12 +104,13 @@ def replay(plan: Replay, record: RunRecord, show: Observer) -> Outcome:
     begun = time.monotonic()
     decided: list[TraceRecord] = []
 
-    def observe(topic: str, message: Message) -> None:
+    def note(topic: str, message: Message) -> None:
         record.observe(topic, message)
         show(topic, message)
         if isinstance(message, TraceRecord):
             decided.append(message)
 
+    observe = telling(graph, note)
     run = _run_inline if plan.runner == "inline" else _run_ros
     fates: dict[str, Fate] = {}
     failure: SocialbotError | None = None
@@ -139,8 +140,16 @@ def graph_beside(bag: Path) -> Path | None:
 def _compare(bag: Bag, graph: Graph, decided: list[TraceRecord]) -> Comparison | None:
     """The decisions of deliberating agents now beside those in the bag, as long as it goes; None without any there."""
     names = {topic.name for topic in bag.topics if topic.count}
-    traces = {topic: topic for topic, kind in graph.topics().items() if kind is TraceRecord and topic in names}
-    recorded = [message for _, message in bag.messages(traces, graph.topics()) if isinstance(message, TraceRecord)]
+    kinds = {topic: kind for topic, kind in graph.topics().items() if kind is TraceRecord} | told_topics(graph)
+    recorded: list[TraceRecord] = []
+
+    def note(topic: str, message: Message) -> None:
+        if isinstance(message, TraceRecord):
+            recorded.append(message)
+
+    observe = telling(graph, note)
+    for topic, message in bag.messages({topic: topic for topic in kinds if topic in names}, graph.topics()):
+        observe(topic, message)
     if not any(record.kind in DECIDED for record in recorded):
         return None
     return compare(recorded, decided)
@@ -176,13 +185,13 @@ def recorded_topics(graph: Graph) -> dict[str, type[Message]]:
 
 
 def observed_topics(graph: Graph) -> dict[str, type[Message]]:
-    """Those, and what else tells people of a replay of ``graph``: plans, and what it is fed with."""
+    """Those, and what else tells people of a replay of ``graph``: plans, what is said, and what it is fed with."""
     more = {
         topic: kind
         for topic, kind in graph.topics().items()
         if kind is PlanExecutionInfo or (topic in graph.inputs and issubclass(kind, Structured))
     }
-    return {**recorded_topics(graph), **more}
+    return {**recorded_topics(graph), **told_topics(graph), **more}
 
 
 def _run_inline(
@@ -197,9 +206,15 @@ def _run_inline(
         runner.tap(topic, observe)
     with Ending().on_signals() as ending:
         try:
-            runner.start()
-            tail_s = TAIL_S if takes_pictures(graph) else 0.0
-            runner.run(_until(ending, itertools.chain([first], messages)), tail_s=tail_s)
+            if takes_pictures(graph):
+                runner.start()
+                runner.run(_until(ending, itertools.chain([first], messages)), tail_s=TAIL_S)
+            else:
+                script = Script(plan.bag, feeds, graph)
+                stage = InlineStage(runner, script)
+                stage.begin()
+                runner.start()
+                play(script, stage, ending)
         finally:
             runner.close()
     return {name: Fate(faults.calls, faults.failures, faults.first) for name, faults in runner.faults.items()}

@@ -1,4 +1,4 @@
-"""Puts together, while a run goes on, what its page tells, and writes it: report.html, and floor.svg of a warehouse."""
+"""Puts together, while a run goes on, what its page tells, and writes it: report.html, and a picture of the world."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from pathlib import Path
 from typing import Any
 
 from socialbot.agents.deliberating import Deliberating
-from socialbot.agents.warehouse.cast import GRIPPER
-from socialbot.agents.warehouse.film import Film
-from socialbot.agents.warehouse.gripper import GripperAgent
+from socialbot.agents.hospital.chronicle import PHRASES
+from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
 from socialbot.errors import SocialbotError
 from socialbot.graph import Graph
 from socialbot.messages import Message, TraceRecord
-from socialbot.report.page import Page, Scene, lead_of
+from socialbot.report.page import Page, lead_of
 from socialbot.report.story import Story, story_of
+from socialbot.report.worlds import World, world_of
 
 SHOTS = 8
 """So many pictures there are of a run, at most."""
 APART_S = 4.0
-"""Moments that lie nearer to each other share a picture."""
+"""Moments that lie nearer to each other than this, or an even share of a short run, share a picture."""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """A run in figures. ``boxes`` says what bears each box at the end, where there are any."""
+    """A run in figures. ``world`` says what came of it in the world, as `socialbot.report.worlds` has it."""
 
     story: Story
-    boxes: Mapping[str, str]
+    world: Mapping[str, Any]
 
     @property
     def reached(self) -> bool:
@@ -38,7 +38,7 @@ class Summary:
     @property
     def given_up(self) -> int:
         """How many plans were given up."""
-        return sum(plan.outcome in ("failed", "aborted", "lost") for plan in self.story.plans)
+        return sum(plan.given_up for plan in self.story.plans)
 
     @property
     def requests_for_desires(self) -> int:
@@ -54,9 +54,7 @@ class Summary:
             "agents": {
                 agent: {
                     "plans": sum(plan.agent == agent for plan in story.plans),
-                    "given_up": sum(
-                        plan.agent == agent and plan.outcome in ("failed", "aborted", "lost") for plan in story.plans
-                    ),
+                    "given_up": sum(plan.agent == agent and plan.given_up for plan in story.plans),
                     "steps": sum(step.agent == agent for step in story.steps),
                     "requests": sum(request.sender == agent for request in story.requests),
                 }
@@ -78,7 +76,7 @@ class Summary:
                 for planned_s, took_s in [story.makespans_s(desire)]
             ],
             "requests_for_desires": self.requests_for_desires,
-            "boxes": dict(self.boxes),
+            **self.world,
         }
 
 
@@ -88,51 +86,49 @@ class RunReport:
     def __init__(self, graph: Graph) -> None:
         self.records: list[TraceRecord] = []
         self._graph = graph
-        self._agents = [placement.type for placement in graph.placements if issubclass(placement.type, Deliberating)]
-        self.phrases = {action: said for kind in self._agents for action, said in kind.phrases.items()}
-        grippers = [kind for kind in self._agents if issubclass(kind, GripperAgent)]
-        self._film = Film(grippers[0].cast) if grippers else None
+        kinds = [placement.type for placement in graph.placements]
+        agents = [kind for kind in kinds if issubclass(kind, Deliberating)]
+        directs = any(issubclass(kind, HospitalCoordinator) for kind in kinds)
+        self.deliberates = bool(agents) or directs
+        """Whether there are agents to tell of."""
+        self.phrases = {action: said for kind in agents for action, said in kind.phrases.items()}
+        self.phrases |= PHRASES if directs else {}
+        self._world: World | None = world_of(graph)
 
     def observe(self, topic: str, message: Message) -> None:
         """Takes one message."""
         if isinstance(message, TraceRecord):
             self.records.append(message)
-        elif self._film is not None:
-            self._film.take(message)
-
-    @property
-    def deliberates(self) -> bool:
-        """Whether there are agents to tell of."""
-        return bool(self._agents)
+        elif self._world is not None:
+            self._world.take(message)
 
     def summary(self) -> Summary:
         """The run as far as it has come."""
         story = story_of(self.records, self.phrases)
-        boxes = self._film.boxes(story.end) if self._film else ()
-        return Summary(story, {box.name: box.holder for box in boxes})
+        return Summary(story, self._world.results(story) if self._world else {})
 
     def write(self, folder: Path, title: str, results: Mapping[str, Any]) -> Path:
-        """Writes report.html, and floor.svg, to ``folder``; ``results`` are those of the run.
+        """Writes report.html, and a picture of the world at the end, to ``folder``; ``results`` are those of the run.
 
         Raises SocialbotError when that is not possible.
         """
-        summary = self.summary()
+        summary, world = self.summary(), self._world
+        story = summary.story
         page = Page(
             title=title,
-            lead=lead_of(summary.story),
+            lead=lead_of(story),
             good=summary.reached,
             verdict="goal reached" if summary.reached else "goal not reached",
-            story=summary.story,
-            tiles=_tiles(summary),
-            scene=self._scene(summary.story),
+            story=story,
+            tiles=[*_tiles(summary), *(world.tiles(story) if world else [])],
+            scene=world.scene(story, _shots(world, story)) if world else None,
             setting=self._setting(results),
         )
         path = folder / "report.html"
         try:
             path.write_text(page.html(), encoding="utf-8")
-            if self._film:
-                end = self._film.picture(summary.story.end, f"{title}, at the end")
-                (folder / "floor.svg").write_text(end, encoding="utf-8")
+            if world:
+                (folder / world.file).write_text(world.picture(story.end, f"{title}, at the end"), encoding="utf-8")
         except OSError as error:
             raise SocialbotError(f"cannot be written: {error.strerror}", where=str(path)) from error
         return path
@@ -151,12 +147,9 @@ class RunReport:
         }
         return told | results["versions"]
 
-    def _scene(self, story: Story) -> Scene | None:
-        film = self._film
-        if not film:
-            return None
-        shots = [film.picture(stamp, f"{story.seconds(stamp):.1f} s: {what}") for stamp, what in _moments(story)]
-        return Scene(film.picture(story.start), film.tracks(story.start), GRIPPER, shots)
+
+def _shots(world: World, story: Story) -> list[str]:
+    return [world.picture(stamp, f"{story.seconds(stamp):.1f} s: {what}") for stamp, what in _moments(story)]
 
 
 def _tiles(summary: Summary) -> list[tuple[str, str]]:
@@ -165,13 +158,14 @@ def _tiles(summary: Summary) -> list[tuple[str, str]]:
     if story.first is not None:
         planned_s, took_s = story.makespans_s(story.first)
         tiles.append(("-" if took_s is None else f"{took_s:.1f} s", f"for {story.first.name}"))
-        tiles.append(("-" if planned_s is None else f"{planned_s:.1f} s", "in its first plan"))
+        if planned_s is not None:
+            tiles.append((f"{planned_s:.1f} s", "in its first plan"))
     tiles.append((str(len(story.plans)), f"plans of {len(story.agents)} agents, {summary.given_up} given up"))
     tiles.append((str(sum(step.began is not None for step in story.steps)), "steps begun"))
-    tiles.append((str(len(story.requests)), f"requests, {summary.requests_for_desires} for a desire"))
-    if summary.boxes:
-        stored = sum(holder.startswith("deposit") for holder in summary.boxes.values())
-        tiles.append((f"{stored} of {len(summary.boxes)}", "boxes in their deposits"))
+    if story.words:
+        tiles.append((str(len(story.words)), "messages between agents"))
+    else:
+        tiles.append((str(len(story.requests)), f"requests, {summary.requests_for_desires} for a desire"))
     return tiles
 
 
@@ -183,8 +177,9 @@ def _moments(story: Story) -> list[tuple[int, str]]:
         for desire in story.desires
         if desire.why.startswith("its rule")
     ]
+    apart_s = min(APART_S, story.duration_s / SHOTS)
     chosen = [(story.start, "the start")]
     for stamp, what in sorted(turns):
-        if story.seconds(stamp) - story.seconds(chosen[-1][0]) >= APART_S and len(chosen) < SHOTS - 1:
+        if story.seconds(stamp) - story.seconds(chosen[-1][0]) >= apart_s and len(chosen) < SHOTS - 1:
             chosen.append((stamp, what))
     return [*chosen, (story.end, "the end")]

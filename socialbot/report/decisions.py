@@ -10,7 +10,19 @@ from socialbot.messages import TraceRecord
 DECIDED = frozenset(
     {
         *("desire", "desire_refused", "desire_fulfilled", "desire_dropped", "planning", "plan_start", "plan_end"),
-        *("step", "step_end", "action", "action_end", "request", "asked", "refused", "reply", "silent", "heard"),
+        *(
+            "step",
+            "step_end",
+            "action",
+            "action_end",
+            "request",
+            "asked",
+            "refused",
+            "reply",
+            "silent",
+            "heard",
+            "said",
+        ),
     }
 )
 """Kinds of records that are decisions, or tell what came of them."""

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from html import escape
+from typing import TypeVar
 
 from socialbot.clock import SECOND
-from socialbot.report.story import PlanTold, RequestTold, StepTold, Story
+from socialbot.report.story import PlanTold, RequestTold, StepTold, Story, WordTold
+
+T = TypeVar("T", PlanTold, StepTold)
 
 ROOM_PX = 1120.0
 """Pixels that a chart is wide, as long as a second has at least `LEAST_PX` and at most `MOST_PX` of them."""
-LEAST_PX, MOST_PX = 6.0, 36.0
+LEAST_PX, MOST_PX = 6.0, 240.0
 
 TOP, BAND, BAR, PLANNED, GAP, BETWEEN = 34.0, 20.0, 18.0, 5.0, 4.0, 22.0
 LETTER_PX = 6.8
-KINDS = 8
+KINDS = 10
 """So many colours there are for actions."""
 
 
@@ -27,7 +31,8 @@ class Gantt:
         self.scale = min(max(ROOM_PX / max(story.duration_s, 1.0), LEAST_PX), MOST_PX)
         self.width = story.duration_s * self.scale + 40
         self.actions = list(dict.fromkeys(step.action for step in story.steps))
-        self._rows = {agent: _packed([s for s in story.steps if s.agent == agent], story.end) for agent in self.agents}
+        self._bands = {agent: _packed(story.plans, agent, _plan_began, story.end) for agent in self.agents}
+        self._rows = {agent: _packed(story.steps, agent, _began, story.end) for agent in self.agents}
         self._tops: dict[str, float] = {}
         y = TOP
         for agent in self.agents:
@@ -35,6 +40,11 @@ class Gantt:
             y += self._height(agent)
         self.height = y
         self.names = [(agent, self._height(agent)) for agent in self.agents]
+
+    @property
+    def has_words(self) -> bool:
+        """Whether its arrows are words, and not requests."""
+        return bool(self._story.words)
 
     def svg(self) -> str:
         """The chart."""
@@ -45,6 +55,7 @@ class Gantt:
             *self._axis(),
             *(part for agent in self.agents for part in self._lane(agent)),
             *(part for request in self._story.requests for part in self._request(request)),
+            *(self._word(word) for word in self._words()),
             *self._turns(),
             f'<line class="cursor" x1="0" x2="0" y1="18" y2="{self.height:.0f}"/>',
             "</svg>",
@@ -56,7 +67,10 @@ class Gantt:
         return self.actions.index(action) % KINDS
 
     def _height(self, agent: str) -> float:
-        return BAND + GAP + len(self._rows[agent]) * (BAR + PLANNED + GAP) + BETWEEN
+        return self._bands_height(agent) + len(self._rows[agent]) * (BAR + PLANNED + GAP) + BETWEEN
+
+    def _bands_height(self, agent: str) -> float:
+        return len(self._bands[agent]) * (BAND + GAP)
 
     def _x(self, time: int) -> float:
         return self._story.seconds(time) * self.scale
@@ -71,11 +85,10 @@ class Gantt:
     def _lane(self, agent: str) -> Iterator[str]:
         top, high = self._tops[agent], self._height(agent) - 8
         yield f'<rect class="lane" x="0" y="{top - 6:.1f}" width="{self.width:.1f}" height="{high:.1f}"/>'
-        for plan in self._story.plans:
-            if plan.agent == agent:
-                yield self._band(plan, top)
+        for number, bands in enumerate(self._bands[agent]):
+            yield from (self._band(plan, top + number * (BAND + GAP)) for plan in bands)
         for number, row in enumerate(self._rows[agent]):
-            y = top + BAND + GAP + number * (BAR + PLANNED + GAP)
+            y = top + self._bands_height(agent) + number * (BAR + PLANNED + GAP)
             for step in row:
                 yield from self._step(step, y)
 
@@ -83,9 +96,11 @@ class Gantt:
         x, end = self._x(plan.began), self._x(self._story.end if plan.ended is None else plan.ended)
         lasted_s = (end - x) / self.scale
         told = f"plan {plan.number} for {plan.desire}: {plan.outcome or 'goes on'}"
-        more = f"{len(plan.plan.steps)} steps, planned {plan.makespan_s:.1f} s, lasted {lasted_s:.1f} s"
-        label = _fitting(end - x - 10, f"plan {plan.number} · {plan.desire}", plan.desire, f"{plan.number}")
-        sign = {"failed": " ✗", "aborted": " ✗", "lost": " ✗"}.get(plan.outcome, "")
+        planned = "" if plan.makespan_s is None else f"planned {plan.makespan_s:.1f} s, "
+        more = f"{len(plan.plan.steps)} steps, {planned}lasted {lasted_s:.1f} s"
+        again = "↻ " if plan.again else ""
+        label = again + _fitting(end - x - 10, f"plan {plan.number} · {plan.desire}", plan.desire, f"{plan.number}")
+        sign = " ✗" if plan.given_up else ""
         return (
             f'<g class="plan {plan.outcome or "open"}"><title>{escape(told)}\n{escape(more)}'
             f"{escape(f'{chr(10)}{plan.reason}' if plan.reason else '')}</title>"
@@ -124,9 +139,8 @@ class Gantt:
         x, (start, end) = self._x(request.asked), self._between(request.sender, request.receiver)
         kind = "desire" if request.about_desire else "belief"
         bad = " bad" if request.state in ("refused", "timeout", "dropped") else ""
-        point = 5 if end > start else -5
         told = f"{request.sender} {request.text}: {request.state}{f', {request.reason}' if request.reason else ''}"
-        head = f"M{x - 3.5:.1f} {end - point:.1f}L{x:.1f} {end:.1f}L{x + 3.5:.1f} {end - point:.1f}z"
+        head = _head(x, end, 5 if end > start else -5)
         yield (
             f'<g class="request {kind}{bad}"><title>{escape(told)}</title>'
             f'<path d="M{x:.1f} {start:.1f}V{end:.1f}"/><path class="head" d="{head}"/></g>'
@@ -137,6 +151,18 @@ class Gantt:
                 f'<g class="request done"><title>{escape(told)}</title><path d="M{back:.1f} {end:.1f}V{start:.1f}"/>'
                 f'<circle cx="{back:.1f}" cy="{start:.1f}" r="3"/></g>'
             )
+
+    def _words(self) -> Iterator[WordTold]:
+        """What was said to one who has a lane, and is of weight."""
+        return (word for word in self._story.words if word.weight and {word.sender, word.receiver} <= set(self._tops))
+
+    def _word(self, word: WordTold) -> str:
+        x, (start, end) = self._x(word.stamp), self._between(word.sender, word.receiver)
+        head = _head(x, end, 5 if end > start else -5)
+        return (
+            f'<g class="request {word.weight}"><title>{escape(f"{word.sender} {word.text}")}</title>'
+            f'<path d="M{x:.1f} {start:.1f}V{end:.1f}"/><path class="head" d="{head}"/></g>'
+        )
 
     def _between(self, sender: str, receiver: str) -> tuple[float, float]:
         """Where an arrow from one lane to another begins and ends."""
@@ -149,7 +175,7 @@ class Gantt:
     def _turns(self) -> Iterator[str]:
         """Marks the moments at which plans were given up."""
         for plan in self._story.plans:
-            if plan.outcome in ("failed", "aborted", "lost") and plan.ended is not None:
+            if plan.given_up and plan.ended is not None:
                 x = self._x(plan.ended)
                 yield f'<line class="turn" x1="{x:.1f}" x2="{x:.1f}" y1="20" y2="{self.height:.0f}"/>'
 
@@ -158,25 +184,39 @@ def _in_order(story: Story) -> list[str]:
     """First the agents with plans for what the run was about, then the others by name."""
     aims = {(desire.agent, desire.name) for desire in story.aims}
     first = list(dict.fromkeys(plan.agent for plan in story.plans if (plan.agent, plan.desire) in aims))
-    return [*first, *sorted(set(story.agents) - set(first))]
+    return [*first, *sorted(set(story.agents) - set(first), key=_by_number)]
 
 
-def _packed(steps: Sequence[StepTold], end: int) -> list[list[StepTold]]:
-    """Steps in rows, so that those of a row follow each other."""
-    rows: list[list[StepTold]] = []
+def _by_number(name: str) -> list[str | int]:
+    """What names are sorted by: carrier_10 comes after carrier_9."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+
+
+def _packed(told: Sequence[T], agent: str, began: Callable[[T], int], end: int) -> list[list[T]]:
+    """What is told of an agent in rows, so that those of a row follow each other."""
+    rows: list[list[T]] = []
     free: list[int] = []
-    for step in sorted(steps, key=_began):
-        number = next((n for n, since in enumerate(free) if since <= _began(step) + SECOND // 20), len(rows))
+    for each in sorted((each for each in told if each.agent == agent), key=began):
+        number = next((n for n, since in enumerate(free) if since <= began(each) + SECOND // 20), len(rows))
         if number == len(rows):
             rows.append([])
             free.append(0)
-        rows[number].append(step)
-        free[number] = end if step.ended is None else step.ended
+        rows[number].append(each)
+        free[number] = end if each.ended is None else each.ended
     return rows
+
+
+def _plan_began(plan: PlanTold) -> int:
+    return plan.began
 
 
 def _began(step: StepTold) -> int:
     return step.began if step.began is not None else step.ended or 0
+
+
+def _head(x: float, y: float, point: float) -> str:
+    """The head of an arrow that points down, or up where ``point`` is negative."""
+    return f"M{x - 3.5:.1f} {y - point:.1f}L{x:.1f} {y:.1f}L{x + 3.5:.1f} {y - point:.1f}z"
 
 
 def _labels(text: str) -> Iterator[str]:

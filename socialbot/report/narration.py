@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from socialbot.messages import TraceRecord
 
@@ -20,6 +20,9 @@ _CALLED = {
     "kept": "kept from an earlier run",
 }
 """What desires come from, in words, where no record tells of it."""
+
+ACTION_FAILED = "action_failed"
+"""Why something failed of which the end of the action itself tells."""
 
 _PROVED = re.compile(r"\S+: note: no plan: .*", re.DOTALL)
 _SAID = re.compile(r"\b(?:note|error): ")
@@ -89,8 +92,10 @@ class Narrator:
 
     def phrase(self, action: str, args: Sequence[str]) -> str:
         """What an action does, in words."""
-        template = self._phrases.get(action)
-        return template.format(*args) if template is not None else f"{action} {' '.join(args)}".strip()
+        try:
+            return self._phrases[action].format(*args)
+        except (KeyError, IndexError):  # nobody has said how, or it lacks an object
+            return f"{action} {' '.join(args)}".strip()
 
     def _tell(self, record: TraceRecord) -> tuple[Verb, str] | None:
         detail, what = record.detail, record.what
@@ -101,7 +106,8 @@ class Narrator:
                 self._reasons[record.cause] = _Reason("request", f"{what.partition(' asks ')[0]} asks for it")
             case "desire":
                 self._adopt(record)
-                return "wants", f"wants {what} within {detail['deadline']:g} s ({self.why(record.cause)})"
+                within = "" if detail.get("deadline") is None else f" within {detail['deadline']:g} s"
+                return "wants", f"wants {what}{within} ({self.why(record.cause)})"
             case "desire_refused":
                 return "refuses", f"does not take up {what}: {detail['reason']}"
             case "desire_fulfilled":
@@ -128,6 +134,8 @@ class Narrator:
             case "step_end" if detail["outcome"] in ("failed", "cancelled"):
                 action, *args = what.strip("()").split()
                 return "fails", f"{self.phrase(action, args)}: {detail['outcome']}, {detail['message']}"
+            case "sees":
+                return "senses", f"sees {what}{_sight(detail)}"
             case "request":
                 return self._request(what)
             case "reply":
@@ -138,7 +146,9 @@ class Narrator:
                 return "senses", f"hears no more from: {what}"
             case "heard":
                 return "senses", f"hears again from: {what}"
-            case "failure":
+            case "said" if detail["weight"] in ("problem", "word"):
+                return "fails" if detail["weight"] == "problem" else "tells", what
+            case "failure" if detail.get("reason") != ACTION_FAILED:
                 return "fails", f"{what}: {detail.get('message') or detail.get('reason', '')}"
         return None
 
@@ -164,7 +174,7 @@ class Narrator:
 
     def _plan(self, record: TraceRecord) -> str:
         count, makespan_s = len(record.detail["steps"]), record.detail["makespan_s"]
-        size = f"{count} step{'' if count == 1 else 's'}, {makespan_s:.1f} s"
+        size = f"{count} step{'' if count == 1 else 's'}{'' if makespan_s is None else f', {makespan_s:.1f} s'}"
         if (record.source, record.what) in self._replans:
             self._replans.discard((record.source, record.what))
             return f"makes a new plan for {record.what}: {size}"
@@ -180,6 +190,13 @@ class Narrator:
             return "asks", doing[operation].format(receiver, about)
         doing = {"add": "tells {0} to believe {1}", "del": "tells {0} to forget {1}", "check": "asks {0} whether {1}"}
         return "tells", doing[operation].format(receiver, about)
+
+
+def _sight(detail: Mapping[str, Any]) -> str:
+    """How somebody was seen, or in how many pictures nobody was."""
+    if detail.get("distance_m") is not None:
+        return f", {detail['distance_m']} m away (score {detail['score']})"
+    return f", in {detail['pictures']} pictures" if "pictures" in detail else ""
 
 
 def in_words(reason: str) -> str:

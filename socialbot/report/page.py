@@ -10,11 +10,31 @@ from typing import Any
 
 from socialbot.report.gantt import KINDS, Gantt
 from socialbot.report.narration import Sentence
-from socialbot.report.story import DesireTold, PlanTold, RequestTold, Story
+from socialbot.report.story import DesireTold, PlanTold, RequestTold, Story, WordTold
 from socialbot.report.style import SCRIPT, STYLE
+from socialbot.report.trees import trees_html
 
 TURNS = ("wants", "plans", "reached", "fails", "drops", "refuses", "senses")
 """Verbs of what is told at once; steps and requests are unfolded."""
+
+SPEEDS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
+FILM_S = 20.0
+"""A film is shown as fast as it can be seen in no less than this, s."""
+
+TREES_NOTE = (
+    "Tasks with the method that does them, and actions: ✓ done, ✗ failed, · to be done, ✚ new in this plan; what is "
+    "crossed out belongs to a way that was given up."
+)
+REQUESTS_NOTE = (
+    "Bands are plans, bars their steps; the thin line below a bar is when the plan had it. Arrows are requests: "
+    "solid for a desire, dotted for a belief; green is the news that a desire was reached. Red lines: a plan was "
+    "given up. A click moves the film."
+)
+WORDS_NOTE = (
+    "Bands are plans (↻: a new one after another was given up), bars what was done because of them. Arrows are "
+    "messages: solid for a plan, dotted for a word between partners, red for a problem. Red lines: a plan was given "
+    "up. A click moves the film."
+)
 
 HOW_WELL = {"fulfilled": "good", "dropped": "bad", "refused": "bad"}
 
@@ -23,13 +43,16 @@ HOW_WELL = {"fulfilled": "good", "dropped": "bad", "refused": "bad"}
 class Scene:
     """What is shown of the world: a picture in which things move (groups with ``data-name``), how they move, and shots.
 
-    ``film`` is as `socialbot.agents.warehouse.film` makes it; ``crane`` the name of what runs on the bridge.
+    ``film`` has, by the names of groups, ``robots``: moments of s, x and y. It may have ``boxes``, which also have a
+    height, ``holding``, when the gripper has one, and ``faces``: moments of s and the number of what a group looks like
+    from then on, among the ``drawings``. ``crane`` is the name of what runs on the bridge, if there is one.
     """
 
     picture: str
     film: Mapping[str, Any]
-    crane: str
+    crane: str = ""
     shots: Sequence[str] = ()
+    shots_title: str = "The floor at the turns"
 
 
 @dataclass(frozen=True)
@@ -47,22 +70,23 @@ class Page:
 
     def html(self) -> str:
         """The page."""
-        gantt, kind = Gantt(self.story), "" if self.good else " bad"
+        gantt, kind, story = Gantt(self.story), "" if self.good else " bad", self.story
         parts = [
             f'<h1>{escape(self.title)}<span class="mark{kind}">{escape(self.verdict)}</span></h1>',
             f'<p class="lead">{escape(self.lead)}</p>',
             _tiles(self.tiles),
             "<h2>As it went</h2>",
             self._stage(gantt),
+            *_section("The tasks, before and after", TREES_NOTE, trees_html(story)),
             "<h2>Who did what, and when</h2>",
             _chart(gantt),
             "<h2>What happened</h2>",
-            _told(self.story),
+            _told(story),
             *self._shots(),
             "<h2>What was wanted</h2>",
-            _desires(self.story),
-            "<h2>What was asked of each other</h2>",
-            _requests(self.story),
+            _desires(story),
+            *_section("What was said", "", _words(story)),
+            *([] if story.words else ["<h2>What was asked of each other</h2>", _requests(story)]),
             "<h2>How it was run</h2>",
             _setting(self.setting),
             f'<script type="application/json" id="data">{self._data()}</script>',
@@ -78,26 +102,28 @@ class Page:
 
     def _stage(self, gantt: Gantt) -> str:
         agents = "".join(f'<dt>{escape(name)}</dt><dd data-agent="{escape(name)}"></dd>' for name in gantt.agents)
-        speeds = "".join(f'<option value="{n}"{" selected" if n == 5 else ""}>{n}x</option>' for n in (1, 2, 5, 10, 20))
-        end = f"{self.story.duration_s:.1f}"
+        usual = max((n for n in SPEEDS if self.story.duration_s / n >= FILM_S), default=SPEEDS[0])
+        speeds = "".join(f'<option value="{n}"{" selected" if n == usual else ""}>{n}x</option>' for n in SPEEDS)
+        end, step = f"{self.story.duration_s:.{self.story.digits}f}", 0.1**self.story.digits
         picture = "" if self.scene is None else self.scene.picture
         controls = (
             '<div class="controls"><button>Play</button>'
-            f'<input type="range" min="0" max="{end}" step="0.1" value="0" aria-label="time">'
-            f'<output>0.0 s</output><select aria-label="speed">{speeds}</select></div>'
+            f'<input type="range" min="0" max="{end}" step="{step:g}" value="0" aria-label="time">'
+            f'<output>{0:.{self.story.digits}f} s</output><select aria-label="speed">{speeds}</select></div>'
         )
         now = f'<div class="now"><dl style="margin:0">{agents}</dl><div class="turn"></div></div>'
         return f'<div class="stage"><div>{picture}{controls}</div>{now}</div>'
 
     def _shots(self) -> Iterable[str]:
         if self.scene is not None and self.scene.shots:
-            yield "<h2>The floor at the turns</h2>"
+            yield f"<h2>{escape(self.scene.shots_title)}</h2>"
             yield f'<div class="shots">{"".join(self.scene.shots)}</div>'
 
     def _data(self) -> str:
         story = self.story
         data = {
-            "duration": round(story.duration_s, 1),
+            "duration": round(story.duration_s, story.digits),
+            "digits": story.digits,
             "film": None if self.scene is None else self.scene.film,
             "crane": "" if self.scene is None else self.scene.crane,
             "turns": [
@@ -117,12 +143,16 @@ def lead_of(story: Story) -> str:
     planned_s, took_s = story.makespans_s(first)
     told = f"{first.agent} wanted {first.name}"
     if first.how == "fulfilled" and took_s is not None:
-        told += f" and reached it after {took_s:.1f} s; its first plan said {planned_s:.1f} s."
+        said = "." if planned_s is None else f"; its first plan said {planned_s:.1f} s."
+        told += f" and reached it after {took_s:.1f} s{said}"
     elif first.how:
         told += f", which was {first.how}: {first.reason}."
     else:
         told += " and was still at it when the run ended."
-    given_up = [plan for plan in story.plans if plan.outcome in ("failed", "aborted", "lost")]
+    if len(story.aims) > 1:
+        reached = sum(desire.how == "fulfilled" for desire in story.aims)
+        told += f" Of {len(story.aims)} desires, {reached} were fulfilled."
+    given_up = [plan for plan in story.plans if plan.given_up]
     if given_up:
         first_at = f"{story.seconds(given_up[0].ended or 0):.1f} s: {_why(story, given_up[0])}."
         one = len(given_up) == 1
@@ -155,11 +185,7 @@ def _chart(gantt: Gantt) -> str:
     legend = "".join(
         f'<span class="k{number % KINDS}"><i></i>{escape(action)}</span>' for number, action in enumerate(gantt.actions)
     )
-    note = (
-        "Bands are plans, bars their steps; the thin line below a bar is when the plan had it. Arrows are requests: "
-        "solid for a desire, dotted for a belief; green is the news that a desire was reached. Red lines: a plan was "
-        "given up. A click moves the film."
-    )
+    note = WORDS_NOTE if gantt.has_words else REQUESTS_NOTE
     return (
         f'<p class="note">{note}</p><div class="key">{legend}</div>'
         f'<div class="gantt-box"><div class="names" style="padding-top:28px">{names}</div>'
@@ -177,7 +203,7 @@ def _told(story: Story) -> str:
 
 def _sentences(story: Story, told: Iterable[Sentence]) -> str:
     lines = "".join(
-        f'<li class="v-{each.verb}"><time data-t="{story.seconds(each.stamp):.2f}">{story.seconds(each.stamp):.1f} s'
+        f'<li class="v-{each.verb}"><time data-t="{story.seconds(each.stamp):.2f}">{_at(story, each.stamp)}'
         f"</time><b>{escape(each.agent)}</b><span>{escape(each.text)}</span></li>"
         for each in told
     )
@@ -199,7 +225,7 @@ def _desires(story: Story) -> str:
 
 
 def _desire(story: Story, desire: DesireTold, plans: int) -> list[tuple[str, str]]:
-    ended = "" if desire.ended is None else f"{story.seconds(desire.ended):.1f} s"
+    ended = "" if desire.ended is None else _at(story, desire.ended)
     how = (desire.how or "still wanted") + (f": {desire.reason}" if desire.reason else "")
     return [
         (desire.agent, ""),
@@ -207,7 +233,7 @@ def _desire(story: Story, desire: DesireTold, plans: int) -> list[tuple[str, str
         (desire.why, ""),
         ("" if desire.priority is None else f"{desire.priority:g}", "r"),
         ("" if desire.deadline_s is None else f"{desire.deadline_s:g} s", "r"),
-        (f"{story.seconds(desire.adopted):.1f} s", "r"),
+        (_at(story, desire.adopted), "r"),
         (ended, "r"),
         (str(plans), "r"),
         (how, HOW_WELL.get(desire.how, "")),
@@ -229,10 +255,10 @@ def _requests(story: Story) -> str:
 def _request_table(story: Story, requests: Iterable[RequestTold]) -> str:
     rows = [
         [
-            (f"{story.seconds(request.asked):.1f} s", "r"),
+            (_at(story, request.asked), "r"),
             (request.sender, ""),
             (request.text, ""),
-            ("" if request.ended is None else f"{story.seconds(request.ended):.1f} s", "r"),
+            ("" if request.ended is None else _at(story, request.ended), "r"),
             (
                 request.state + (f": {request.reason}" if request.reason else ""),
                 {"fulfilled": "good", "refused": "bad", "timeout": "bad", "dropped": "bad"}.get(request.state, ""),
@@ -242,6 +268,40 @@ def _request_table(story: Story, requests: Iterable[RequestTold]) -> str:
         for request in requests
     ]
     return _table(("asked", "agent", "what", "last answer", "came of it", "id"), rows, right=(0, 3))
+
+
+def _words(story: Story) -> str:
+    """What was said: what is of weight at once, all of it unfolded."""
+    if not story.words:
+        return ""
+    heavy = [word for word in story.words if word.weight]
+    summary = f"<summary>All {len(story.words)} messages</summary>"
+    return f"{_word_table(story, heavy)}<details>{summary}{_word_table(story, story.words)}</details>"
+
+
+def _word_table(story: Story, words: Iterable[WordTold]) -> str:
+    rows = [
+        [
+            (_at(story, word.stamp), "r"),
+            (word.sender, ""),
+            (word.receiver, ""),
+            (f"{word.performative} {word.content}", "code"),
+            (word.text, "bad" if word.weight == "problem" else ""),
+            (word.about, ""),
+        ]
+        for word in words
+    ]
+    return _table(("at", "from", "to", "speech act", "what", "about"), rows, right=(0,))
+
+
+def _section(title: str, note: str, content: str) -> list[str]:
+    """A section with its heading, if there is anything to tell."""
+    told = [f'<p class="note">{note}</p>'] if note else []
+    return [f"<h2>{title}</h2>", *told, content] if content else []
+
+
+def _at(story: Story, stamp: int) -> str:
+    return f"{story.seconds(stamp):.{story.digits}f} s"
 
 
 def _setting(setting: Mapping[str, object]) -> str:

@@ -11,22 +11,36 @@ from socialbot.messages import TraceRecord
 from socialbot.planning.plan import Plan, Step, parse_plan
 from socialbot.report.narration import Narrator, Origin, Phrases, Sentence, in_words
 
+SHORT_S = 20.0
+"""Of runs shorter than this times are told to the hundredth of a second."""
+
 
 @dataclass(eq=False)
 class PlanTold:
-    """A plan as it went; ``outcome`` is succeeded, failed, aborted, or empty while it goes on."""
+    """A plan as it went; ``outcome`` is succeeded, failed, aborted, or empty while it goes on.
+
+    ``makespan_s`` is None where plans say nothing of time. ``tree`` and ``last_tree`` draw the tasks that it comes
+    from, as they were at its begin and at its end, where it comes from any.
+    """
 
     agent: str
     number: int
     desire: str
     began: int
-    makespan_s: float
+    makespan_s: float | None
     plan: Plan
     again: bool
     """Whether it takes the place of one that was given up."""
+    tree: str = ""
+    last_tree: str = ""
     ended: int | None = None
     outcome: str = ""
     reason: str = ""
+
+    @property
+    def given_up(self) -> bool:
+        """Whether it ended before its end."""
+        return self.outcome in ("failed", "aborted", "lost")
 
 
 @dataclass(eq=False)
@@ -70,6 +84,24 @@ class RequestTold:
 
 
 @dataclass(eq=False)
+class WordTold:
+    """Something that one agent said to another at ``stamp`` (ns), in words and in terms of speech acts.
+
+    ``weight`` says whether it is a ``plan``, a ``problem``, a ``word`` between partners, or (empty) something else.
+    """
+
+    id: str
+    stamp: int
+    sender: str
+    receiver: str
+    performative: str
+    content: str
+    text: str
+    about: str
+    weight: str
+
+
+@dataclass(eq=False)
 class DesireTold:
     """A desire, where it came from, and how it ended; ``how`` is empty while it is pursued.
 
@@ -102,6 +134,7 @@ class Story:
     plans: list[PlanTold] = field(default_factory=list)
     steps: list[StepTold] = field(default_factory=list)
     requests: list[RequestTold] = field(default_factory=list)
+    words: list[WordTold] = field(default_factory=list)
     sentences: list[Sentence] = field(default_factory=list)
 
     def seconds(self, time: int) -> float:
@@ -112,6 +145,11 @@ class Story:
     def duration_s(self) -> float:
         """From the first record to the last, s."""
         return self.seconds(self.end)
+
+    @property
+    def digits(self) -> int:
+        """So many digits after the point tell the moments of the run apart."""
+        return 2 if self.duration_s < SHORT_S else 1
 
     @property
     def aims(self) -> list[DesireTold]:
@@ -183,6 +221,7 @@ class _Teller:
                     if plan.number == detail["plan"]:
                         plan.ended = record.stamp
                         plan.outcome, plan.reason = detail["outcome"], in_words(detail["reason"])
+                        plan.last_tree = detail.get("tree", "")
             case "step":
                 self._step(record, record.stamp)
             case "step_end":
@@ -191,19 +230,22 @@ class _Teller:
                 self._request(record)
             case "reply":
                 self._reply(record)
+            case "said":
+                self._word(record)
 
     def _desire(self, record: TraceRecord) -> None:
         why, origin = self._narrator.why(record.cause), self._narrator.origin(record.cause)
         desire = DesireTold(record.source, record.what, why, origin, record.stamp)
         if record.kind == "desire":
-            desire.priority, desire.deadline_s = record.detail["priority"], record.detail["deadline"]
+            desire.priority, desire.deadline_s = record.detail["priority"], record.detail.get("deadline")
         else:
             desire.ended, desire.how, desire.reason = record.stamp, "refused", record.detail["reason"]
         self.story.desires.append(desire)
 
     def _plan(self, record: TraceRecord) -> None:
         detail = record.detail
-        for plan in _open(self.story.plans, record):  # left by an agent that was killed
+        left = [] if detail.get("beside") else _open(self.story.plans, record)  # by an agent that was killed
+        for plan in left:
             plan.ended = record.stamp
             plan.outcome, plan.reason = "lost", "the agent was restarted"
             for step in _open(self.story.steps, record):
@@ -217,12 +259,16 @@ class _Teller:
         )
         steps = parse_plan("\n".join(detail["steps"]))
         plan = PlanTold(record.source, detail["plan"], record.what, record.stamp, detail["makespan_s"], steps, again)
+        plan.tree = detail.get("tree", "")
         self.story.plans.append(plan)
 
     def _step(self, record: TraceRecord, began: int | None) -> StepTold:
         action, *args = record.what.strip("()").split()
-        plan = next((plan for plan in reversed(self.story.plans) if plan.agent == record.source), None)
-        planned = None if plan is None else _find(plan.plan, action, tuple(args), record.detail)
+        director, number = record.detail.get("directed_by", record.source), record.detail.get("plan")
+        of_agent = (plan for plan in reversed(self.story.plans) if plan.agent == director)
+        plan = next((plan for plan in of_agent if number in (None, plan.number)), None)
+        timed = None if plan is None or plan.makespan_s is None else plan.plan
+        planned = None if timed is None else _find(timed, action, tuple(args), record.detail)
         text = self._narrator.phrase(action, args)
         step = StepTold(record.source, plan, action, tuple(args), text, began, planned)
         self.story.steps.append(step)
@@ -247,6 +293,22 @@ class _Teller:
         )
         self.story.requests.append(request)
         self._asked[request.id] = request
+
+    def _word(self, record: TraceRecord) -> None:
+        detail = record.detail
+        self.story.words.append(
+            WordTold(
+                record.id,
+                record.stamp,
+                record.source,
+                detail["receiver"],
+                detail["performative"],
+                detail["content"],
+                record.what,
+                detail["mission"],
+                detail["weight"],
+            )
+        )
 
     def _reply(self, record: TraceRecord) -> None:
         request = self._asked.get(record.cause)

@@ -23,8 +23,8 @@ margin-left:.6rem;background:var(--goodband);color:var(--good)}
 .tile b{display:block;font-size:1.45rem;line-height:1.2;font-variant-numeric:tabular-nums}
 .tile span{color:var(--soft);font-size:13px}
 .stage{display:grid;grid-template-columns:minmax(0,1fr) 19rem;gap:1rem;align-items:start}
-.floor{max-width:100%;height:auto;border:1px solid var(--line);border-radius:8px;display:block}
-.stage .floor{width:100%}
+.floor,.ward{max-width:100%;height:auto;border:1px solid var(--line);border-radius:8px;display:block}
+.stage svg{width:100%}
 .controls{display:flex;gap:.7rem;align-items:center;margin:.6rem 0}
 .controls input{flex:1;accent-color:var(--accent);min-width:0}
 .controls button{font:inherit;font-weight:600;color:var(--paper);background:var(--accent);border:0;border-radius:6px;
@@ -59,6 +59,9 @@ fill-opacity:.5}
 .gantt .request.belief .head{fill:var(--soft)}
 .gantt .request.done path{stroke:var(--good);stroke-width:1;stroke-dasharray:3 3}
 .gantt .request.done circle{fill:var(--good)}
+.gantt .request.word path{stroke:var(--soft);stroke-width:1;stroke-dasharray:2 3}
+.gantt .request.word .head{fill:var(--soft)}
+.gantt .request.problem path{stroke:var(--bad);stroke-width:2}.gantt .request.problem .head{fill:var(--bad)}
 .gantt .request.bad path{stroke:var(--bad)}.gantt .request.bad .head{fill:var(--bad)}
 .gantt .turn{stroke:var(--bad);stroke-width:1.2;stroke-dasharray:5 4}
 .gantt .cursor{stroke:var(--accent);stroke-width:1.5;pointer-events:none}
@@ -66,6 +69,7 @@ fill-opacity:.5}
 .k2 rect,rect.k2,.k2 i{fill:#b06f1e;background:#b06f1e}.k3 rect,rect.k3,.k3 i{fill:#2e8a72;background:#2e8a72}
 .k4 rect,rect.k4,.k4 i{fill:#6f7d8a;background:#6f7d8a}.k5 rect,rect.k5,.k5 i{fill:#a8577a;background:#a8577a}
 .k6 rect,rect.k6,.k6 i{fill:#5b6fb8;background:#5b6fb8}.k7 rect,rect.k7,.k7 i{fill:#77803a;background:#77803a}
+.k8 rect,rect.k8,.k8 i{fill:#7d4fc4;background:#7d4fc4}.k9 rect,rect.k9,.k9 i{fill:#a04a3c;background:#a04a3c}
 .key{font-size:13px;color:var(--soft);margin:.5rem 0}
 .key span{display:inline-block;margin-right:1.1rem;white-space:nowrap}
 .key i{display:inline-block;width:12px;height:12px;border-radius:3px;margin-right:.35rem;vertical-align:-1px}
@@ -77,8 +81,19 @@ ol.told b{font-weight:600}
 .v-fails span,.v-drops span,.v-refuses span{color:var(--bad);font-weight:600}
 .v-reached span{color:var(--good);font-weight:600}
 .v-tells span,.v-does span,.v-rests span{color:var(--soft)}
+h3{font-size:1rem;margin:1.2rem 0 .4rem}
+h4{font-size:.85rem;margin:0 0 .4rem;color:var(--soft)}
+.trees{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,26rem),1fr));gap:.8rem}
+.trees>div{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:.7rem .9rem;min-width:0}
+ul.tree{list-style:none;margin:0;padding:0;font:12.5px/1.6 ui-monospace,monospace}
+ul.tree li{display:flex;gap:.5em;padding-left:calc(var(--depth)*1.1em);overflow-wrap:anywhere}
+ul.tree b{width:1em;flex:none;text-align:center}ul.tree i{color:var(--soft)}
+ul.tree .task span{font-weight:600}ul.tree .task i{font-weight:400}
+ul.tree .done b{color:var(--good)}ul.tree .done span{color:var(--soft)}
+ul.tree .failed b,ul.tree .failed span{color:var(--bad);font-weight:700}
+ul.tree .new b,ul.tree .new span{color:var(--accent)}ul.tree .former span{text-decoration:line-through;opacity:.75}
 .shots{display:grid;grid-template-columns:repeat(auto-fill,minmax(19rem,1fr));gap:.9rem}
-.shots .floor{width:100%}
+.shots svg{width:100%}
 table{border-collapse:collapse;font-size:14px;width:100%}
 th,td{padding:.25rem .7rem .25rem 0;text-align:left;border-bottom:1px solid var(--line);vertical-align:top}
 td.r,th.r{text-align:right;font-variant-numeric:tabular-nums}
@@ -96,11 +111,11 @@ SCRIPT = r"""
 (() => {
   const data = JSON.parse(document.getElementById('data').textContent);
   const chart = document.querySelector('.gantt'), scale = chart ? +chart.dataset.scale : 1;
-  const stage = document.querySelector('.stage .floor');
+  const stage = document.querySelector('.stage svg');
   const slider = document.querySelector('.controls input'), button = document.querySelector('.controls button');
   const speed = document.querySelector('.controls select'), clock = document.querySelector('.controls output');
   const cursor = chart && chart.querySelector('.cursor'), turn = document.querySelector('.now .turn');
-  const groups = {}, steps = [];
+  const groups = {}, faces = {}, steps = [];
   if (stage) stage.querySelectorAll('[data-name]').forEach(g => { groups[g.dataset.name] = g; });
   if (chart) chart.querySelectorAll('.step').forEach(g => steps.push(
     [+g.dataset.from, +g.dataset.to, g.dataset.agent, g.dataset.text]));
@@ -126,8 +141,12 @@ SCRIPT = r"""
       place(name, x, y);
       if (name === data.crane) place('bridge', 0, y);
     }
+    for (const [name, track] of Object.entries(data.film.faces || {})) {
+      const g = groups[name], face = track[find(track, t)][1];
+      if (g && faces[name] !== face) { faces[name] = face; g.innerHTML = data.film.drawings[face]; }
+    }
     const heights = [];
-    for (const [name, track] of Object.entries(data.film.boxes)) {
+    for (const [name, track] of Object.entries(data.film.boxes || {})) {
       const [, x, y, z] = at(track, t);
       place(name, x, y);
       heights.push([z, name]);
@@ -138,14 +157,14 @@ SCRIPT = r"""
       order = now;
       heights.forEach(h => { const g = groups[h[1]]; if (g) g.parentNode.append(g); });
     }
-    const held = data.film.holding, crane = groups[data.crane];
+    const held = data.film.holding || [], crane = groups[data.crane];
     if (crane && held.length) crane.classList.toggle('holding', !!held[find(held, t)][1]);
   };
   let time = 0, playing = false, last = 0;
   const seek = t => {
     time = Math.max(0, Math.min(t, data.duration));
     slider.value = time;
-    clock.textContent = time.toFixed(1) + ' s';
+    clock.textContent = time.toFixed(data.digits) + ' s';
     if (cursor) {
       cursor.setAttribute('x1', time * scale);
       cursor.setAttribute('x2', time * scale);
@@ -153,12 +172,14 @@ SCRIPT = r"""
       if (x < 0 || x > box.clientWidth - 30) box.scrollLeft = time * scale - box.clientWidth / 3;
     }
     if (data.film) paint(time);
-    document.querySelectorAll('.now dd').forEach(dd => {
+    const doing = document.querySelectorAll('.now dd');
+    doing.forEach(dd => {
       const now = steps.filter(s => s[2] === dd.dataset.agent && s[0] <= time && time < s[1]);
       dd.textContent = now.map(s => s[3]).join(', ') || '\u2013';
+      dd.hidden = dd.previousSibling.hidden = !now.length && doing.length > 12;
     });
-    const told = data.turns.filter(s => s[0] <= time + 0.05).pop();
-    turn.textContent = told ? `${told[0].toFixed(1)} s: ${told[1]} ${told[2]}` : '';
+    const told = data.turns.filter(s => s[0] <= time + 0.05 / data.digits ** 3).pop();
+    turn.textContent = told ? `${told[0].toFixed(data.digits)} s: ${told[1]} ${told[2]}` : '';
   };
   const frame = now => {
     if (!playing) return;

@@ -3,7 +3,7 @@ from __future__ import annotations
 from socialbot.agents.warehouse.messages import GripperStatus, MoveCommand
 from socialbot.bridge.bag_writer import BagWriter
 from socialbot.bridge.bags import open_bag
-from socialbot.bridge.reenactment import commands
+from socialbot.bridge.recorded_world import commands
 from socialbot.clock import SECOND
 from socialbot.graph_file import load_graph
 from socialbot.messages import TraceRecord

@@ -5,9 +5,10 @@ from xml.etree import ElementTree
 
 import msgspec
 
+from socialbot.messages import TraceRecord
 from socialbot.report.gantt import Gantt
 from socialbot.report.story import Story, story_of
-from tests.report.runs import DETOUR, PHRASES, desire, plan, step
+from tests.report.runs import DETOUR, PHRASES, desire, plan, plan_end, record, step
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -77,3 +78,35 @@ def test_names_and_reasons_are_text():
 
 def test_an_empty_run_has_an_empty_chart():
     assert not re.search('class="(plan|step|request)', Gantt(story_of([])).svg())
+
+
+def test_plans_side_by_side_do_not_cover_each_other():
+    def begun(seconds: float, number: int) -> TraceRecord:
+        return record(
+            seconds, "boss", "plan_start", f"room{number}", plan=number, steps=[], makespan_s=None, beside=True
+        )
+
+    story = story_of((begun(0, 1), begun(1, 2), plan_end(2, "boss", "room1", 1, "succeeded"), begun(3, 3)))
+    assert [each.outcome for each in story.plans] == ["succeeded", "", ""], "none is taken to be lost"
+    bands = [band.find(f"{SVG}rect") for band in of_class(drawn(story), "plan")]
+    ys = [float(band.attrib["y"]) for band in bands if band is not None]
+    assert len(ys) == 3
+    assert len(set(ys)) == 2, "the third one follows the first"
+    assert "planned" not in title(of_class(drawn(story), "plan")[0])
+
+
+def test_words_of_weight_are_arrows():
+    def said(weight: str, receiver: str) -> TraceRecord:
+        detail = {"receiver": receiver, "performative": "inform", "content": "Plan", "mission": "", "weight": weight}
+        return msgspec.structs.replace(record(1, "ann", "said", "speaks"), detail=detail)
+
+    told = (desire(0, "ann", "x"), desire(0, "bob", "y"), *(said(*each) for each in (("plan", "bob"), ("", "bob"))))
+    story = story_of((*told, said("problem", "nobody")))
+    assert [word.weight for word in story.words] == ["plan", "", "problem"]
+    [arrow] = of_class(drawn(story), "request")
+    assert title(arrow) == "ann speaks"
+
+
+def test_lanes_are_in_the_order_of_their_numbers():
+    story = story_of(desire(0, f"robot_{number}", "x") for number in (10, 9, 1))
+    assert Gantt(story).agents == ["robot_1", "robot_9", "robot_10"]

@@ -161,3 +161,28 @@ def test_a_plan_that_is_too_long_is_told_although_the_planner_solved_the_problem
 
 def test_what_was_published_is_told_so():
     assert told(desire(0, "a", "x", "add_desire")) == ["a wants x within 20 s (published on add_desire)"]
+
+
+@pytest.mark.parametrize(
+    ("weight", "sentences"),
+    [("problem", ["a reports smoke"]), ("word", ["a reports smoke"]), ("plan", []), ("", [])],
+)
+def test_words_are_told_that_no_other_record_tells_of(weight, sentences):
+    assert told(record(0, "a", "said", "reports smoke", weight=weight)) == sentences
+
+
+def test_a_plan_without_times_and_a_desire_without_a_deadline_are_told_so():
+    wanted = record(0, "a", "desire", "x", "somebody", priority=1)
+    made = record(0, "a", "plan_start", "x", plan=1, steps=["0: (go)"], makespan_s=None)
+    assert told(wanted, made) == ["a wants x (somebody)", "a plans x: 1 step"]
+
+
+def test_a_failed_action_is_told_once():
+    end = step_end(0, "a", "(go a b c)", "failed", message="no way")
+    assert told(end, record(0, "a", "failure", "go(a, b, c)", reason="action_failed", message="no way")) == [
+        "a goes from b to c: failed, no way"
+    ]
+
+
+def test_an_action_that_lacks_an_object_is_told_as_it_was_called():
+    assert Narrator(PHRASES).phrase("go", ["a"]) == "go a"

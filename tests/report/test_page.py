@@ -5,6 +5,7 @@ import re
 from html.parser import HTMLParser
 from typing import Any
 
+from socialbot.messages import TraceRecord
 from socialbot.report.page import Page, Scene, lead_of
 from socialbot.report.story import story_of
 from tests.report.runs import DETOUR, PHRASES, desire, record
@@ -95,3 +96,35 @@ def test_the_lead_says_what_came_of_it():
     dropped = story_of((desire(0, "a", "x"), record(1, "a", "desire_dropped", "x", reason="deleted")))
     assert lead_of(dropped) == "a wanted x, which was dropped: deleted. No plan was given up."
     assert lead_of(story_of([])) == "Nobody wanted anything."
+
+
+def test_what_was_said_is_a_table_of_its_own():
+    def said(text: str, weight: str) -> TraceRecord:
+        more = {"receiver": "bob", "performative": "inform", "content": "Problem", "mission": "m_1", "weight": weight}
+        return record(1, "ann", "said", text, **more)
+
+    html = page(story=story_of((desire(0, "ann", "x"), said("reports <smoke>", "problem"), said("hums", ""))))
+    read(html)
+    assert html.count('<td class="bad">reports &lt;smoke&gt;</td>') == 2, "at once, and among all"
+    assert html.count('<td class="">hums</td>') == 1
+    assert "What was asked of each other" not in html
+    assert "What was asked of each other" in page()
+
+
+def test_the_film_of_a_long_run_is_faster():
+    def usual(seconds: float) -> str:
+        story = story_of((desire(0, "ann", "x"), record(seconds, "ann", "desire_dropped", "x", reason="")))
+        found = re.search(r"selected>(.*?)x<", page(story=story))
+        assert found is not None
+        return found[1]
+
+    assert [usual(seconds) for seconds in (1.0, 5.0, 30.0, 126.0, 9999.0)] == ["0.1", "0.2", "1", "5", "20"]
+
+
+def test_what_groups_look_like_is_with_the_film():
+    film = {"robots": {}, "faces": {"room": [(0.0, 0)]}, "drawings": ["</script>"]}
+    html = page(scene=Scene('<svg class="ward"></svg>', film, shots=["<svg/>"], shots_title="The ward"))
+    data = re.search(r'id="data">(.*?)</script>', html, re.DOTALL)
+    assert data is not None
+    assert json.loads(data[1])["film"] == json.loads(json.dumps(film))
+    assert "<h2>The ward</h2>" in html

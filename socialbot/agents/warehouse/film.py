@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from bisect import bisect_right
-from collections.abc import Sequence
-from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any
 
 from socialbot.agents.warehouse.cast import GRIPPER, Cast
 from socialbot.agents.warehouse.floor import Floor
 from socialbot.agents.warehouse.messages import BoxPosition, BoxPositions, MoveStatus, Point
 from socialbot.clock import SECOND
 from socialbot.messages import Message
-
-NEAR = (0.8, 0.8, 0.05)
-"""A place that lies this near (pixels, pixels, m) to the straight way between two others is left out of a track."""
-
-T = TypeVar("T")
-
-Moment = tuple[float, ...]
-"""s from the start, then what was so from then on."""
+from socialbot.report.tracks import Moment, add, latest, thinned
 
 
 class Film:
@@ -35,9 +24,9 @@ class Film:
     def take(self, message: Message) -> None:
         """Takes a message; those of other kinds are left alone."""
         if isinstance(message, MoveStatus):
-            _add(self._robots.setdefault(message.robot, []), message.stamp, message.current_pos)
+            add(self._robots.setdefault(message.robot, []), message.stamp, message.current_pos)
         elif isinstance(message, BoxPositions):
-            _add(self._boxes, message.stamp, message.boxes)
+            add(self._boxes, message.stamp, message.boxes)
 
     def __bool__(self) -> bool:
         """Whether anything was seen."""
@@ -45,11 +34,11 @@ class Film:
 
     def boxes(self, stamp: int) -> tuple[BoxPosition, ...]:
         """Where the boxes were at ``stamp`` (ns)."""
-        return _latest(self._boxes, stamp)
+        return latest(self._boxes, stamp)
 
     def picture(self, stamp: int, title: str = "") -> str:
         """The floor at ``stamp`` (ns), as SVG; without a title it is that of `tracks`."""
-        robots = {name: _latest(track, stamp) for name, track in self._robots.items()}
+        robots = {name: latest(track, stamp) for name, track in self._robots.items()}
         floor = Floor(self.cast) if title else self._floor
         return floor.draw(robots, self.boxes(stamp), title)
 
@@ -60,7 +49,7 @@ class Film:
         """
         moves: dict[str, list[Moment]] = {}
         for name, track in self._robots.items():
-            moves[name] = _thinned([((stamp - start) / SECOND, *self._floor.at(point)) for stamp, point in track])
+            moves[name] = thinned([((stamp - start) / SECOND, *self._floor.at(point)) for stamp, point in track])
         held: list[Moment] = []
         boxes: dict[str, list[Moment]] = {}
         for stamp, found in self._boxes:
@@ -70,43 +59,4 @@ class Film:
             holding = float(any(box.holder == GRIPPER for box in found))
             if not held or held[-1][1] != holding:
                 held.append((round(second, 2), holding))
-        return {"robots": moves, "boxes": {name: _thinned(track) for name, track in boxes.items()}, "holding": held}
-
-
-def _add(track: list[tuple[int, T]], stamp: int, what: T) -> None:
-    """Adds a moment, unless it lies in the past."""
-    if not track or stamp > track[-1][0]:
-        track.append((stamp, what))
-
-
-def _latest(track: Sequence[tuple[int, Any]], stamp: int) -> Any:
-    number = bisect_right(track, stamp, key=lambda moment: moment[0])
-    return track[max(number - 1, 0)][1]
-
-
-def _thinned(track: Sequence[Moment]) -> list[Moment]:
-    """A track without the moments that lie near to the straight way between those that are kept."""
-    kept: list[Moment] = []
-    slopes: list[tuple[float, float]] = []
-    for last, moment in pairwise(track):
-        if not kept or not _lies_within(slopes, kept[-1], moment):
-            kept.append(last)
-            slopes = [(-math.inf, math.inf)] * (len(last) - 1)
-        slopes = _narrowed(slopes, kept[-1], moment)
-    return [tuple(round(value, 2) for value in moment) for moment in (*kept, *track[-1:])]
-
-
-def _lies_within(slopes: Sequence[tuple[float, float]], first: Moment, moment: Moment) -> bool:
-    """Whether the way from ``first`` to ``moment`` is no steeper than what lies between allows."""
-    duration = moment[0] - first[0]
-    changes = zip(slopes, first[1:], moment[1:], strict=True)
-    return all(low <= (there - here) / duration <= high for (low, high), here, there in changes)
-
-
-def _narrowed(slopes: Sequence[tuple[float, float]], first: Moment, moment: Moment) -> list[tuple[float, float]]:
-    """How steep ways from ``first`` may be that also pass near to ``moment``."""
-    duration = moment[0] - first[0]
-    return [
-        (max(low, (there - near - here) / duration), min(high, (there + near - here) / duration))
-        for (low, high), here, there, near in zip(slopes, first[1:], moment[1:], NEAR, strict=False)
-    ]
+        return {"robots": moves, "boxes": {name: thinned(track) for name, track in boxes.items()}, "holding": held}

@@ -1,0 +1,57 @@
+"""Tracks: what was so at which moment of a run, for films."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, TypeVar
+
+NEAR = (0.8, 0.8, 0.05)
+"""A place that lies this near (pixels, pixels, m) to the straight way between two others is left out of a track."""
+
+T = TypeVar("T")
+
+Moment = tuple[float, ...]
+"""s from the start, then what was so from then on."""
+
+
+def add(track: list[tuple[int, T]], stamp: int, what: T) -> None:
+    """Adds what was so at ``stamp`` (ns), unless that lies in the past."""
+    if not track or stamp > track[-1][0]:
+        track.append((stamp, what))
+
+
+def latest(track: Sequence[tuple[int, Any]], stamp: int) -> Any:
+    """What was so at ``stamp`` (ns); what came first, before that."""
+    number = bisect_right(track, stamp, key=lambda moment: moment[0])
+    return track[max(number - 1, 0)][1]
+
+
+def thinned(track: Sequence[Moment]) -> list[Moment]:
+    """A track without the moments that lie near to the straight way between those that are kept."""
+    kept: list[Moment] = []
+    slopes: list[tuple[float, float]] = []
+    for last, moment in pairwise(track):
+        if not kept or not _lies_within(slopes, kept[-1], moment):
+            kept.append(last)
+            slopes = [(-math.inf, math.inf)] * (len(last) - 1)
+        slopes = _narrowed(slopes, kept[-1], moment)
+    return [tuple(round(value, 2) for value in moment) for moment in (*kept, *track[-1:])]
+
+
+def _lies_within(slopes: Sequence[tuple[float, float]], first: Moment, moment: Moment) -> bool:
+    """Whether the way from ``first`` to ``moment`` is no steeper than what lies between allows."""
+    duration = moment[0] - first[0]
+    changes = zip(slopes, first[1:], moment[1:], strict=True)
+    return all(low <= (there - here) / duration <= high for (low, high), here, there in changes)
+
+
+def _narrowed(slopes: Sequence[tuple[float, float]], first: Moment, moment: Moment) -> list[tuple[float, float]]:
+    """How steep ways from ``first`` may be that also pass near to ``moment``."""
+    duration = moment[0] - first[0]
+    return [
+        (max(low, (there - near - here) / duration), min(high, (there + near - here) / duration))
+        for (low, high), here, there, near in zip(slopes, first[1:], moment[1:], NEAR, strict=False)
+    ]
