@@ -20,8 +20,8 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from evaluation.progress import Bar
 from evaluation.report import JsonOption, QuickOption, Report, Value, run
 from evaluation.warehouse_planning import decisions, first_question, plan_by_turns, second_question
 from evaluation.warehouse_runs import Result, Story, play, troubled
@@ -68,20 +68,15 @@ def stories(scale: Scale) -> dict[str, list[Story]]:
 
 def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]]:
     """Plays all runs, so many side by side; what comes out, and its order, does not depend on how many that are."""
-    progress = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-    )
     everything = [(kind, story) for kind, some in kinds.items() for story in some]
     found: dict[str, list[Result]] = {kind: [] for kind in kinds}
-    with progress, ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _hush) as pool:
-        bar = progress.add_task("runs", total=len(everything))
+    with (
+        Bar("runs", len(everything)) as bar,
+        ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _hush) as pool,
+    ):
         waiting: list[tuple[str, Future[Result]]] = [(kind, pool.submit(play, story)) for kind, story in everything]
         for _, future in waiting:
-            future.add_done_callback(lambda future: progress.advance(bar))
+            future.add_done_callback(lambda future: bar.advance())
         for kind, future in waiting:
             found[kind].append(future.result())
     return found

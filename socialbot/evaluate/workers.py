@@ -15,7 +15,7 @@ from socialbot.ending import Ending
 from socialbot.errors import InstallationError, NodeError, ParameterError, SocialbotError
 from socialbot.evaluate.jobs import Found, Job, run_job
 
-__all__ = ["Advance", "apart", "on_dask", "on_processes"]
+__all__ = ["Advance", "apart", "elsewhere", "on_dask", "on_processes"]
 
 T = TypeVar("T")
 
@@ -64,8 +64,8 @@ def apart(
                         done(number, results[number])
         except BrokenProcessPool as error:
             raise NodeError(
-                "a process died while it looked at pictures",
-                where="evaluate",
+                "a process died",
+                where="workers",
                 remedy="is there enough memory? try --jobs 1",
             ) from error
         except BaseException:
@@ -93,10 +93,29 @@ def on_processes(jobs: Sequence[Job], count: int, advance: Advance) -> list[Foun
 
 
 def on_dask(jobs: Sequence[Job], address: str, advance: Advance) -> list[Found]:
-    """Does ``jobs`` on the Dask cluster whose scheduler is at ``address``.
+    """Does ``jobs`` on the Dask cluster whose scheduler is at ``address``, as `elsewhere` does.
 
-    Its workers need the same socialbot, and find bags and pictures under the same paths. Raises InstallationError
-    without ``distributed``, ParameterError when no scheduler or no worker answers, and the first job's error.
+    Its workers find bags and pictures under the same paths.
+    """
+
+    def done(number: int, result: Found) -> None:
+        advance(number, jobs[number].frames)
+
+    return elsewhere(_do_quietly, [(job,) for job in jobs], address, done=done, names=[job.name for job in jobs])
+
+
+def elsewhere(
+    function: Callable[..., T],
+    arguments: Sequence[tuple[Any, ...]],
+    address: str,
+    *,
+    done: Callable[[int, T], None],
+    names: Sequence[str] | None = None,
+) -> list[T]:
+    """As `apart`, on the Dask cluster whose scheduler is at ``address``; ``names`` are those of the calls, for errors.
+
+    Its workers need the same packages. Raises InstallationError without ``distributed``, ParameterError when no
+    scheduler or no worker answers, and the first error of a call.
     """
     try:
         from distributed import Client, as_completed
@@ -114,7 +133,7 @@ def on_dask(jobs: Sequence[Job], address: str, advance: Advance) -> list[Found]:
             where=f"--scheduler {address}",
             remedy="start one by `dask scheduler`, and workers by `dask worker ADDRESS`",
         ) from error
-    results: dict[int, Found] = {}
+    results: dict[int, T] = {}
     with client:
         if not client.scheduler_info()["workers"]:
             raise ParameterError(
@@ -122,7 +141,7 @@ def on_dask(jobs: Sequence[Job], address: str, advance: Advance) -> list[Found]:
                 where=f"--scheduler {address}",
                 remedy="start some by `dask worker ADDRESS`",
             )
-        futures = {client.submit(_do_quietly, job, pure=False): number for number, job in enumerate(jobs)}
+        futures = {client.submit(function, *each, pure=False): number for number, each in enumerate(arguments)}
         for future in as_completed(futures, loop=client.loop):
             number = futures[future]
             problem = future.exception()
@@ -131,12 +150,12 @@ def on_dask(jobs: Sequence[Job], address: str, advance: Advance) -> list[Found]:
             if future.status != "finished":
                 raise NodeError(
                     f"a Dask worker could not do it: {problem}",
-                    where=jobs[number].name,
+                    where=names[number] if names else str(arguments[number]),
                     remedy="install the same socialbot on all workers; see the worker's log",
                 )
             results[number] = future.result()
-            advance(number, jobs[number].frames)
-    return [results[number] for number in range(len(jobs))]
+            done(number, results[number])
+    return [results[number] for number in range(len(arguments))]
 
 
 def _submitted(

@@ -1,0 +1,175 @@
+"""The nodes of the hospital as they are, each of which notes when it works and when it says something.
+
+The notes are kept in memory and written to a file when the node stops, so that taking them costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
+from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
+from socialbot.agents.hospital.scripted import ScriptedCoordinator, ScriptedNurse, ScriptedSpot, ScriptedUvd
+from socialbot.agents.hospital.ward_node import HospitalWorld
+from socialbot.clock import Clock
+from socialbot.errors import NodeError
+from socialbot.graph import Context, Graph, Node, Output, Parameter, Timer
+from socialbot.messages import Message
+
+R = TypeVar("R")
+
+HANDLERS = ("on_heard", "on_state", "on_result", "on_command", "on_cancel")
+"""The methods of the nodes that take messages."""
+
+
+class Work(msgspec.Struct, frozen=True):
+    """A node was busy from ``begun`` to ``ended`` (ns), with the message ``taken`` if it was with one.
+
+    ``plans`` is how many plans it had made by the end.
+    """
+
+    begun: int
+    ended: int
+    taken: str
+    plans: int
+
+
+class Said(msgspec.Struct, frozen=True):
+    """A node published a message at a ``time`` (ns)."""
+
+    time: int
+    message: str
+
+
+class Notes(msgspec.Struct):
+    """What one node has noted; it was started at ``begun`` (ns)."""
+
+    begun: int = 0
+    works: list[Work] = []
+    said: list[Said] = []
+
+
+def name_of(message: Message) -> str:
+    """What tells a message from others on the same topic: its type with its id, or with its stamp."""
+    return f"{type(message).__name__} {getattr(message, 'id', message.stamp)}"
+
+
+class _NotedContext:
+    """The context of a node, which notes what it publishes and how long it is busy."""
+
+    def __init__(self, context: Context, notes: Notes) -> None:
+        self._context = context
+        self._notes = notes
+        self.plans: Callable[[], int] = lambda: 0
+        """How many plans the node has made."""
+
+    @property
+    def clock(self) -> Clock:
+        return self._context.clock
+
+    def publish(self, port: Output[Any], message: Message) -> None:
+        self._notes.said.append(Said(self.clock.now(), name_of(message)))
+        self._context.publish(port, message)
+
+    def call_at(self, time: int, callback: Callable[[], None]) -> Timer:
+        return self._context.call_at(time, lambda: self.work("", callback))
+
+    def call_soon(self, callback: Callable[[], None]) -> None:
+        self._context.call_soon(lambda: self.work("", callback))
+
+    def aside(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
+        self._context.aside(work, then)
+
+    def work(self, taken: str, callback: Callable[[], None]) -> None:
+        """Calls back, and notes how long that takes."""
+        begun = self.clock.now()
+        try:
+            callback()
+        finally:
+            self._notes.works.append(Work(begun, self.clock.now(), taken, self.plans()))
+
+
+class Noting:
+    """Mixed into the type of a node, has it take notes, in its parameter ``notes_file``."""
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        self._notes = Notes()
+        self._noted = _NotedContext(context, self._notes)
+        super().__init__(name, self._noted, parameters)  # type: ignore[call-arg] - that of the node mixed in
+        self._noted.plans = self._plans
+        for handler in HANDLERS:
+            if hasattr(self, handler):
+                setattr(self, handler, self._noting(getattr(self, handler)))
+
+    def _noting(self, handle: Callable[[Message], None]) -> Callable[[Message], None]:
+        return lambda message: self._noted.work(name_of(message), lambda: handle(message))
+
+    def _plans(self) -> int:
+        match self:
+            case HospitalCoordinator(coordinator=coordinator) | (ScriptedCoordinator() as coordinator):
+                return len(coordinator.planning_s)
+            case _:
+                return 0
+
+    def start(self) -> None:
+        """Begins."""
+        self._notes.begun = self._noted.clock.now()
+        super().start()  # type: ignore[misc]
+
+    def stop(self) -> None:
+        """Writes the notes."""
+        super().stop()  # type: ignore[misc]
+        Path(str(self.notes_file)).write_bytes(msgspec.json.encode(self._notes))  # type: ignore[attr-defined]
+
+
+def _with_notes(kind: type[Node]) -> type[Node]:
+    file = Parameter("", "the file to write the notes to when the node stops", fixed=True)
+    contents = {"__doc__": kind.__doc__, "__module__": __name__, "notes_file": file}
+    return type(f"Noting{kind.__name__}", (Noting, kind), contents)
+
+
+NOTING: Mapping[type[Node], type[Node]] = {
+    kind: _with_notes(kind)
+    for kind in (
+        HospitalWorld, HospitalCoordinator, Spot, Uvd, Nurse,
+        ScriptedCoordinator, ScriptedSpot, ScriptedUvd, ScriptedNurse,
+    )
+}  # fmt: skip
+"""Types of nodes with notes, by those without."""
+globals().update({kind.__name__: kind for kind in NOTING.values()})  # where graph files find them
+
+
+def noting(graph: Graph, folder: Path) -> Graph:
+    """A hospital's graph with nodes that take notes, in the ``folder``."""
+    return replace(
+        graph,
+        placements=tuple(
+            replace(
+                placement,
+                type=NOTING[placement.type],
+                parameters={**placement.parameters, "notes_file": str(_file_of(placement.name, folder))},
+            )
+            for placement in graph.placements
+        ),
+    )
+
+
+def read_notes(graph: Graph, folder: Path) -> dict[str, Notes]:
+    """The notes of all nodes, by their names. Raises NodeError when one has left none."""
+    return {placement.name: _read(_file_of(placement.name, folder), placement.name) for placement in graph.placements}
+
+
+def _read(file: Path, node: str) -> Notes:
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=Notes)
+    except (OSError, msgspec.DecodeError) as error:
+        raise NodeError(f"it has left no notes: {error}", where=node, remedy="see its log beside the notes") from error
+
+
+def _file_of(node: str, folder: Path) -> Path:
+    return folder / f"{node}.notes.json"

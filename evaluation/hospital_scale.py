@@ -1,0 +1,266 @@
+"""Large wards: whether every room is disinfected whatever happens, and what more rooms and robots cost.
+
+``python -m evaluation.hospital_scale`` plays a ward of 50 rooms in simulated time, with 4 robots of each kind and
+problems of all kinds, under many seeds; kills and restarts the coordinator in the middle of missions; lets the ward
+grow to 1000 rooms and 100 robots; plans 1000 rooms at once; and prints the figures beside what is required. An
+independent check (`evaluation.hospital_check`) follows who does what. The exit code is 1 when something required is
+missed.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+import random
+import statistics
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from evaluation.hospital_scale_runs import Kill, Result, Story, play
+from evaluation.progress import Bar
+from evaluation.report import JsonOption, QuickOption, Report, Value, percentile, run
+from socialbot.agents.hospital.disinfect import DISINFECT, mission, ward
+from socialbot.agents.hospital.missions import Policy
+from socialbot.tasks.planner import TaskPlanner
+
+RATES = (25.0, 50.0, 75.0, 100.0)
+MISSED_PERCENT = 15.0
+"""The paper's robots have to disinfect 85 % of the rooms."""
+RUNS_S = 360.0
+PLAN_ROOMS, PLAN_S = 1000, 2.0
+"""What is required."""
+
+SIZES = ((1, 2), (10, 2), (10, 10), (100, 10), (100, 50), (100, 100), (1000, 50), (1000, 100))
+"""Rooms and robots, half of them of each kind, of the wards that grow."""
+GROWN_RATE = 25.0
+PAUSE_S = 0.2
+"""In wards that grow states come so far apart."""
+
+PLAIN, OTHER, KILLED, GROWN = "looks ahead", "other conduct", "coordinator killed", "growth"
+UNMET_EXIT = 1
+
+JobsOption = Annotated[int | None, typer.Option(min=1, help="Runs side by side; as many as cores if not given.")]
+SeedsOption = Annotated[int | None, typer.Option(min=1, help="Seeds for each rate of problems; 50 by default.")]
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How often everything is done: seeds for each rate, by default and in each other conduct; moments of a kill."""
+
+    seeds: int = 50
+    other: int = 5
+    killed: int = 20
+    sizes: tuple[tuple[int, int], ...] = SIZES
+    times: int = 5
+
+
+QUICK = Scale(seeds=1, other=1, killed=3, sizes=SIZES[:4], times=2)
+
+
+def stories(scale: Scale) -> dict[str, list[Story]]:
+    """All runs that are judged, by kind."""
+    conducts: list[tuple[Policy, bool]] = [("auto", False), ("replan", True), ("replan", False)]
+    return {
+        PLAIN: [Story(seed, rate) for rate in RATES for seed in range(scale.seeds)],
+        OTHER: [
+            Story(1000 + seed, rate, policy=policy, proactive=proactive)
+            for (policy, proactive), rate in itertools.product(conducts, RATES)
+            for seed in range(scale.other)
+        ],
+        KILLED: [killed(seed) for seed in range(scale.killed)],
+    }
+
+
+def killed(seed: int) -> Story:
+    """A story in which the coordinator of a small ward is killed in the middle of missions, at a moment by chance."""
+    chance = random.Random(f"kill {seed}")
+    kill = Kill(round(chance.uniform(1.5, 12.0), 2), round(chance.uniform(0.1, 5.0), 1))
+    return Story(seed, chance.choice(RATES), rooms=10, spots=2, uvds=2, every_s=0.0, kills=(kill,))
+
+
+def grown(rooms: int, robots: int) -> Story:
+    """A story in which all rooms of a ward come to need disinfection at once."""
+    pairs = robots // 2
+    return Story(0, GROWN_RATE, rooms=rooms, spots=pairs, uvds=pairs, every_s=0.0, pause_s=PAUSE_S)
+
+
+def hush() -> None:
+    """What goes wrong on purpose is no news."""
+    logging.disable(logging.CRITICAL)
+
+
+def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]]:
+    """Plays all runs, so many side by side; what comes out, and its order, does not depend on how many that are."""
+    # What it takes to look at pictures comes with it, and each process would import that as well.
+    from socialbot.evaluate.workers import apart
+
+    everything = [(story,) for some in kinds.values() for story in some]
+    with Bar("runs", len(everything)) as bar:
+        results = iter(apart(play, everything, jobs, begin=hush, done=bar.advance))
+    return {kind: list(itertools.islice(results, len(some))) for kind, some in kinds.items()}
+
+
+def grow(sizes: Sequence[tuple[int, int]]) -> list[Result]:
+    """Plays a run in each ward, one after the other, each in a process of its own as its memory is measured."""
+    from socialbot.evaluate.workers import apart
+
+    with Bar("wards that grow", len(sizes)) as bar:
+        return [apart(play, [(grown(*size),)], 1, begin=hush, done=bar.advance)[0] for size in sizes]
+
+
+# What came of it
+
+
+def add_runs(report: Report, results: dict[str, list[Result]], wall_s: float | None = None) -> None:
+    """Adds the figures of all runs that are judged; ``wall_s`` is what those of the first kind took together."""
+    _add_rooms(report, "ward", "50 rooms, looks ahead", results[PLAIN])
+    if wall_s is not None:
+        report.add("ward_wall_s", "50 rooms, looks ahead: wall s of all runs together", round(wall_s, 1), RUNS_S)
+    _add_rooms(report, "other", "50 rooms, other conduct", results[OTHER])
+    _add_rooms(report, "killed", "coordinator killed and restarted", results[KILLED])
+    interrupted = [one.interrupted for one in results[KILLED]]
+    report.add("killed_running", "coordinator killed and restarted: missions that were running then", sum(interrupted))
+    idle = sum(not running for running in interrupted)
+    report.add("killed_idle", "coordinator killed and restarted: runs without a mission then", idle, 0)
+    everything = [one for some in results.values() for one in some]
+    _add_checks(report, everything)
+    report.tables["50 rooms"] = {_conduct(some[0].story): _row(some) for some in _alike(results[PLAIN])}
+    report.tables["50 rooms, other conduct"] = {_conduct(some[0].story): _row(some) for some in _alike(results[OTHER])}
+
+
+def _add_rooms(report: Report, key: str, text: str, results: Sequence[Result]) -> None:
+    infections = sum(one.infections for one in results)
+    lost = sum(len(one.lost) for one in results)
+    missed = round(100.0 * lost / infections, 3) if infections else None
+    worst = max((100.0 - one.share for one in results), default=None)
+    report.add(f"{key}_runs", f"{text}: runs", len(results))
+    report.add(f"{key}_rooms", f"{text}: rooms that came to need disinfection", infections)
+    report.add(f"{key}_missed_percent", f"{text}: % of them not disinfected", missed, MISSED_PERCENT)
+    report.add(f"{key}_worst_percent", f"{text}: % of them, in the worst run", worst, MISSED_PERCENT)
+    report.add(f"{key}_lost", f"{text}: rooms lost; in these wards each can be disinfected", lost, 0)
+    report.add(f"{key}_still", f"{text}: runs that stand still", sum(one.stood_still for one in results), 0)
+    report.add(f"{key}_open", f"{text}: missions that never end", sum(one.open for one in results), 0)
+
+
+def _add_checks(report: Report, results: Sequence[Result]) -> None:
+    report.add("actions", "actions, all looked at by the independent check", sum(one.actions for one in results))
+    report.add("violations", "two things at once, or joint ones alone", sum(len(one.violations) for one in results), 0)
+    report.add("failures", "nodes that raised an exception", sum(len(one.failures) for one in results), 0)
+
+
+def _alike(results: Sequence[Result]) -> list[list[Result]]:
+    """The results of the same conduct at the same rate, together."""
+    return [list(some) for _, some in itertools.groupby(results, key=lambda one: _conduct(one.story))]
+
+
+def _conduct(story: Story) -> str:
+    return f"{story.policy}, {'looks ahead' if story.proactive else 'reacts'}, {story.rate:g} %"
+
+
+def _row(results: Sequence[Result]) -> dict[str, Value]:
+    ends = [one.ended_s for one in results]
+    rooms = sum(one.infections for one in results)
+    return {
+        "runs": len(results),
+        "problems": sum(one.drawn.total() for one in results),
+        "met": sum(one.problems for one in results),
+        "recoveries": sum(one.recoveries for one in results),
+        "revisions": sum(one.revisions for one in results),
+        "% of rooms": 100.0 * (1 - sum(len(one.lost) for one in results) / rooms),
+        "s, median": statistics.median(ends),
+        "s, most": max(ends),
+        "messages": round(statistics.mean(one.said for one in results)),
+        "processor s": round(statistics.mean(one.processor_s for one in results), 2),
+    }
+
+
+def add_growth(report: Report, results: Sequence[Result]) -> None:
+    """Adds what came of the wards that grow."""
+    report.add("growth_lost", "wards that grow: rooms lost", sum(len(one.lost) for one in results), 0)
+    unfinished = sum(one.infections - one.missions for one in results)
+    report.add("growth_unfinished", "wards that grow: missions not completed", unfinished, 0)
+    violations = sum(len(one.violations) + len(one.failures) for one in results)
+    report.add("growth_violations", "wards that grow: violations and exceptions", violations, 0)
+    report.tables[GROWN] = {
+        f"{one.story.rooms} rooms, {one.story.spots + one.story.uvds} robots": _grown_row(one) for one in results
+    }
+
+
+def _grown_row(one: Result) -> dict[str, Value]:
+    plans_ms = [1000.0 * seconds for seconds in one.planning_s]
+    return {
+        "agents": one.story.agents,
+        "completed": one.missions,
+        "simulated s": one.ended_s,
+        "plans": len(plans_ms),
+        "a plan, ms": round(statistics.median(plans_ms), 2),
+        "p95, ms": round(percentile(plans_ms, 0.95) or 0.0, 2),
+        "messages": one.messages,
+        "said": one.said,
+        "wall s": one.wall_s,
+        "wall per simulated s": round(one.wall_s / one.ended_s, 4),
+        "memory, MB": one.memory_mb,
+    }
+
+
+def add_planning(report: Report, times: int) -> None:
+    """Measures planning many rooms at once, and adds the figures."""
+    nurses = {f"nurse{number}": f"room{number}" for number in range(PLAN_ROOMS)}
+    state = ward(nurses, ["spot", "uvd"], "dock")
+    state.disinfected = dict.fromkeys(nurses.values(), False)
+    tasks = [mission("spot", "uvd", nurse) for nurse in nurses]
+    planner = TaskPlanner(DISINFECT)
+    found: list[tuple[float, float, int]] = []
+    for _ in range(times):
+        begin = time.process_time()
+        answer = planner.plan(state, tasks)
+        found.append((answer.seconds, time.process_time() - begin, len(answer.plan)))
+    wall, processor, actions = (list(each) for each in zip(*found, strict=True))
+    report.add("plan_actions", f"{PLAN_ROOMS} rooms in one plan: actions", actions[0], others="9 a room")
+    report.add("plan_s", f"{PLAN_ROOMS} rooms in one plan: wall s, best of {times}", round(min(wall), 3), PLAN_S)
+    report.add("plan_median_s", f"{PLAN_ROOMS} rooms in one plan: wall s, median", round(statistics.median(wall), 3))
+    report.add("plan_processor_s", f"{PLAN_ROOMS} rooms in one plan: processor s, best", round(min(processor), 3))
+
+
+def tell_what_went_wrong(results: Sequence[Result], console: Console) -> None:
+    """Prints each run that did not go as it should, and how to see it again."""
+    for one in results:
+        if not one.fine:
+            what = [f"lost: {', '.join(one.lost)}"] if one.lost else []
+            what += ["stands still"] if one.stood_still else []
+            what += [*one.violations[:3], *one.failures[:3]]
+            console.print(f"{one.story}: {'; '.join(what) or 'no end'}", style="red", soft_wrap=True, markup=False)
+
+
+def main(
+    json: JsonOption = None, quick: QuickOption = False, jobs: JobsOption = None, seeds: SeedsOption = None
+) -> None:
+    """Play large wards many times, kill their coordinator, and let them grow."""
+    scale = QUICK if quick else Scale()
+    scale = scale if seeds is None else Scale(seeds, scale.other, scale.killed, scale.sizes, scale.times)
+    side_by_side = jobs or len(os.sched_getaffinity(0))
+    report = Report("hospital at scale", quick)
+    add_planning(report, scale.times)
+    first, *others = stories(scale).items()
+    begin = time.perf_counter()
+    results = play_all(dict([first]), side_by_side)
+    wall_s = time.perf_counter() - begin
+    results |= play_all(dict(others), side_by_side)
+    wards = grow(scale.sizes)
+    add_runs(report, results, wall_s)
+    add_growth(report, wards)
+    report.finish(json)
+    tell_what_went_wrong([*itertools.chain(*results.values()), *wards], Console(highlight=False))
+    if report.unmet:
+        sys.exit(UNMET_EXIT)
+
+
+if __name__ == "__main__":
+    run(main)

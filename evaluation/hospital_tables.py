@@ -1,0 +1,370 @@
+"""The tables of the hospital's experiments: what came of each cell, and Figures 7 to 11 and Table 3 in numbers.
+
+A table is a row of values for each name, as `evaluation.report` shows and writes them.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from evaluation.hospital_paper import PREDECESSOR, RUNS, TABLE_3, PastCell
+from evaluation.hospital_record import CONFIGURATIONS, Configuration, MissionRecord, Share
+from evaluation.hospital_statistics import Interval, Line, binomial, fit, mean_interval, weighted, wilson
+from evaluation.report import Value, percentile
+
+Rows = dict[str, dict[str, Value]]
+
+WITHOUT: Configuration = "bdi"
+WITH: Configuration = "bdi+recovery"
+RECOVERY: tuple[tuple[Configuration, str], ...] = ((WITH, "with"), (WITHOUT, "without"))
+"""With BDI, with and without recovery."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """All missions of one configuration and rate on one runner; at least one."""
+
+    configuration: Configuration
+    rate: float
+    runner: str
+    records: tuple[MissionRecord, ...]
+
+    @property
+    def runs(self) -> int:
+        """How many there are."""
+        return len(self.records)
+
+    @cached_property
+    def drawn(self) -> int:
+        """In how many a problem was drawn."""
+        return sum(record.drawn for record in self.records)
+
+    @cached_property
+    def met(self) -> int:
+        """In how many an agent told of a problem."""
+        return sum(record.met for record in self.records)
+
+    @cached_property
+    def completed(self) -> int:
+        """How many were completed."""
+        return sum(record.completed for record in self.records)
+
+    @cached_property
+    def seconds(self) -> tuple[float, ...]:
+        """How long each mission took, s."""
+        return tuple(record.mission_s for record in self.records)
+
+    @cached_property
+    def mean_s(self) -> float:
+        """How long a mission took, s."""
+        return statistics.fmean(self.seconds)
+
+
+def cells(records: Iterable[MissionRecord]) -> list[Cell]:
+    """The missions by runner, configuration and rate, in this order."""
+    found: dict[tuple[str, int, float], list[MissionRecord]] = {}
+    for record in records:
+        key = (record.runner, CONFIGURATIONS.index(record.configuration), record.rate)
+        found.setdefault(key, []).append(record)
+    return [
+        Cell(CONFIGURATIONS[number], rate, runner, tuple(some))
+        for (runner, number, rate), some in sorted(found.items(), key=lambda each: each[0])
+    ]
+
+
+class Experiments:
+    """All missions by their cells."""
+
+    def __init__(self, records: Iterable[MissionRecord]) -> None:
+        self.cells = cells(records)
+
+    def of(self, runner: str, configuration: Configuration | None = None) -> list[Cell]:
+        """The cells of a runner and, if one is given, of a configuration, by rate."""
+        return [
+            cell
+            for cell in self.cells
+            if cell.runner == runner and (configuration is None or cell.configuration == configuration)
+        ]
+
+    def at(self, runner: str, configuration: Configuration, rate: float) -> Cell | None:
+        """One cell."""
+        return next((cell for cell in self.of(runner, configuration) if cell.rate == rate), None)
+
+    def records(self, runner: str, configuration: Configuration) -> list[MissionRecord]:
+        """All missions of a configuration on a runner."""
+        return [record for cell in self.of(runner, configuration) for record in cell.records]
+
+    def drawn_share(self, rate: float) -> float:
+        """The share of missions in which a problem was drawn, of those in simulated time; without any, the rate."""
+        cell = self.at("inline", WITH, rate)
+        return cell.drawn / cell.runs if cell is not None else rate / 100.0
+
+    def ros_s(self, configuration: Configuration, rate: float) -> float | None:
+        """How long a mission takes over ROS, s: of those with and those without a problem, by the share drawn.
+
+        There are few of each cell over ROS. None where there is none with, or none without a problem.
+        """
+        records = self.records("ros", configuration)
+        with_ = [record.mission_s for record in records if record.met]
+        without = [record.mission_s for record in records if not record.met]
+        return weighted(without, with_, self.drawn_share(rate)) if with_ and without else None
+
+    @property
+    def rates(self) -> list[float]:
+        """All rates."""
+        return sorted({cell.rate for cell in self.cells})
+
+
+def percent(count: float, of: int) -> float:
+    """A share in %."""
+    return round(100.0 * count / of, 1)
+
+
+def _range(interval: Interval | None, scale: float = 1.0, digits: int = 1) -> str | None:
+    if interval is None:
+        return None
+    return f"{interval.low * scale:.{digits}f} to {interval.high * scale:.{digits}f}"
+
+
+def cell_rows(found: Sequence[Cell]) -> Rows:
+    """What came of each cell."""
+    return {f"{cell.configuration} {cell.rate:g} %": _cell_row(cell) for cell in found}
+
+
+def _cell_row(cell: Cell) -> dict[str, Value]:
+    done = wilson(cell.completed, cell.runs)
+    return {
+        "runs": cell.runs,
+        "drawn": cell.drawn,
+        "met": cell.met,
+        "completed": cell.completed,
+        "Wilson %": _range(done, 100.0),
+        "mission s": round(cell.mean_s, 3),
+        "95 %": _range(mean_interval(cell.seconds), digits=2),
+        "wall s": round(statistics.fmean(record.wall_s for record in cell.records), 3),
+        "recoveries": sum(record.recoveries for record in cell.records),
+        "plans": sum(record.plans for record in cell.records),
+        "actions": sum(record.actions for record in cell.records),
+    }
+
+
+def figure_7(experiments: Experiments) -> Rows:
+    """The share of missions that met a problem, %."""
+    rows: Rows = {}
+    for cell in experiments.of("inline", WITH):
+        expected = binomial(cell.rate / 100.0, cell.runs)
+        rows[f"{cell.rate:g} %"] = {
+            "met %": percent(cell.met, cell.runs),
+            "Wilson 95 %": _range(wilson(cell.met, cell.runs), 100.0),
+            "met": cell.met,
+            "to be expected": f"{expected.low} to {expected.high}",
+            **_paper(cell.rate, "paper, Table 3 %", lambda rate: percent(TABLE_3[rate].problems, RUNS)),
+            **_both(cell.rate, "no BDI, replan %", lambda cell: percent(cell.replan.problems, RUNS)),
+            **_both(cell.rate, "no BDI, no replan %", lambda cell: percent(cell.plain.problems, RUNS)),
+        }
+    return rows
+
+
+def figure_8(experiments: Experiments) -> Rows:
+    """The share of completed missions with BDI, with and without recovery, %."""
+    rows: Rows = {}
+    for rate in [cell.rate for cell in experiments.of("inline", WITH)]:
+        rows[f"{rate:g} %"] = {
+            **_share("with recovery", experiments.at("inline", WITH, rate)),
+            **_share("without", experiments.at("inline", WITHOUT, rate)),
+            "paper, with %": 100.0 if rate in TABLE_3 else None,
+            "paper, without %": 100.0 - rate if rate in TABLE_3 else None,
+        }
+    return rows
+
+
+def figure_9(experiments: Experiments) -> Rows:
+    """The share of completed missions of all configurations, %; that of the predecessor beside it."""
+    rows: Rows = {}
+    for rate in [cell.rate for cell in experiments.of("inline", WITH)]:
+        row: dict[str, Value] = {}
+        for configuration in CONFIGURATIONS:
+            row |= _share(configuration, experiments.at("inline", configuration, rate))
+        rows[f"{rate:g} %"] = row | _both(rate, "no BDI, recounted %", lambda cell: percent(cell.plain.completed, RUNS))
+    return rows
+
+
+def _share(name: str, cell: Cell | None) -> dict[str, Value]:
+    """The share of completed missions in a cell; nothing where it has none."""
+    if cell is None:
+        return {}
+    known = _range(wilson(cell.completed, cell.runs), 100.0)
+    return {f"{name} %": percent(cell.completed, cell.runs), f"{name} 95 %": known}
+
+
+def figure_10(experiments: Experiments) -> Rows:
+    """How long a mission takes, s, with and without recovery, in simulated time, and over ROS as `ros_s` has it."""
+    rows: Rows = {}
+    for rate in experiments.rates:
+        row: dict[str, Value] = {}
+        for configuration, name in RECOVERY:
+            cell = experiments.at("inline", configuration, rate)
+            row[f"inline, {name}"] = None if cell is None else round(cell.mean_s, 3)
+        for configuration, name in RECOVERY:
+            seconds = experiments.ros_s(configuration, rate)
+            row[f"ros, {name}"] = None if seconds is None else round(seconds, 3)
+        row |= _paper(rate, "paper, with", lambda rate: TABLE_3[rate].seconds)
+        row |= _both(rate, "no BDI, replan", lambda cell: cell.replan.seconds)
+        rows[f"{rate:g} %"] = row | _both(rate, "no BDI, no replan", lambda cell: cell.plain.seconds)
+    return rows
+
+
+def table_3(experiments: Experiments) -> Rows:
+    """How problems and time grow from 10 % on, with recovery; of so many runs a cell."""
+    rows: Rows = {}
+    found = [cell for cell in experiments.of("inline", WITH) if cell.rate > 0]
+    for cell in found:
+        row: dict[str, Value] = {
+            "problems": cell.met,
+            "of": cell.runs,
+            "time s": round(cell.mean_s, 3),
+            "time +%": _more(cell.mean_s, found[0].mean_s, 2),
+            "problems +%": _more(cell.met, found[0].met),
+        }
+        if cell.rate in TABLE_3:
+            paper, first = TABLE_3[int(cell.rate)], TABLE_3[10]
+            row |= {
+                "paper: problems": paper.problems,
+                "time": paper.seconds,
+                "+%": _more(paper.seconds, first.seconds, 2),
+                "problems + %": _more(paper.problems, first.problems),
+            }
+        rows[f"{cell.rate:g} %"] = row
+    return rows
+
+
+def _more(value: float, first: float, digits: int = 0) -> Value:
+    return round(100.0 * (value / first - 1.0), digits) if first else None
+
+
+def problem_line(records: Iterable[MissionRecord]) -> Line | None:
+    """The time of missions (s) over whether they met a problem (0 or 1): its slope is what a problem costs."""
+    return fit([(float(record.met), record.mission_s) for record in records])
+
+
+def paper_line() -> Line:
+    """The line through Table 3: the mean time (s) over the share of missions with a problem."""
+    line = fit([(row.problems / RUNS, row.seconds) for row in TABLE_3.values()])
+    assert line is not None
+    return line
+
+
+def figure_11(experiments: Experiments) -> Rows:
+    """The line of least squares of the time over the problems, with recovery."""
+    lines = {
+        "inline": problem_line(experiments.records("inline", WITH)),
+        "ros": problem_line(experiments.records("ros", WITH)),
+        "paper, Table 3": paper_line(),
+    }
+    return {
+        name: {
+            "without a problem s": round(line.start, 3),
+            "a problem costs s": round(line.slope, 3),
+            "95 %": _range(line.interval, digits=3),
+            "that is +%": round(100.0 * line.slope / line.start, 1),
+        }
+        for name, line in lines.items()
+        if line is not None
+    }
+
+
+PARTS = ("reasoning_s", "planning_s", "communication_s", "acting_s")
+
+
+def split_rows(experiments: Experiments) -> Rows:
+    """Where the time of a mission goes, ms, by configuration, and whether it met a problem: means."""
+    rows: Rows = {}
+    for runner in ("inline", "ros"):
+        for configuration in CONFIGURATIONS:
+            for met in (False, True):
+                some = [record for record in experiments.records(runner, configuration) if record.met is met]
+                if some:
+                    name = f"{runner}, {configuration}, {'with' if met else 'without'} a problem"
+                    rows[name] = {"missions": len(some), **_means(record.share for record in some)}
+    return rows
+
+
+def _means(shares: Iterable[Share]) -> dict[str, Value]:
+    some = list(shares)
+    return {
+        f"{part.removesuffix('_s')} ms": round(1000.0 * statistics.fmean(getattr(share, part) for share in some), 2)
+        for part in PARTS
+    }
+
+
+def recovered_ms(records: Iterable[MissionRecord]) -> list[float]:
+    """What each recovery took without acting, ms."""
+    return [
+        1000.0 * (share.reasoning_s + share.planning_s + share.communication_s)
+        for record in records
+        for share in record.recovered
+    ]
+
+
+def recovery_rows(experiments: Experiments) -> Rows:
+    """Where the time of a recovery goes, ms: from what failed to the first action of the new plan."""
+    rows: Rows = {}
+    for runner in ("inline", "ros"):
+        records = experiments.records(runner, WITH)
+        shares = [share for record in records for share in record.recovered]
+        if shares:
+            whole = recovered_ms(records)
+            rows[runner] = {
+                "recoveries": len(shares),
+                **_means(shares),
+                "all but acting ms": round(statistics.fmean(whole), 2),
+                "p95 ms": round(percentile(whole, 0.95) or 0.0, 2),
+            }
+    return rows
+
+
+def all_tables(experiments: Experiments) -> dict[str, Rows]:
+    """All tables by their titles; those that would be empty are left out."""
+    found = {
+        "cells, inline": cell_rows(experiments.of("inline")),
+        "cells, ros": cell_rows(experiments.of("ros")),
+        "figure 7: missions that met a problem": figure_7(experiments),
+        "figure 8: completed missions": figure_8(experiments),
+        "figure 9: completed missions by configuration": figure_9(experiments),
+        "figure 10: time of a mission, s": figure_10(experiments),
+        "table 3: growth with recovery": table_3(experiments),
+        "figure 11: what a problem costs": figure_11(experiments),
+        "where the time of a mission goes": split_rows(experiments),
+        "where the time of a recovery goes": recovery_rows(experiments),
+    }
+    return {title: rows for title, rows in found.items() if rows}
+
+
+def _paper(rate: float, name: str, value: Callable[[int], Value]) -> dict[str, Value]:
+    return {name: value(int(rate)) if rate in TABLE_3 else None}
+
+
+def _both(rate: float, name: str, value: Callable[[PastCell], float]) -> dict[str, Value]:
+    """A value of both sets of the predecessor."""
+    known = [f"{value(some[int(rate)]):g}" for some in PREDECESSOR if rate in some]
+    return {name: " / ".join(known) or None}
+
+
+def markdown(tables: dict[str, Rows]) -> str:
+    """The tables as Markdown."""
+    return "\n".join(line for title, rows in tables.items() for line in _markdown(title, rows))
+
+
+def _markdown(title: str, rows: Rows) -> Iterable[str]:
+    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
+    yield f"### {title[:1].upper()}{title[1:]}"
+    yield ""
+    yield f"| | {' | '.join(columns)} |"
+    yield f"|---|{'---:|' * len(columns)}"
+    for name, row in rows.items():
+        values = (row.get(column) for column in columns)
+        yield f"| {name} | {' | '.join('-' if value is None else str(value) for value in values)} |"
+    yield ""
