@@ -21,14 +21,12 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from socialbot.errors import GraphError
 from socialbot.graph import Graph, Node, Placement, suggestion
+from socialbot.yaml_page import Section, plain, read_page
 
 NODE_TYPES: Mapping[str, str] = {
     "camera": "socialbot.vision.camera_node:Camera",
@@ -36,12 +34,19 @@ NODE_TYPES: Mapping[str, str] = {
     "cleaner": "socialbot.agents.cleaner.cleaner:Cleaner",
     "gripper": "socialbot.agents.warehouse.gripper:Gripper",
     "head": "socialbot.agents.waldo.head:Head",
+    "hospital_coordinator": "socialbot.agents.hospital.coordinator_node:HospitalCoordinator",
+    "hospital_world": "socialbot.agents.hospital.ward_node:HospitalWorld",
     "image_converter": "socialbot.vision.image_converter:ImageConverter",
     "listener": "socialbot.agents.waldo.listener:Listener",
+    "nurse": "socialbot.agents.hospital.robot_node:Nurse",
     "person_detector": "socialbot.vision.person_detector:PersonDetector",
+    "picture_receiver": "socialbot.vision.picture_receiver:PictureReceiver",
+    "picture_sender": "socialbot.vision.picture_sender:PictureSender",
     "speaker": "socialbot.speech.speaker:Speaker",
+    "spot": "socialbot.agents.hospital.robot_node:Spot",
     "sweeper": "socialbot.agents.cleaner.team:Sweeper",
     "team_cleaner": "socialbot.agents.cleaner.team:TeamCleaner",
+    "uvd": "socialbot.agents.hospital.robot_node:Uvd",
     "waldo": "socialbot.agents.waldo.waldo_node:WaldoNode",
     "warehouse_world": "socialbot.agents.warehouse.world_node:World",
 }
@@ -50,6 +55,7 @@ NODE_TYPES: Mapping[str, str] = {
 GRAPHS: Mapping[str, str] = {
     "cleaner": "agents/cleaner/graph.yaml",
     "cleaner-sweeper": "agents/cleaner/pair.yaml",
+    "hospital": "agents/hospital/graph.yaml",
     "waldo": "agents/waldo/graph.yaml",
     "warehouse": "agents/warehouse/graph.yaml",
 }
@@ -77,14 +83,7 @@ def load_graph(name: str) -> Graph:
 
 def parse_graph(text: str, *, where: str) -> Graph:
     """The graph that the YAML ``text`` describes; ``where`` is named in errors."""
-    try:
-        page = YAML(typ="rt").load(text)
-    except MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise GraphError(f"no valid YAML: {error.problem}", where=f"{where}:{line}") from error
-    except YAMLError as error:
-        raise GraphError(f"no valid YAML: {error}", where=where) from error
-    root = _Section(page, where)
+    root = read_page(text, where=where)
     root.only("name", "inputs", "paced_by", "nodes")
     nodes = root.section("nodes")
     placements = tuple(_placement(str(node), nodes.section(node), nodes.line(node)) for node in nodes.page)
@@ -135,60 +134,13 @@ def node_type(name: str, *, where: str = "") -> type[Node]:
     return found
 
 
-def _placement(name: str, section: _Section, where: str) -> Placement:
+def _placement(name: str, section: Section, where: str) -> Placement:
     section.only("type", "parameters", "remap")
     remap = section.section("remap", {})
     return Placement(
         name=name,
         type=node_type(section.text("type"), where=section.line("type")),
-        parameters={str(key): _plain(value) for key, value in section.section("parameters", {}).page.items()},
+        parameters={str(key): plain(value) for key, value in section.section("parameters", {}).page.items()},
         remap={str(port): remap.text(port) for port in remap.page},
         where=where,
     )
-
-
-def _plain(value: object) -> object:
-    """Without the notation (1e3, 0x10, ...) that the YAML loader remembers in subclasses of numbers."""
-    for kind in (bool, int, float, str):
-        if isinstance(value, kind):
-            return kind(value)
-    return value
-
-
-class _Section:
-    """A mapping of the file that knows where it stands."""
-
-    def __init__(self, page: Any, where: str) -> None:
-        if not isinstance(page, Mapping):
-            raise GraphError(f"expected names with values, got {page!r}", where=where)
-        self._file = where.rsplit(":", 1)[0] if where.rsplit(":", 1)[-1].isdigit() else where
-        self.page: Mapping[Any, Any] = page
-        self.where = f"{self._file}:{page.lc.line + 1}" if isinstance(page, CommentedMap) else where
-
-    def only(self, *known: str) -> None:
-        for key in self.page:
-            if key not in known:
-                raise GraphError(f"unknown key {key!r}", where=self.line(key), remedy=suggestion(str(key), known))
-
-    def text(self, key: Any, default: str | None = None) -> str:
-        value = self.page.get(key, default)
-        if not isinstance(value, str):
-            raise GraphError(f"{key!r} must be a text, got {value!r}", where=self.line(key))
-        return value
-
-    def texts(self, key: str) -> list[str]:
-        value = self.page.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            raise GraphError(f"{key!r} must be a list of texts, got {value!r}", where=self.line(key))
-        return value
-
-    def section(self, key: Any, default: Mapping[str, object] | None = None) -> _Section:
-        if key not in self.page and default is None:
-            raise GraphError(f"{key!r} is missing", where=self.where)
-        return _Section(self.page.get(key, default), self.line(key))
-
-    def line(self, key: Any) -> str:
-        """File and line of ``key``."""
-        if isinstance(self.page, CommentedMap) and key in self.page:
-            return f"{self._file}:{self.page.lc.key(key)[0] + 1}"
-        return self.where

@@ -65,6 +65,7 @@ from socialbot.deliberation.matching import mismatch, unfit_condition
 from socialbot.deliberation.rules import ReactiveRule, RuleEffect, misfit, unfit_effect
 from socialbot.errors import PlanningError
 from socialbot.planning.domain import Domain
+from socialbot.yaml_text import line_of, load_yaml
 
 T = TypeVar("T")
 
@@ -128,7 +129,7 @@ class _Node:
         """Raises PlanningError for the part, or for the one of it called ``at``."""
         line = self.line
         if isinstance(self.value, CommentedMap) and at in self.value:
-            line = self.value.lc.key(at)[0] + 1
+            line = line_of(self.value, at, line)
         raise PlanningError(what, where=f"{self.file}:{line}", remedy=remedy)
 
     def items(self) -> Iterator[_Node]:
@@ -138,13 +139,11 @@ class _Node:
         if not isinstance(self.value, CommentedSeq):
             self.fail(f"expected a list, got {_shown(self.value)}")
         for number, item in enumerate(self.value):
-            yield _Node(item, self.file, self.value.lc.item(number)[0] + 1)
+            yield _Node(item, self.file, line_of(self.value, number, self.line))
 
     def at(self, key: str) -> _Node:
         """A part by name; nothing when it is not there."""
-        known = key in self.value
-        line = self.value.lc.value(key)[0] + 1 if known else self.line
-        return _Node(self.value.get(key), self.file, line)
+        return _Node(self.value.get(key), self.file, line_of(self.value, key, self.line, value=True))
 
     def only(self, *known: str) -> None:
         """Refuses anything but named parts with these names."""
@@ -186,7 +185,7 @@ def _page(path: Source) -> _Node:
     except (OSError, UnicodeDecodeError) as error:
         raise PlanningError(f"cannot read it: {error}", where=str(path)) from error
     try:
-        return _Node(YAML(typ="rt").load(text), str(path), 1)
+        return _Node(load_yaml(YAML(typ="rt"), text), str(path), 1)
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         remedy = 'write names with * or {x} in quotes: "*", "{x}"'
