@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import functools
 import logging
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from socialbot.bridge import environment
-from socialbot.bridge.codec import decode, ros_type
+from socialbot.bridge.codec import ros_type
 from socialbot.bridge.readiness import Connection, subscription_connection
+from socialbot.bridge.wire import Inlet, wire
 from socialbot.errors import MessageError
 from socialbot.graph import Delivery, Graph
 from socialbot.messages import Message
@@ -44,6 +46,11 @@ class Onlooker:
         return [subscription_connection(graph, topic, one) for topic, one in self.subscriptions.items()]
 
 
+def rounded(count: int) -> bool:
+    """Whether ``count`` is 1, 10, 100, ...: often enough to tell of something that happens again and again."""
+    return str(count).strip("0") == "1"
+
+
 @contextmanager
 def observing(
     topics: Mapping[str, type[Message]],
@@ -58,22 +65,29 @@ def observing(
     from socialbot.bridge.ros_types import message_class
     from socialbot.bridge.session import spinning_node
 
-    def receive(topic: str, kind: type[Message], ros_message: Any) -> None:
+    def receive(topic: str, kind: type[Message], inlet: Inlet, ros_message: Any) -> None:
         try:
-            observe(topic, decode(kind, ros_message))
+            message = inlet.decode(kind, ros_message)
         except MessageError as error:
-            log.warning("%s: %s", topic, error)
+            refused[topic] += 1
+            if rounded(refused[topic]):
+                log.warning("%s, refused %d: %s", topic, refused[topic], error)
+            return
+        if message is not None:
+            observe(topic, message)
 
     def diagnose(array: Any) -> None:
         for status in array.status:
             note(status.name, {pair.key: pair.value for pair in status.values})
 
+    refused: Counter[str] = Counter()
+    own = wire()
     with spinning_node("observer") as ros:
         subscriptions = {
             topic: ros.create_subscription(
                 message_class(ros_type(kind)),
                 topic,
-                functools.partial(receive, topic, kind),
+                functools.partial(receive, topic, kind, own.inlet(topic)),
                 subscription_qos(Delivery.EVERY, outside=False),
             )
             for topic, kind in topics.items()

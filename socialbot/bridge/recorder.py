@@ -1,10 +1,14 @@
-"""Records what runs over ROS into a bag: the bytes as they come, without looking inside."""
+"""Records what runs over ROS into a bag: the bytes as they come, without looking inside.
+
+Only seals are opened: a bag holds what was said, and nothing that was not to be believed.
+"""
 
 from __future__ import annotations
 
 import logging
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +16,12 @@ from typing import Any
 
 from socialbot.bridge import environment
 from socialbot.bridge.bag_writer import BagWriter
+from socialbot.bridge.codec import STRING
 from socialbot.bridge.ros_types import message_class
 from socialbot.bridge.topics import HIDDEN, AdaptingSubscription
+from socialbot.bridge.wire import reason_of, wire
 from socialbot.clock import Clock, WallClock
-from socialbot.errors import InstallationError
+from socialbot.errors import InstallationError, MessageError
 
 log = logging.getLogger("socialbot.recorder")
 
@@ -25,7 +31,7 @@ _SPIN_S = 0.05
 
 @dataclass(frozen=True)
 class Recording:
-    """What was recorded: messages by topic, and the topics that could not be, with the reason."""
+    """What was recorded: messages by topic, and the topics of which all or some could not be, with the reason."""
 
     path: Path
     duration_s: float
@@ -55,7 +61,7 @@ def record(
     from socialbot.bridge.session import ros_context
 
     with BagWriter(out, storage=storage) as bag, ros_context() as context:
-        node = Node("bag_recorder", context=context)
+        node = Node("bag_recorder", context=context, start_parameter_services=False)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         listener = _Listener(node, bag, topics, clock or WallClock())
@@ -70,20 +76,30 @@ def record(
         finally:
             executor.shutdown()
             node.destroy_node()
-        return Recording(bag.path, time.monotonic() - began, dict(bag.counts), dict(listener.refused))
+        return Recording(bag.path, time.monotonic() - began, dict(bag.counts), listener.refusals())
 
 
 class _Listener:
     """Subscribes to each topic once it has a publisher."""
 
     def __init__(self, node: Any, bag: BagWriter, topics: Collection[str], clock: Clock) -> None:
-        self.refused: dict[str, str] = {}
+        self._refused: dict[str, str] = {}
+        self._unbelieved: dict[str, Counter[str]] = {}
+        self._wire = wire()
         self._node = node
         self._bag = bag
         self._topics = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
         self._clock = clock
         self._heard: set[tuple[str, str]] = set()
         self._subscriptions: list[AdaptingSubscription] = []
+
+    def refusals(self) -> dict[str, str]:
+        """The topics of which all or some could not be recorded, with the reason."""
+        unbelieved = {
+            topic: ", ".join(f"{count} {reason}" for reason, count in reasons.items())
+            for topic, reasons in self._unbelieved.items()
+        }
+        return self._refused | unbelieved
 
     def look(self) -> None:
         """Subscribes to topics that are new, and anew where a new publisher offers less."""
@@ -102,7 +118,7 @@ class _Listener:
         try:
             kind = message_class(type_name)
         except InstallationError as error:
-            self.refused[topic] = error.what
+            self._refused[topic] = error.what
             log.warning("%s is not recorded: %s", topic, error.what)
             return
         type_hash = str(publishers[0].topic_type_hash)
@@ -111,7 +127,29 @@ class _Listener:
             now, latched = self._clock.now(), subscription.latched
             self._bag.write_raw(topic, type_name, data, now, latched=latched, type_hash=type_hash)
 
-        subscription = AdaptingSubscription(self._node, topic, kind, write, raw=True)
+        sealed = self._wire.sealed and type_name == STRING
+        take = self._opening(topic, write) if sealed else write
+        subscription = AdaptingSubscription(self._node, topic, kind, take, raw=not sealed)
         subscription.adapt()
         self._subscriptions.append(subscription)
         log.info("recording %s (%s)", topic, type_name)
+
+    def _opening(self, topic: str, write: Callable[[bytes], None]) -> Callable[[Any], None]:
+        """Takes sealed Strings of ``topic``, and writes what they say."""
+        from rclpy.serialization import serialize_message
+
+        inlet = self._wire.inlet(topic, latched=True)
+
+        def take(ros_message: Any) -> None:
+            try:
+                opened = inlet.open(ros_message)
+            except MessageError as error:
+                reasons = self._unbelieved.setdefault(topic, Counter())
+                if not reasons:
+                    log.warning("%s is not recorded in full: %s", topic, error)
+                reasons[reason_of(error)] += 1
+                return
+            if opened is not None:
+                write(serialize_message(opened))
+
+        return take

@@ -9,7 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
@@ -17,7 +17,8 @@ from xml.etree import ElementTree
 
 from socialbot.bridge import environment
 from socialbot.bridge.round_trip import cause, try_round_trip
-from socialbot.errors import InstallationError, NodeError
+from socialbot.bridge.wire import KEYS_VARIABLE, has_keys, reach, wire
+from socialbot.errors import InstallationError, NodeError, SocialbotError
 from socialbot.findings import Check, Finding
 
 WHEELS: Mapping[str, str] = MappingProxyType(
@@ -132,6 +133,26 @@ def settings(variables: Mapping[str, str] = os.environ) -> Finding:
             name, "warning", f"{text}, ROS_LOCALHOST_ONLY", "unset it; ROS_AUTOMATIC_DISCOVERY_RANGE has replaced it"
         )
     return Finding(name, "ok", text)
+
+
+def strangers(variables: MutableMapping[str, str] = os.environ) -> Finding:
+    """Whether others in the network could command the graph: whether it is open to them, and whether there are keys."""
+    name = "strangers"
+    way = reach(variables)
+    if has_keys(variables):
+        try:
+            wire(variables)
+        except SocialbotError as error:
+            return Finding(name, "error", str(error.what), f"{error.remedy}; socialbot key check")
+        return Finding(name, "ok", f"messages are sealed; {f'open by {way}' if way else 'this machine only'}")
+    if way:
+        return Finding(
+            name,
+            "warning",
+            f"open to the network ({way}) without keys: anybody there can command the robot",
+            f"make keys and set {KEYS_VARIABLE}: docs/security.md; or keep others off by a firewall or VPN",
+        )
+    return Finding(name, "ok", "not open to the network")
 
 
 def profile(variables: Mapping[str, str] = os.environ) -> Finding:
@@ -255,7 +276,7 @@ def round_trip() -> Finding | None:
 
 
 CHECKS: tuple[Check, ...] = (
-    ros, library_path, other_ros, settings, profile, shared_memory, stale_memory, receive_buffer, round_trip,
+    ros, library_path, other_ros, settings, strangers, profile, shared_memory, stale_memory, receive_buffer, round_trip,
 )  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import time
 from typing import Any
@@ -11,14 +10,16 @@ import msgspec
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from socialbot.bridge.codec import encode, ros_type
+from socialbot.bridge.codec import ros_type
 from socialbot.bridge.qos import publisher_qos
-from socialbot.bridge.ros_types import RclpyTypes, message_class
+from socialbot.bridge.ros_types import message_class
 from socialbot.bridge.topics import Ended, topics_now
+from socialbot.bridge.wire import wire
 from socialbot.errors import GraphError, MessageError, NodeError
 from socialbot.graph import Delivery, suggestion
 from socialbot.messages import Structured
 from socialbot.schemas import STRUCTURED
+from socialbot.yaml_text import load_yaml
 
 LOOK_AGAIN_S = 0.05
 STEADY_S = 0.5
@@ -38,7 +39,7 @@ def message_from(schema: str, text: str, *, stamp: int) -> Structured:
     if schema not in kinds:
         raise MessageError(f"there is no schema {schema!r}", remedy=suggestion(schema, kinds))
     try:
-        fields = YAML(typ="safe", pure=True).load(io.StringIO(text))
+        fields = load_yaml(YAML(typ="safe", pure=True), text)
     except YAMLError as error:
         raise MessageError(f"no valid YAML: {error}", where=schema) from error
     if not isinstance(fields, dict):
@@ -49,21 +50,24 @@ def message_from(schema: str, text: str, *, stamp: int) -> Structured:
         if name not in known:
             raise MessageError(f"no field {name!r}", where=schema, remedy=suggestion(str(name), known))
     try:
-        return msgspec.convert({"stamp": stamp, **fields, "schema": kind.__struct_config__.tag}, kind)
-    except msgspec.ValidationError as error:
+        message = msgspec.convert({"stamp": stamp, **fields, "schema": kind.__struct_config__.tag}, kind)
+        msgspec.json.encode(message)  # texts may hold what UTF-8 has no bytes for
+    except (msgspec.ValidationError, UnicodeError) as error:
         raise MessageError(str(error), where=schema, remedy=f"see docs/schemas/{schema}.json") from error
+    return message
 
 
 def send(ros: Any, name: str, message: Structured, *, timeout_s: float, ended: Ended = lambda: False) -> None:
     """Sends ``message`` on the topic ``name`` to all who listen, and waits until it has arrived.
 
     Raises GraphError when nobody listens to the topic within ``timeout_s``, or takes another type, NodeError when it
-    does not arrive.
+    does not arrive, SecurityError when the keys cannot be used.
     """
     from rclpy.duration import Duration
 
     type_name = ros_type(type(message))
     publisher = ros.create_publisher(message_class(type_name), name, publisher_qos(Delivery.EVERY))
+    outlet = wire().outlet(publisher)
     deadline = time.monotonic() + timeout_s
     while not publisher.get_subscription_count():
         if ended():
@@ -72,7 +76,7 @@ def send(ros: Any, name: str, message: Structured, *, timeout_s: float, ended: E
             raise _not_wanted(ros, name, type_name)
         time.sleep(LOOK_AGAIN_S)
     _await_all(ros, publisher, name, type_name, ended)
-    publisher.publish(encode(message, RclpyTypes()))
+    outlet.publish(message)
     if not publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_S)):
         raise NodeError(f"it has not arrived after {ACKNOWLEDGED_S:.0f} s", where=name)
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from socialbot.bridge import environment
+from socialbot.bridge.wire import warn_if_open
 
 environment.require_ros()
 
@@ -22,6 +23,7 @@ from rclpy.utilities import try_shutdown  # noqa: E402
 def ros_context(args: list[str] | None = None) -> Iterator[Context]:
     """A context of its own, with signals left to the caller."""
     environment.prepare()
+    warn_if_open()
     context = Context()
     rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -32,9 +34,9 @@ def ros_context(args: list[str] | None = None) -> Iterator[Context]:
 
 @contextmanager
 def spinning_node(name: str) -> Iterator[Node]:
-    """A node of its own whose callbacks run in a thread."""
+    """A node of its own, without parameters to set, whose callbacks run in a thread."""
     with ros_context() as context:
-        node = Node(name, context=context)
+        node = Node(name, context=context, start_parameter_services=False)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         thread = threading.Thread(target=_spin, args=(executor,), name=name, daemon=True)

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import time
 from contextlib import closing
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from socialbot.bridge.codec import STRING
 from socialbot.bridge.topics import Arrivals, Rate
 from socialbot.ending import Ending
+from socialbot.errors import MessageError
+
+if TYPE_CHECKING:
+    from socialbot.bridge.wire import Inlet
 
 topic = typer.Typer(help="Looks into the topics of a running graph, and speaks there.", no_args_is_help=True)
 
@@ -47,14 +52,17 @@ def echo(
     name: TopicArgument,
     count: Annotated[int | None, typer.Option(min=1, help="End after this many messages.")] = None,
     duration: DurationOption = None,
-    raw: Annotated[bool, typer.Option("--raw", help="Long arrays in full, and JSON as the text it is.")] = False,
+    raw: Annotated[bool, typer.Option("--raw", help="Long arrays in full, and text as it is on the wire.")] = False,
     timeout: TimeoutOption = 10.0,
 ) -> None:
     """Print each message of a topic, until Ctrl-C."""
     from socialbot.bridge.message_text import message_text
+    from socialbot.bridge.ros_types import message_class
     from socialbot.bridge.topics import messages, onlooker
+    from socialbot.bridge.wire import wire
 
     shown = 0
+    inlet = wire().inlet(_absolute(name), latched=True)
     deadline = _Deadline(duration)
     with (
         Ending().on_signals() as ending,
@@ -62,6 +70,8 @@ def echo(
         closing(messages(ros, _absolute(name), timeout_s=timeout, ended=lambda: ending.asked)) as coming,
     ):
         for message in coming:
+            if isinstance(message, message_class(STRING)) and not raw:
+                message = _opened(inlet, message)
             if message is not None:
                 typer.echo(f"{message_text(message, raw=raw)}\n---")
                 shown += 1
@@ -116,6 +126,15 @@ def pub(
     message = message_from(schema, fields, stamp=time.time_ns())
     with Ending().on_signals() as ending, onlooker() as ros:
         send(ros, _absolute(name), message, timeout_s=timeout, ended=lambda: ending.asked)
+
+
+def _opened(inlet: Inlet, message: Any) -> Any | None:
+    """``message`` without its seal; None, and a word on stderr, when that is not to be believed."""
+    try:
+        return inlet.open(message)
+    except MessageError as error:
+        typer.echo(f"refused, {error}", err=True)
+        return None
 
 
 def rate_line(rate: Rate | None) -> str:

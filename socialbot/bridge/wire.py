@@ -1,0 +1,208 @@
+"""The way of messages onto the wire and off it: the one place where they become ROS messages, are sealed and opened.
+
+With keys, every structured message travels sealed, and whatever is not is refused. Pictures and the other types of ROS
+travel as they are.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import threading
+from collections.abc import MutableMapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from socialbot.bridge.codec import STRING, TypeFactory, decode, encode
+from socialbot.bridge.environment import check_domain
+from socialbot.bridge.ros_types import RclpyTypes
+from socialbot.errors import MessageError, ParameterError
+from socialbot.messages import Message, Structured
+
+if TYPE_CHECKING:
+    from socialbot.security.seal import Opener, Seal, Stream
+
+M = TypeVar("M", bound=Message)
+
+KEYS_VARIABLE = "SOCIALBOT_KEYS"
+"""Names the folder of keys, and one's own among them: FOLDER or FOLDER:NAME."""
+
+WINDOW_VARIABLE = "SOCIALBOT_KEYS_WINDOW_S"
+LEAST_WINDOW_S, LONGEST_WINDOW_S = 0.1, 60.0
+
+RENEWALS_A_WINDOW = 2
+"""How often in each window what is latched is sealed anew, so that it is never too old for who joins late."""
+
+log = logging.getLogger("socialbot.security")
+
+
+class Outlet:
+    """One publisher on one topic; safe to use from several threads."""
+
+    def __init__(self, types: TypeFactory, publisher: Any, stream: Stream | None) -> None:
+        self._types = types
+        self._publisher = publisher
+        self._stream = stream
+        self._last: str | None = None
+        self._in_order = threading.Lock()
+
+    def publish(self, message: Message) -> None:
+        """Sends ``message``."""
+        ros_message = encode(message, self._types)
+        if isinstance(message, Structured):
+            self.forward(ros_message)
+        else:
+            self._publisher.publish(ros_message)
+
+    def forward(self, ros_message: Any) -> None:
+        """Sends a String, which holds a structured message that was made elsewhere."""
+        if self._stream is None:
+            self._publisher.publish(ros_message)
+            return
+        with self._in_order:
+            self._last = text = ros_message.data
+            ros_message.data = self._stream.seal(text)
+            self._publisher.publish(ros_message)
+
+    def renew(self) -> None:
+        """Sends the last message once more, sealed anew; those who have heard it take no notice."""
+        with self._in_order:
+            if self._stream is not None and self._last is not None:
+                self._publisher.publish(self._types.make(STRING, data=self._stream.seal(self._last, anew=True)))
+
+
+class Inlet:
+    """One subscription to one topic."""
+
+    def __init__(self, types: TypeFactory, opener: Opener | None) -> None:
+        self._types = types
+        self._opener = opener
+
+    def decode(self, message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M | None:
+        """``ros_message`` as `codec.decode` gives it; None when it was only sealed anew since it was last heard.
+
+        Raises MessageError, or SealError when its seal is not to be believed.
+        """
+        if issubclass(message_type, Structured):
+            ros_message = self.open(ros_message)
+            if ros_message is None:
+                return None
+        return decode(message_type, ros_message, stamp=stamp)
+
+    def open(self, ros_message: Any) -> Any | None:
+        """A String without its seal, if it has to have one; None and errors as in `decode`."""
+        if self._opener is None:
+            return ros_message
+        text = getattr(ros_message, "data", None)
+        if not isinstance(text, str):
+            raise MessageError(f"not a valid {STRING}: {type(ros_message).__name__} holds no text")
+        payload = self._opener.open(text)
+        return None if payload is None else self._types.make(STRING, data=payload)
+
+
+class Wire:
+    """Makes the outlets and inlets of one node. Without a ``seal`` messages travel open."""
+
+    def __init__(self, types: TypeFactory, seal: Seal | None = None) -> None:
+        self._types = types
+        self._seal = seal
+        self._latched: list[Outlet] = []
+
+    @property
+    def sealed(self) -> bool:
+        """Whether messages are sealed."""
+        return self._seal is not None
+
+    @property
+    def renewal_s(self) -> float:
+        """How often (s) to call `renew`; infinite where nothing has to be renewed."""
+        return math.inf if self._seal is None else self._seal.window_s / RENEWALS_A_WINDOW
+
+    def outlet(self, publisher: Any, *, latched: bool = False) -> Outlet:
+        """For an rclpy ``publisher``; one that is ``latched`` takes part in `renew`."""
+        stream = None if self._seal is None else self._seal.stream(publisher.topic_name)
+        outlet = Outlet(self._types, publisher, stream)
+        if latched:
+            self._latched.append(outlet)
+        return outlet
+
+    def inlet(self, topic: str, *, latched: bool = False) -> Inlet:
+        """For a subscription to ``topic``, in full; one that is ``latched`` hears what was said before it began."""
+        opener = None if self._seal is None else self._seal.opener(topic, joins_late=latched)
+        return Inlet(self._types, opener)
+
+    def renew(self) -> None:
+        """Has what is latched sent once more, sealed anew."""
+        for outlet in self._latched:
+            outlet.renew()
+
+
+def wire(environment: MutableMapping[str, str] = os.environ) -> Wire:
+    """The wire as the ``environment`` wants it: with a seal where `KEYS_VARIABLE` is set.
+
+    Raises SecurityError when the keys cannot be used, ParameterError when the window cannot.
+    """
+    return Wire(RclpyTypes(), _seal(environment))
+
+
+def reason_of(error: MessageError) -> str:
+    """Why a message was refused, in a word or two, to be counted by."""
+    return getattr(error, "reason", "unfit")
+
+
+def has_keys(environment: MutableMapping[str, str] = os.environ) -> bool:
+    """Whether messages are to be sealed."""
+    return KEYS_VARIABLE in environment
+
+
+def reach(environment: MutableMapping[str, str] = os.environ) -> str:
+    """By what this process can be reached from other machines, as far as settings say; empty: by nothing."""
+    discovery = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST"
+    open_by = [] if discovery.upper() in ("LOCALHOST", "OFF") else [f"ROS_AUTOMATIC_DISCOVERY_RANGE={discovery}"]
+    open_by += [name for name in ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER") if environment.get(name)]
+    return ", ".join(open_by)
+
+
+def warn_if_open(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Warns when strangers in the network could command the graph."""
+    if (way := reach(environment)) and not has_keys(environment):
+        log.warning("open to the network (%s) without keys: anybody there can command it; see docs/security.md", way)
+
+
+def _seal(environment: MutableMapping[str, str]) -> Seal | None:
+    if not has_keys(environment):
+        return None
+    from socialbot.security.keys import SecurityError, load_keys
+    from socialbot.security.seal import Seal
+
+    folder, name = split_keys(environment[KEYS_VARIABLE])
+    if not folder:
+        # An empty variable is more likely a slip than the wish to be without protection.
+        raise SecurityError("no folder is named", where=KEYS_VARIABLE, remedy="name one, or unset the variable")
+    check_domain(environment)
+    domain = int(environment.get("ROS_DOMAIN_ID") or "0")
+    return Seal(load_keys(Path(folder), name), realm=f"ROS domain {domain}", window_s=_window_s(environment))
+
+
+def split_keys(text: str) -> tuple[str, str]:
+    """Folder and name of FOLDER:NAME; the name is empty where none is given."""
+    folder, colon, name = text.rpartition(":")
+    return (folder, name) if colon and "/" not in name else (text, "")
+
+
+def _window_s(environment: MutableMapping[str, str]) -> float:
+    from socialbot.security.seal import WINDOW_S
+
+    text = environment.get(WINDOW_VARIABLE) or str(WINDOW_S)
+    try:
+        window_s = float(text)
+    except ValueError:
+        window_s = math.nan
+    if not LEAST_WINDOW_S <= window_s <= LONGEST_WINDOW_S:
+        raise ParameterError(
+            f"no window: {text!r}",
+            where=WINDOW_VARIABLE,
+            remedy=f"give seconds from {LEAST_WINDOW_S} to {LONGEST_WINDOW_S}",
+        )
+    return window_s
