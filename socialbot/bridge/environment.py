@@ -6,6 +6,7 @@ import importlib.util
 import os
 import tempfile
 from collections.abc import MutableMapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from socialbot.errors import GraphError, InstallationError
@@ -13,15 +14,47 @@ from socialbot.errors import GraphError, InstallationError
 PROFILE = Path(__file__).with_name("dds_profile.xml")
 """The Fast DDS profile with a shared-memory segment that holds pictures."""
 
+WIFI_PROFILE = Path(__file__).with_name("dds_wifi.xml")
+"""The Fast DDS profile for nodes that talk to other machines."""
+
 HIGHEST_DOMAIN = 232
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
+DATAGRAM_VARIABLE = "SOCIALBOT_DATAGRAM_BYTES"
+PACKET_BYTES, UNBOUNDED_BYTES = 1400, 2**32 - 1
+"""What `DATAGRAM_VARIABLE`, which the Wi-Fi profile reads, may be: what fits into a packet, or anything."""
+
+
+@dataclass(frozen=True)
+class Across:
+    """How nodes find those of other machines: by the addresses of these, or by a discovery server (address:port)."""
+
+    peers: tuple[str, ...] = ()
+    server: str = ""
+
 
 def prepare(
-    environment: MutableMapping[str, str] = os.environ, *, log_folder: Path | None = None, domain: int | None = None
+    environment: MutableMapping[str, str] = os.environ,
+    *,
+    log_folder: Path | None = None,
+    domain: int | None = None,
+    across: Across | None = None,
+    raw_pictures: bool = False,
 ) -> None:
-    """Fills in what is not set, or empty; call it before rclpy starts. ``domain`` and ``log_folder`` do override."""
-    for variable, value in ((PROFILE_VARIABLE, str(PROFILE)), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")):
+    """Fills in what is not set, or empty; call it before rclpy starts. What is given by name does override.
+
+    With ``across`` nodes talk to other machines, in messages of one packet each; with ``raw_pictures``, for processes
+    that publish such on their own machine, of any size. A DDS profile of the user's own is left alone.
+    """
+    if environment.get(PROFILE_VARIABLE, "") in ("", str(PROFILE)):
+        environment[PROFILE_VARIABLE] = str(WIFI_PROFILE if across else PROFILE)
+    if across:
+        environment[DATAGRAM_VARIABLE] = str(UNBOUNDED_BYTES if raw_pictures else PACKET_BYTES)
+        environment["ROS_STATIC_PEERS"] = ";".join(across.peers)
+        environment["ROS_DISCOVERY_SERVER"] = across.server
+        # With LOCALHOST and peers Fast DDS opens two sockets and sends every packet by both.
+        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
+    for variable, value in (("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"), (DATAGRAM_VARIABLE, str(PACKET_BYTES))):
         environment[variable] = environment.get(variable) or value
     if domain is not None:
         environment["ROS_DOMAIN_ID"] = str(domain)
