@@ -25,11 +25,14 @@ import logging
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Generic, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, overload
 
 from socialbot.clock import Clock, nanoseconds
 from socialbot.errors import GraphError, ParameterError
-from socialbot.messages import Message
+from socialbot.messages import Message, State
+
+if TYPE_CHECKING:
+    from socialbot.health import Vitals
 
 M = TypeVar("M", bound=Message)
 V = TypeVar("V", bool, int, float, str)
@@ -56,15 +59,27 @@ class Input(Generic[M]):
     """A typed input; used as a decorator it names the method that takes the messages.
 
     One that is ``optional`` may stay unconnected: it is for people and programs outside of the graph.
+
+    One with a ``deadline_s`` is silent when nothing has come for so long (see `socialbot.health`); the node is told by
+    `Node.on_silence` and `Node.on_return`. What comes to another input that is ``instead_of`` it counts as well.
     """
 
     def __init__(
-        self, message_type: type[M], topic: str, delivery: Delivery = Delivery.EVERY, *, optional: bool = False
+        self,
+        message_type: type[M],
+        topic: str,
+        delivery: Delivery = Delivery.EVERY,
+        *,
+        optional: bool = False,
+        deadline_s: float = 0.0,
+        instead_of: Input[Any] | None = None,
     ) -> None:
         self.message_type = message_type
         self.topic = topic
         self.delivery = delivery
         self.optional = optional
+        self.deadline_s = deadline_s
+        self.instead_of = instead_of
         self.name = ""
         self._handler = ""
 
@@ -183,6 +198,11 @@ class Context(Protocol):
     @property
     def clock(self) -> Clock: ...
 
+    @property
+    def vitals(self) -> Vitals:
+        """How the node is."""
+        ...
+
     def publish(self, port: Output[Any], message: Message) -> None:
         """Sends ``message`` out of ``port``."""
         ...
@@ -274,6 +294,24 @@ class Node:
 
     def on_parameter(self, name: str) -> None:
         """Called after a parameter has changed; an exception takes the change back."""
+
+    def deadline_s(self, port: Input[Any]) -> float:
+        """How long (s) nothing may come to ``port`` before it is silent; 0: as long as it likes."""
+        return port.deadline_s
+
+    def counts(self, port: Input[Any], message: Message) -> bool:
+        """Whether ``message`` is what an input with a deadline waits for; asked in another thread than the node's."""
+        return True
+
+    def on_silence(self, port: Input[Any], since: int | None) -> None:
+        """Called when an input with a deadline is silent: ``since`` (ns) its last message, None if there was none."""
+
+    def on_return(self, port: Input[Any]) -> None:
+        """Called when an input that was silent is back, before its message is delivered."""
+
+    def say_health(self, state: State, reason: str = "") -> None:
+        """Says how the node is, until something else is said; of its silent inputs the runner knows."""
+        self.context.vitals.say(state, reason)
 
 
 def outcome(work: Callable[[], R]) -> R | Exception:

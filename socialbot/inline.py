@@ -18,7 +18,8 @@ from typing import Any, TypeVar
 from socialbot.clock import ManualClock, nanoseconds
 from socialbot.errors import NodeError, SocialbotError
 from socialbot.graph import Delivery, Graph, Input, Node, Output, Placement, outcome
-from socialbot.messages import Message
+from socialbot.health import HEALTH_TOPIC, Vitals, ended
+from socialbot.messages import Health, Message
 
 log = logging.getLogger("socialbot.inline")
 
@@ -55,7 +56,9 @@ class _Context:
     def __init__(self, runner: InlineRunner, placement: Placement) -> None:
         self.name = placement.name
         self.alive = True
+        self.watched = False
         self._runner = runner
+        self.vitals = Vitals(placement, runner.clock, self._publish_health)
         self._topics = {port.name: topic for topic, port in placement.publications}
         self._last = placement.type.stands_for_world
 
@@ -69,6 +72,33 @@ class _Context:
 
     def call_at(self, time: int, callback: Callable[[], None]) -> _Timer:
         return self._runner.call_at(time, self._guarded(callback), last=self._last)
+
+    def begin_vitals(self, node: Node) -> None:
+        """Begins to say how the node is, where anybody hears it, and to watch its inputs."""
+        self.vitals.begin(node, self._call_beat)
+        self.watch()
+
+    def watch(self) -> None:
+        """Tells the node what there is to tell of its inputs, and sees to it that this is done again when it is due."""
+        while self.alive and self.vitals.pending:
+            self._runner.attempt(self, self.vitals.look)
+        due = self.vitals.due()
+        if due is not None and not self.watched:
+            self.watched = True
+            self._runner.schedule(due, self._watch_again)
+
+    def _watch_again(self) -> None:
+        self.watched = False
+        if self.alive:
+            self.watch()
+
+    def _call_beat(self, time: int, beat: Callable[[], None]) -> None:
+        if self._runner.hears_health:
+            self._runner.schedule(time, lambda: beat() if self.alive else None)
+
+    def _publish_health(self, health: Health) -> None:
+        if self.alive and self._runner.hears_health:
+            self._runner.enqueue(HEALTH_TOPIC, health)
 
     def call_soon(self, callback: Callable[[], None]) -> None:
         self._runner.posted.put(self._guarded(callback))
@@ -109,6 +139,8 @@ class InlineRunner:
         """Starts the nodes, and lets what they send at once arrive. Raises NodeError, or the node's own error."""
         for node in self.nodes.values():
             _start(node)
+        for name, node in self.nodes.items():
+            self._contexts[name].begin_vitals(node)
         self._drain()
 
     def kill(self, name: str) -> None:
@@ -121,6 +153,7 @@ class InlineRunner:
         placement = self._placements[name]
         node = self._make(placement)
         _start(node)
+        self._contexts[name].begin_vitals(node)
         for topic, port in placement.subscriptions:
             if port.delivery is Delivery.LATCHED and topic in self._latched:
                 self.guard(self._contexts[name], functools.partial(port.deliver, node, self._latched[topic]))
@@ -135,6 +168,11 @@ class InlineRunner:
                 self.faults[name].count(error)
                 log.warning("%s: cannot stop: %s: %s", name, type(error).__name__, error)
 
+    @property
+    def hears_health(self) -> bool:
+        """Whether anybody listens to how the nodes are; if not, they do not say it."""
+        return HEALTH_TOPIC in self._listeners or HEALTH_TOPIC in self._taps
+
     def tap(self, topic: str, callback: Tap) -> None:
         """Shows every message on ``topic`` to ``callback`` before the nodes get it."""
         self._taps.setdefault(topic, []).append(callback)
@@ -144,9 +182,17 @@ class InlineRunner:
         self._feed(message.stamp if time is None else time, [(topic, message)])
 
     def run(self, messages: Iterable[tuple[str, Message]], *, tail_s: float = 0.0) -> None:
-        """Feeds all ``messages``, those of one moment at once, and lets ``tail_s`` seconds pass afterwards."""
+        """Feeds all ``messages``, those of one moment at once, and lets ``tail_s`` seconds pass afterwards.
+
+        That nothing comes in that time is no silence that anybody should wonder about.
+        """
+        topics: dict[str, None] = {}
         for stamp, together in itertools.groupby(messages, key=lambda each: each[1].stamp):
-            self._feed(stamp, together)
+            moment = list(together)
+            topics.update(dict.fromkeys(topic for topic, _ in moment))
+            self._feed(stamp, moment)
+        if self.hears_health:
+            self.enqueue(HEALTH_TOPIC, ended("bag", tuple(topics), self.clock.now()))
         self.advance(self.clock.now() + nanoseconds(tail_s))
 
     def _feed(self, time: int, messages: Iterable[tuple[str, Message]]) -> None:
@@ -170,6 +216,10 @@ class InlineRunner:
 
         Those of the world come ``last``, as what a bag tells of a moment does: `run` lets time pass before it feeds.
         """
+        return self.schedule(time, callback, last=last)
+
+    def schedule(self, time: int, callback: Callable[[], None], *, last: bool = False) -> _Timer:
+        """As `call_at`, for the runner's own purposes."""
         timer = _Timer(callback)
         heapq.heappush(self._timers, (time, last, next(self._sequence), timer))
         return timer
@@ -185,11 +235,14 @@ class InlineRunner:
         self.enqueue(topic, message)
 
     def guard(self, context: _Context, callback: Callable[[], None]) -> None:
-        """Calls into a node while it lives; its exceptions are counted and logged, and end nothing."""
-        if not context.alive:
-            return
+        """Calls into a node while it lives, and counts that."""
+        if context.alive:
+            self.faults[context.name].calls += 1
+            self.attempt(context, callback)
+
+    def attempt(self, context: _Context, callback: Callable[[], None]) -> None:
+        """Calls into a node; its exceptions are counted and logged, and end nothing."""
         faults = self.faults[context.name]
-        faults.calls += 1
         try:
             callback()
         except Exception as error:  # noqa: BLE001 - whatever a node raises, the graph goes on
@@ -213,6 +266,8 @@ class InlineRunner:
                 for name, port in self._listeners.get(topic, ()):
                     context = self._contexts.get(name)
                     if context is not None:
+                        if context.vitals.came(port, message):
+                            context.watch()
                         self.guard(context, functools.partial(port.deliver, self.nodes[name], message))
 
 

@@ -109,6 +109,34 @@ class Structured(
     """A message without a ROS type: JSON in std_msgs/String."""
 
 
+class PictureAck(Structured, frozen=True, kw_only=True):
+    """That a picture has come over a link: its own ``stamp``, and when (ns, by the receiver's clock) it ``arrived``.
+
+    It also stands for all pictures sent before. The last one is said again while none comes, as a sign of life; both
+    are 0 before the first.
+    """
+
+    arrived: int
+
+
+State = Literal["ok", "waiting", "degraded", "failed", "ended"]
+"""How a node is: "waiting" for what has never come yet, "ended" of a recording that has been played."""
+
+
+class Health(Structured, frozen=True, kw_only=True):
+    """How a node is, and why; said at each change, and again and again as a sign of life.
+
+    ``silent`` are the topics from which nothing comes that should, ``outputs`` those that the node publishes. So
+    whoever hears of all nodes can follow a silence to where it begins.
+    """
+
+    node: str
+    state: State
+    reason: str = ""
+    silent: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+
+
 class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
     """One person in one frame.
 

@@ -8,6 +8,7 @@ from socialbot.bridge.bags import IMAGE_TYPES, Bag
 from socialbot.bridge.codec import ros_type
 from socialbot.errors import GraphError
 from socialbot.graph import Graph
+from socialbot.health import HEALTH_TOPIC
 from socialbot.messages import Message
 
 
@@ -39,8 +40,8 @@ def takes_pictures(graph: Graph) -> bool:
 
 
 def _inputs(graph: Graph) -> dict[str, type[Message]]:
-    """The topics that no node of the graph publishes, with their types."""
-    published = {topic for placement in graph.placements for topic, _ in placement.publications}
+    """The topics that no node of the graph publishes, with their types; how they are, all of them say."""
+    published = {topic for placement in graph.placements for topic, _ in placement.publications} | {HEALTH_TOPIC}
     return {topic: kind for topic, kind in graph.topics().items() if topic not in published}
 
 

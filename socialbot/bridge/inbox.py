@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,10 +14,15 @@ from typing import Any
 
 from socialbot.clock import SECOND
 from socialbot.graph import Delivery, Input
+from socialbot.health import Vitals
 from socialbot.messages import Message
 
 BACKLOG = 16
 """How many frames of a stream may wait at all; older ones fall off."""
+
+GRACE_S = 0.05
+"""Before an input is taken to be silent it gets so much real time more: messages may be on their way, when a machine
+was held up or simulated time runs ahead of them."""
 
 CALLS_AVERAGED = 8
 """Over how many calls the cost of a message is averaged: one call that was held up makes no node slow."""
@@ -116,6 +122,14 @@ class Inbox:
         self._alarms: list[tuple[int, int, Alarm]] = []
         self._sequence = itertools.count()
         self._closed = False
+        self._vitals: Vitals | None = None
+        self._overdue: float | None = None  # since when (monotonic, s) an input has seemed to be silent
+
+    def attend(self, vitals: Vitals) -> None:
+        """From now on also hands out, as calls, what there is to tell of inputs with a deadline."""
+        with self._changed:
+            self._vitals = vitals
+            self._changed.notify()
 
     @property
     def lines(self) -> tuple[Line, ...]:
@@ -130,6 +144,8 @@ class Inbox:
     def put(self, port: Input[Any], message: Message) -> None:
         """Adds a message for ``port``."""
         with self._changed:
+            if self._vitals is not None:
+                self._vitals.came(port, message)
             line = self._lines.setdefault(port.name, Line(port))
             line.put(message)
             if line not in self._order:
@@ -190,17 +206,36 @@ class Inbox:
                     callback = heapq.heappop(self._alarms)[2].callback
                     if callback is not None:
                         return callback
-                elif self._order:
+                    continue
+                silence = self._until_silence()
+                if self._vitals is not None and silence is not None and silence <= 0:
+                    return self._vitals.look
+                if self._order:
                     wait = self._wait_for_newer()
                     if not wait:
                         return self._next_message()
-                    self._changed.wait(wait if pause is None else min(wait, pause))
-                elif self._when_idle is not None and not self._expected:
+                    self._changed.wait(_shortest(wait, pause, silence))
+                elif self._when_idle is not None and not self._expected and self._overdue is None:
                     idle, self._when_idle = self._when_idle, None
                     return idle
                 else:
-                    self._changed.wait(None if self._simulated else pause)
+                    self._changed.wait(_shortest(None if self._simulated else pause, silence))
             return None
+
+    def _until_silence(self) -> float | None:
+        """How long (s) until there may be something to tell of an input; None as long as nothing changes."""
+        if self._vitals is None:
+            return None
+        if self._vitals.returned:
+            return 0.0
+        due = self._vitals.due()
+        left = None if due is None else (due - self._now()) / SECOND
+        if left is None or left > 0:
+            self._overdue = None
+            return None if self._simulated else left
+        if self._overdue is None:
+            self._overdue = time.monotonic()
+        return self._overdue + GRACE_S - time.monotonic()
 
     def _until_alarm(self) -> float | None:
         return (self._alarms[0][0] - self._now()) / SECOND if self._alarms else None
@@ -215,3 +250,7 @@ class Inbox:
         if line.waiting:
             self._order.append(line)
         return line, message
+
+
+def _shortest(*waits: float | None) -> float | None:
+    return min((wait for wait in waits if wait is not None), default=None)

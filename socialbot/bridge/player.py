@@ -17,13 +17,16 @@ import msgspec
 
 from socialbot.bridge import environment
 from socialbot.bridge.bags import IMAGE_TYPES, Bag, Stamps
-from socialbot.bridge.codec import ROS_TYPES, raw_stamp, with_stamp
+from socialbot.bridge.codec import ROS_TYPES, STRING, raw_stamp, with_stamp
 from socialbot.bridge.readiness import Connection, await_graph, publisher_connection, subscription_connection
 from socialbot.bridge.reenactment import Played, Reenactment
+from socialbot.bridge.ros_types import message_class
+from socialbot.bridge.wire import Inlet, Outlet, wire
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.ending import Ending
-from socialbot.errors import NodeError
+from socialbot.errors import MessageError, NodeError
 from socialbot.graph import Delivery, Graph
+from socialbot.health import HEALTH_TOPIC, ended
 from socialbot.messages import CameraInfo
 
 log = logging.getLogger("socialbot.player")
@@ -67,16 +70,18 @@ class _Stamp(msgspec.Struct):
 class _Answers:
     """The latest stamp that the graph has answered."""
 
-    def __init__(self) -> None:
+    def __init__(self, inlet: Inlet) -> None:
+        self._inlet = inlet
         self._changed = threading.Condition()
         self._latest = 0
         self._in_vain = 0
 
     def note(self, ros_message: Any) -> None:
         try:
-            stamp = msgspec.json.decode(ros_message.data, type=_Stamp).stamp
-        except msgspec.MsgspecError:
-            log.warning("the answer to a picture carries no stamp")
+            opened = self._inlet.open(ros_message)
+            stamp = msgspec.json.decode(opened.data, type=_Stamp).stamp if opened is not None else 0
+        except (MessageError, msgspec.MsgspecError, UnicodeError, RecursionError) as error:
+            log.warning("an answer to a picture is of no use: %s", error)
             return
         with self._changed:
             self._latest = max(self._latest, stamp)
@@ -98,22 +103,27 @@ class Player:
         from std_msgs.msg import String
 
         from socialbot.bridge.qos import publisher_qos
-        from socialbot.bridge.ros_types import message_class
 
         self._bag = bag
         self._topics = topics
         self._playing = playing
         self._ending = ending
-        self._answers = _Answers()
+        self._wire = wire()
+        self._answers = _Answers(self._wire.inlet(playing.paced_by))
         self._stamps: dict[str, Stamps] = {}
         self._clock_type = Clock
         self._clock = ros.create_publisher(Clock, "/clock", 10)
         self._publishers: dict[str, Any] = {}
+        self._outlets: dict[str, Outlet] = {}
         for name, topic in topics.items():
             ros_type = bag.topic(name).type
             self._publishers[topic] = ros.create_publisher(
                 message_class(ros_type), topic, publisher_qos(_delivery(ros_type))
             )
+            if self._wire.sealed and ros_type == STRING:
+                self._outlets[topic] = self._wire.outlet(self._publishers[topic])
+        said = ros.create_publisher(String, HEALTH_TOPIC, publisher_qos(Delivery.EVERY))
+        self._health = self._wire.outlet(said)
         if playing.paced_by:
             self._answering = ros.create_subscription(
                 String, playing.paced_by, self._answers.note, publisher_qos(Delivery.EVERY)
@@ -139,13 +149,23 @@ class Player:
                 return played
             if ros_type in IMAGE_TYPES and self._playing.await_graph is not None:
                 cdr = self._set_right(topic, cdr, at)
-            self._publishers[topic].publish(cdr)
+            self._publish(topic, cdr)
             picture = ros_type in IMAGE_TYPES
             played.sent += picture or not self._pictures
             if picture and self._playing.paced_by and not self._answers.wait(raw_stamp(cdr) or at):
                 played.unanswered += 1
+        self._health.publish(ended("bag_player", tuple(self._topics.values()), self._now))
         self._pass_time(self._now + nanoseconds(self._playing.tail_s if self._pictures else 0.0))
         return played
+
+    def _publish(self, topic: str, cdr: bytes) -> None:
+        """Publishes the recorded bytes; of Strings that are to be sealed, what they say."""
+        if topic in self._outlets:
+            from rclpy.serialization import deserialize_message
+
+            self._outlets[topic].forward(deserialize_message(cdr, message_class(STRING)))
+        else:
+            self._publishers[topic].publish(cdr)
 
     def _set_right(self, topic: str, cdr: bytes, at: int) -> bytes:
         """The message with the stamp that `Bag.messages` would give it, so that both runners see the same."""

@@ -8,11 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from socialbot.errors import DeviceError, InstallationError, ParameterError, SocialbotError
 from socialbot.graph import Context, Input, Node, Output, Parameter, Timer
-from socialbot.messages import SpeechStatus, Utterance
+from socialbot.health import BEATLESS_S, HEALTH_TOPIC, Healths
+from socialbot.messages import Health, Message, SpeechStatus, Utterance
 from socialbot.speech.playback import Player, find_player
 from socialbot.speech.synthesis import Sound, Synthesizer
 
@@ -32,10 +33,12 @@ class Speaker(Node):
     takes the place in line of the waiting one it replaces, with a waiting time of its own. Without
     a sound device an utterance lasts as long as its sound would, by the node's clock; a replay has
     ``playback`` off for that reason. A change of voice, rate, pitch or volume is heard from the next
-    utterance on.
+    utterance on. What waits expires when the ``engine`` falls silent, or says that something is wrong: it was meant for
+    people who may be gone.
     """
 
     say = Input(Utterance, "/speech/say")
+    health = Input(Health, HEALTH_TOPIC, optional=True, deadline_s=BEATLESS_S)
     status = Output(SpeechStatus, "/speech/status")
 
     voice = Parameter("en", "espeak-ng voice: a language, perhaps with a variant as in en-us+f3")
@@ -50,6 +53,7 @@ class Speaker(Node):
     )
     folder = Parameter("", "where each utterance is kept as a .wav file; empty: nowhere", fixed=True)
     max_waiting_s = Parameter(5.0, "s an utterance may wait before it expires unsaid", minimum=0.0)
+    engine = Parameter("", "node that decides what is said, whose signs of life are listened to; empty: none")
     max_waiting = Parameter(8, "utterances that may wait; beyond that the oldest gives way", minimum=1)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
@@ -60,6 +64,8 @@ class Speaker(Node):
         self._sounding: Utterance | None = None
         self._waiting: list[_Waiting] = []
         self._spoken = 0
+        self._healths = Healths()
+        self._engine_fares_well = True
 
     def start(self) -> None:
         """Raises ParameterError for an unknown voice or unusable folder, DeviceError when a required device is missing.
@@ -98,6 +104,26 @@ class Speaker(Node):
         if self._synthesizer is not None and name in ("voice", "rate_wpm", "pitch"):
             self._synthesizer = Synthesizer(self.voice, self.rate_wpm, self.pitch)
 
+    def deadline_s(self, port: Input[Any]) -> float:
+        return port.deadline_s if self.engine else 0.0
+
+    def counts(self, port: Input[Any], message: Message) -> bool:
+        return isinstance(message, Health) and message.node == self.engine
+
+    @health
+    def on_health(self, health: Health) -> None:
+        self._healths.note(health, self.clock.now())
+        if health.node == self.engine:
+            well = health.state not in ("degraded", "failed")
+            if well:
+                self._healths.goes_on(self.clock.now())
+            elif self._engine_fares_well and not self._healths.over:
+                self._expire_all(f"{self.engine}: {health.reason}")
+            self._engine_fares_well = well
+
+    def on_silence(self, port: Input[Any], since: int | None) -> None:
+        self._expire_all(f"{self.engine} is silent")
+
     @say
     def on_say(self, utterance: Utterance) -> None:
         if self._sounding is None:
@@ -123,9 +149,14 @@ class Speaker(Node):
         waiting.expiry.cancel()
         self._report(waiting.utterance, "replaced", why)
 
-    def _expire(self, waiting: _Waiting) -> None:
+    def _expire(self, waiting: _Waiting, why: str = "") -> None:
         self._waiting.remove(waiting)
-        self._report(waiting.utterance, "expired")
+        self._report(waiting.utterance, "expired", why)
+
+    def _expire_all(self, why: str) -> None:
+        for waiting in list(self._waiting):
+            waiting.expiry.cancel()
+            self._expire(waiting, why)
 
     def _speak(self, utterance: Utterance) -> None:
         try:

@@ -94,6 +94,7 @@ class Camera(Node):
             self._frames = self._open()
         except (DeviceError, ImageError):
             self._look_again()
+            self.say_health("failed", f"{self.source} cannot begin again")
             raise
         return self._frames.read()
 
@@ -103,8 +104,10 @@ class Camera(Node):
             if self._timer:
                 self._timer.cancel()
             self.log.info("%s has ended", self.source)
+            self.say_health("waiting", f"{self.source} has ended")
             return
         self._look_again()
+        self.say_health("failed", f"{self.source} sends no more pictures")
         raise DeviceError(
             "the camera sends no more pictures",
             where=self.source,
@@ -130,6 +133,7 @@ class Camera(Node):
         if self._timer:
             self._timer.cancel()
         self.log.info("camera %s is back", self.source)
+        self.say_health("ok")
         self._publish_info()
         self._publish(pixels)
         self._arrange_next(self._frames)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from socialbot.graph import Delivery, Input, Node, Output
+from socialbot.health import SILENT_S
 from socialbot.messages import CompressedImage, Image
 from socialbot.vision.encodings import bgr_from_compressed, bgr_from_image
 
@@ -17,8 +18,10 @@ class ImageConverter(Node):
     A picture that cannot be converted raises ImageError; the next one is looked at afresh.
     """
 
-    image_raw = Input(Image, "/camera/image_raw", Delivery.NEWEST)
-    image_compressed = Input(CompressedImage, "/camera/image_raw/compressed", Delivery.NEWEST)
+    image_raw = Input(Image, "/camera/image_raw", Delivery.NEWEST, deadline_s=SILENT_S)
+    image_compressed = Input(
+        CompressedImage, "/camera/image_raw/compressed", Delivery.NEWEST, deadline_s=SILENT_S, instead_of=image_raw
+    )
     image_color = Output(Image, "/camera/image_color", Delivery.NEWEST)
 
     @image_raw

@@ -8,6 +8,7 @@ from dataclasses import fields
 import cv2
 
 from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter
+from socialbot.health import SILENT_S
 from socialbot.messages import BoxMarkers, CameraInfo, Image, PersonDetections
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detectors import DETECTORS, DetectorSettings
@@ -28,7 +29,7 @@ class PersonDetector(Node):
     others are skipped.
     """
 
-    image = Input(Image, "/camera/image_color", Delivery.NEWEST)
+    image = Input(Image, "/camera/image_color", Delivery.NEWEST, deadline_s=SILENT_S)
     camera_info = Input(CameraInfo, "/camera/camera_info", Delivery.LATCHED)
     detections = Output(PersonDetections, "/humans/bodies/detections")
     annotations = Output(BoxMarkers, "/humans/bodies/annotations", Delivery.NEWEST)

@@ -6,11 +6,12 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter
-from socialbot.messages import HeadCommand, JointTrajectory, PersonDetections
+from socialbot.health import BEATLESS_S, HEALTH_TOPIC
+from socialbot.messages import HeadCommand, Health, JointTrajectory, Message, PersonDetections
 
 
 class Pose(NamedTuple):
@@ -61,9 +62,12 @@ class Head(Node):
     The person being followed is the one of the same track or, where there is none, the one nearest in direction to
     where they were last, as long as that is within ``same_person_rad``; one who is nearer by more than
     ``switch_margin_m`` takes over.
+
+    While the ``engine`` gives no sign of life the head looks straight on.
     """
 
     command = Input(HeadCommand, "/head/command")
+    health = Input(Health, HEALTH_TOPIC, optional=True, deadline_s=BEATLESS_S)
     detections = Input(PersonDetections, "/humans/bodies/detections", Delivery.NEWEST)
     trajectory = Output(JointTrajectory, "/head_controller/joint_trajectory")
 
@@ -77,6 +81,7 @@ class Head(Node):
     hold_s = Parameter(2.0, "s without anybody until the head centres", minimum=0.0)
     switch_margin_m = Parameter(0.5, "m by which another must be nearer to be followed instead", minimum=0.0)
     same_person_rad = Parameter(0.35, "rad that a person may move between two frames", minimum=0.0)
+    engine = Parameter("", "node that decides what the robot does, whose signs of life are listened to; empty: none")
     camera_on_head = Parameter(False, "whether the camera turns with the head")
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
@@ -89,9 +94,28 @@ class Head(Node):
         self._earliest = now
         self._move_due = False
         self._tracking = True
+        self._led = True
         self._followed: Seen | None = None
         self._last_seen = now
         self._watching = False
+
+    def deadline_s(self, port: Input[Any]) -> float:
+        return port.deadline_s if self.engine else 0.0
+
+    def counts(self, port: Input[Any], message: Message) -> bool:
+        return isinstance(message, Health) and message.node == self.engine
+
+    @health
+    def on_health(self, health: Health) -> None:
+        """That it comes at all is what counts."""
+
+    def on_silence(self, port: Input[Any], since: int | None) -> None:
+        self._led = False
+        self._followed = None
+        self._aim(CENTRE)
+
+    def on_return(self, port: Input[Any]) -> None:
+        self._led = True
 
     @command
     def on_command(self, command: HeadCommand) -> None:
@@ -109,7 +133,7 @@ class Head(Node):
     @detections
     def on_detections(self, detections: PersonDetections) -> None:
         seen = self._seen(detections)
-        if not self._tracking or not seen:
+        if not self._tracking or not self._led or not seen:
             return
         self._followed = self._choose(seen)
         self._last_seen = self.clock.now()

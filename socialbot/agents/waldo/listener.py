@@ -8,7 +8,10 @@ from socialbot.messages import ActionRequest, HeadCommand, Utterance
 
 
 class Listener(Node):
-    """``speak`` becomes an utterance and a head that follows people, ``stayIdle`` a head that looks straight on."""
+    """``speak`` becomes an utterance and a head that follows people, as ``attend`` does without words.
+
+    ``stayIdle`` becomes a head that looks straight on.
+    """
 
     actions = Input(ActionRequest, "/waldo/actions")
     say = Output(Utterance, "/speech/say")
@@ -23,13 +26,15 @@ class Listener(Node):
                 self.say.publish(
                     Utterance(stamp=action.stamp, id=f"say-{action.id}", text=text, key=situation, cause=action.id)
                 )
+            case "attend", ():
+                self._look("track", action)
             case "stayIdle", ():
                 self._look("centre", action)
             case _:
                 raise MessageError(
                     f"no actuator does {action.name}{action.arguments}",
                     where=self.name,
-                    remedy="send speak(situation, sentence) or stayIdle()",
+                    remedy="send speak(situation, sentence), attend() or stayIdle()",
                 )
 
     def _look(self, mode: str, action: ActionRequest) -> None:

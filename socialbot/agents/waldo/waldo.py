@@ -23,7 +23,10 @@ from socialbot.messages import PersonDetections
 
 # 2. Define beliefs and goals
 class personDetected(SingletonBelief):
-    """Whether somebody is there: "Yes", "No" (nobody for a while) or "Next" (still there, what next?)."""
+    """Whether somebody is there: "Yes", "No" (nobody for a while), "Next" (still there, what next?) or "Unknown".
+
+    It is "Unknown" when Waldo has lost sight of people, until he sees again.
+    """
 
 
 class present(Belief):
@@ -44,6 +47,10 @@ class greeted(Belief):
 
 class late(Belief):
     """This person came after help had been offered to those who were there."""
+
+
+class silent(SingletonBelief):
+    """Waldo does not see because this node is silent, or the topic of a camera outside, or the link to its machine."""
 
 
 class DoNothing(Goal):
@@ -67,6 +74,7 @@ class Manners:
     vanish_s: float = 2.5
     help_after_s: float = 8.0
     regreet_after_s: float = 5.0
+    forget_after_s: float = 60.0
 
 
 # 3. Define actions (and the sensor that perceives people)
@@ -80,6 +88,13 @@ class speak(Action):
 
 class stayIdle(Action):
     """Says nothing and looks straight on."""
+
+    def execute(self) -> None:
+        self.engine.robot.act(self)
+
+
+class attend(Action):
+    """Says nothing, and follows people with the head."""
 
     def execute(self) -> None:
         self.engine.robot.act(self)
@@ -109,9 +124,14 @@ class PersonSensor(Sensor):
         self._frames: deque[Frame] = deque()
         self._there: dict[str, int | None] = {}  # until when they must be there to stay; None when they do
         self._changed: dict[str, int] = {}  # when somebody came or left
-        self._alone: bool | None = None  # not known at first
+        self._alone: bool | None = None  # not known at first, nor after Waldo has lost sight of people
+        self._lost_at = 0
+        self._asked = False
 
-    def sense(self, percept: PersonDetections) -> Sensed:
+    def sense(self, percept: PersonDetections | None) -> Sensed:
+        """What changes with these detections, or when there are no more (None)."""
+        if percept is None:
+            return self._lose_sight()
         self._look(percept)
         told = [*self._leave(percept.stamp), *self._stay(percept.stamp), *self._come(percept.stamp)]
         if self._there and self._alone is not False:
@@ -124,6 +144,37 @@ class PersonSensor(Sensor):
             self._alone = True
             self._frames = deque([self._frames[-1]])  # who comes now has not been seen before
         return told or None
+
+    def recall(self, engine: Engine) -> None:
+        """Goes on from what was believed when the process ended: who is there, and who stays."""
+        self._lost_at = engine.clock.now()
+        staying = {one.belief.args[0] for one in engine.beliefs if isinstance(one.belief, stays)}
+        for one in engine.beliefs:
+            if isinstance(one.belief, present):
+                who = str(one.belief.args[0])
+                due = one.since + nanoseconds(self._manners.help_after_s)
+                self._there[who] = None if who in staying else due
+                self._changed[who] = self._lost_at
+        if self._there:
+            self._alone = False
+        elif personDetected("No") in [one.belief for one in engine.beliefs]:
+            self._alone = True
+
+    def _lose_sight(self) -> Sensed:
+        """Those who are there again when Waldo sees again are taken for the same, and are not asked twice."""
+        if self._frames:
+            self._lost_at = self._frames[-1].stamp
+        if self._there:
+            self._asked = None in self._there.values()
+        somebody = self._alone is False
+        if somebody:
+            self._alone = None
+        for known in (self._frames, self._there, self._changed):
+            known.clear()
+        return +personDetected("Unknown") if somebody else None
+
+    def _asked_before(self, now: int) -> bool:
+        return self._alone is None and self._asked and now < self._lost_at + nanoseconds(self._manners.forget_after_s)
 
     def _leave(self, now: int) -> Iterator[Event]:
         for who in [who for who in self._there if self._share(self._manners.vanish_s, who) < 0.25]:
@@ -141,7 +192,8 @@ class PersonSensor(Sensor):
     def _come(self, now: int) -> Iterator[Event]:
         for who in dict.fromkeys(who for frame in self._frames for who in frame.near):
             if who not in self._there and self._share(self._manners.appear_s, who) >= 0.5:
-                self._there[who] = now + nanoseconds(self._manners.help_after_s)
+                asked = self._asked_before(now)
+                self._there[who] = None if asked else now + nanoseconds(self._manners.help_after_s)
                 self._changed[who] = now
                 yield +present(who)
 
@@ -206,6 +258,11 @@ def waldo(name: str, clock: Clock, manners: Manners, **connections: object) -> E
         -present(Who) / late(Who) >> [-late(Who)],
         # Who comes back after a while is greeted anew.
         +personDetected("No").held_for(lambda: manners.regreet_after_s) / greeted() >> [-greeted()],
+        # Whom Waldo has lost sight of he leaves in peace; who is there when he sees again has stayed, as far as he can
+        # know, and was greeted. But not for ever.
+        +personDetected("Unknown") >> [-late(_), -stays(_), -present(_), -people(_), DoNothing()],
+        personDetected("Yes").changed("Unknown") / greeted() >> [attend()],
+        +personDetected("Unknown").held_for(lambda: manners.forget_after_s) / greeted() >> [-greeted()],
     )
     return engine
 
