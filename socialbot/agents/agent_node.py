@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar
 
+from socialbot.agents.mind_file import MindFile
 from socialbot.bdi import Action, Engine, Record
-from socialbot.graph import Context, Delivery, Node, Output, Timer
+from socialbot.graph import Context, Delivery, Node, Output, Parameter, Timer
 from socialbot.messages import ActionRequest, Mind, MindBelief, TraceRecord
 
 
 class AgentNode(Node):
-    """Hosts one engine. Subclasses build it, and show its sensors what their inputs bring."""
+    """Hosts one engine. Subclasses build it, and show its sensors what their inputs bring.
+
+    With a ``mind_file`` the agent goes on where it was when its process was ended, in whatever way.
+    """
+
+    keeps_mind: ClassVar[bool] = True
+    """Whether its mind is worth keeping: not so where its plans come by messages."""
 
     actions = Output(ActionRequest, "/agent/actions")
     mind = Output(Mind, "/agent/mind", Delivery.LATCHED)
     trace = Output(TraceRecord, "/agent/trace")
+
+    mind_file = Parameter("", "where to keep what it believes and wants; it goes on from there", fixed=True)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
@@ -22,6 +33,7 @@ class AgentNode(Node):
         self._alarm: Timer | None = None
         self._shown: Mind | None = None
         self._beliefs: tuple[MindBelief, ...] | None = None
+        self._mind_file: MindFile | None = None
         self.engine = self.build()
 
     def build(self) -> Engine:
@@ -29,7 +41,23 @@ class AgentNode(Node):
         raise NotImplementedError
 
     def start(self) -> None:
+        self.recall()
         self.wake()
+
+    def stop(self) -> None:
+        if self._mind_file is not None:
+            self._mind_file.close()
+
+    def recall(self) -> None:
+        """Goes on where the mind in ``mind_file`` was left, and keeps it there from now on."""
+        if self.mind_file and self.keeps_mind:
+            self._mind_file = MindFile(self.engine, Path(self.mind_file), self.context, self.log)
+            if self._mind_file.recall():
+                self._beliefs = None
+                self.on_recalled()
+
+    def on_recalled(self) -> None:
+        """Called when the mind of an earlier run was restored: sensors that remember take up what is believed."""
 
     def wake(self) -> None:
         """Lets the engine think as soon as the node is free."""
@@ -70,6 +98,8 @@ class AgentNode(Node):
         """Publishes one record of the trace."""
         if record.kind in ("belief", "unbelief"):
             self._beliefs = None
+        if self._mind_file is not None:
+            self._mind_file.changed()
         self.trace.publish(
             TraceRecord(
                 stamp=record.time,

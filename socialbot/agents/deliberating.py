@@ -166,6 +166,9 @@ class Deliberating(AgentNode):
         self._tell_idle()
         super().start()
 
+    def recall(self) -> None:
+        """Does nothing: what was kept has been taken up already, and is kept as it changes."""
+
     def _tell_idle(self) -> None:
         """Says which actions of its domain nobody carries out: probably one was forgotten, or is misspelt."""
         deliberator = self.deliberator

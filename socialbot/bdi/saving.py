@@ -85,8 +85,13 @@ def save(engine: Engine) -> dict[str, Any]:
 
 def write(engine: Engine, path: str | PathLike[str]) -> None:
     """Saves the mind to a file, which at any time is either the old one or the new one, whole."""
+    write_data(save(engine), path)
+
+
+def write_data(data: dict[str, Any], path: str | PathLike[str]) -> None:
+    """Writes what `save` has given to a file, as `write` does; in any thread."""
     target = Path(path)
-    text = json.dumps(save(engine), ensure_ascii=False)
+    text = json.dumps(data, ensure_ascii=False)
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
         try:
@@ -472,4 +477,4 @@ def _typed(value: Any, *kinds: type) -> Any:
     return value
 
 
-__all__ = ["SCHEMA", "VERSION", "MindError", "read", "restore", "save", "write"]
+__all__ = ["SCHEMA", "VERSION", "MindError", "read", "restore", "save", "write", "write_data"]

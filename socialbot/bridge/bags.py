@@ -31,6 +31,7 @@ from socialbot.clock import SECOND, nanoseconds
 from socialbot.errors import BagError
 from socialbot.graph import suggestion
 from socialbot.messages import CameraInfo, CompressedImage, Image, Message
+from socialbot.yaml_text import check_depth
 
 __all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "Stamps", "Topic", "open_bag"]
 
@@ -341,11 +342,23 @@ def _open_file(path: Path, damage: list[str]) -> Reader:
 
 def _open(path: Any) -> Reader:
     try:
+        if isinstance(path, Path) and path.is_dir():
+            check_depth((path / "metadata.yaml").read_text("utf-8"))
         reader = Ros1Reader(path) if path.suffix == ".bag" else Ros2Reader(path)
         reader.open()
+        _check_types(reader)
     except Exception as error:
         raise _broken(path, error) from error
     return reader
+
+
+def _check_types(reader: Reader) -> None:
+    """Raises ValueError for what a file gives instead of texts and numbers; rosbags takes it as it is."""
+    texts = [text for each in reader.connections for text in (each.topic, each.msgtype)]
+    numbers = [reader.message_count, reader.start_time, reader.end_time]
+    numbers += [each.msgcount for each in reader.connections]
+    if not all(isinstance(text, str) for text in texts) or not all(type(number) is int for number in numbers):
+        raise ValueError("a topic without a name or a type, or no number where one has to be")
 
 
 def _broken(path: Any, error: Exception) -> BagError:

@@ -117,7 +117,7 @@ def decode(message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M:
 def encode(message: Message, types: TypeFactory) -> Any:
     """``message`` as a ROS message that ``types`` makes. Raises MessageError when it cannot be expressed."""
     if isinstance(message, Structured):
-        return types.make(STRING, data=msgspec.json.encode(message).decode())
+        return types.make(STRING, data=_json(message))
     name = ros_type(type(message))
     return _ENCODERS[type(message)](message, name, types)
 
@@ -125,6 +125,13 @@ def encode(message: Message, types: TypeFactory) -> Any:
 def schema_name(message_type: type[Structured]) -> str:
     """The schema name and version inside the JSON of ``message_type``, such as ``socialbot/Utterance/1``."""
     return str(message_type.__struct_config__.tag)
+
+
+def _json(message: Structured) -> str:
+    try:
+        return msgspec.json.encode(message).decode()
+    except (UnicodeError, TypeError, OverflowError, RecursionError) as error:
+        raise MessageError(f"{type(message).__name__} cannot be written as JSON: {error}") from error
 
 
 def _text(ros_message: Any) -> str:

@@ -1,4 +1,4 @@
-"""A host lets one node live in rclpy: topics, parameters, time and a thread of its own.
+"""A host lets one node live in rclpy: topics, parameters, time, states and a thread of its own.
 
 The executor's thread only receives; the node works in its own thread, so that a slow node never keeps parameters
 or time from coming through, and of a stream it always gets the newest message.
@@ -7,33 +7,41 @@ or time from coming through, and of a stream it always gets the newest message.
 from __future__ import annotations
 
 import functools
-import logging
-import threading
-import time
+from collections import deque
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
-from rclpy.clock import JumpThreshold, TimeJump
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.clock import Clock, JumpThreshold, TimeJump
+from rclpy.clock_type import ClockType
 from rclpy.context import Context as RosContext
 from rclpy.duration import Duration
 from rclpy.node import Node as RosNode
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from socialbot.bridge.codec import decode, encode, ros_type
-from socialbot.bridge.inbox import Alarm, Inbox, Line
-from socialbot.bridge.parameters import declare_parameters, watch_parameters
-from socialbot.bridge.qos import publisher_qos, subscription_qos
+from socialbot.bridge.codec import ros_type
+from socialbot.bridge.life import Life, report
+from socialbot.bridge.lifeline import BEAT_S, Lifeline
+from socialbot.bridge.managed import ACTIVE, FINALIZED, INACTIVE, ManagedNode
+from socialbot.bridge.parameters import declare_parameters, parameter_values, watch_parameters
+from socialbot.bridge.qos import DEPTH, publisher_qos, subscription_qos
 from socialbot.bridge.readiness import Connection, publisher_connection, subscription_connection
-from socialbot.bridge.ros_types import RclpyTypes, message_class
+from socialbot.bridge.ros_types import message_class
 from socialbot.bridge.statistics import Reporter, Statistics
 from socialbot.bridge.timekeeper import KEPT_TOPIC
+from socialbot.bridge.wire import Inlet, Outlet, reason_of, wire
 from socialbot.clock import SECOND
 from socialbot.errors import MessageError, NodeError, SocialbotError
-from socialbot.graph import Delivery, Graph, Input, Node, Output, Placement, outcome
-from socialbot.messages import Message
+from socialbot.graph import Delivery, Graph, Input, Node, Placement
+from socialbot.health import HEALTH_TOPIC
+from socialbot.messages import Health, Message
 
-R = TypeVar("R")
+AUTOSTART = "autostart"
+AUTOSTART_DOC = "whether the node configures and activates itself, or somebody else does"
+
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class RosClock:
@@ -46,73 +54,59 @@ class RosClock:
         return self._clock.now().nanoseconds
 
 
-class _Context:
-    """rclpy as one node sees it."""
-
-    def __init__(self, clock: RosClock, inbox: Inbox) -> None:
-        self.clock = clock
-        self._inbox = inbox
-        self._publishers: dict[str, Any] = {}
-        self._types = RclpyTypes()
-
-    def connect(self, port: Output[Any], publisher: Any) -> None:
-        self._publishers[port.name] = publisher
-
-    def publish(self, port: Output[Any], message: Message) -> None:
-        self._publishers[port.name].publish(encode(message, self._types))
-
-    def call_at(self, time: int, callback: Callable[[], None]) -> Alarm:
-        return self._inbox.call_at(time, callback)
-
-    def call_soon(self, callback: Callable[[], None]) -> None:
-        self._inbox.call_soon(callback)
-
-    def aside(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
-        def run() -> None:
-            self._inbox.call_expected(functools.partial(then, outcome(work)))
-
-        self._inbox.expect()
-        threading.Thread(target=run, name="aside", daemon=True).start()
-
-
 class NodeHost:
-    """Hosts the node of one placement. ``failure`` is the error that kept it from starting, if any."""
+    """Hosts the node of one placement as a ROS 2 lifecycle node.
 
-    def __init__(self, graph: Graph, placement: Placement, *, ros_context: RosContext, sim_time: bool) -> None:
+    It is built when that is configured, started when it is activated, and stopped when it is deactivated; what is
+    activated then is built anew. ``failure`` is the error that kept it from starting, if any. With a ``lifeline`` a
+    supervisor decides when it is activated, and hears how it is.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        placement: Placement,
+        *,
+        ros_context: RosContext,
+        sim_time: bool,
+        lifeline: Lifeline | None = None,
+    ) -> None:
         self.name = placement.name
-        self.failure: SocialbotError | None = None
-        self._ros = RosNode(
+        self.statistics = Statistics()
+        self._graph = graph
+        self._placement = placement
+        self._lifeline = lifeline
+        self._wire = wire()
+        sealed = self._wire.sealed  # then there are no services: anybody could call them
+        self._ros = ManagedNode(
             placement.name,
+            self,
+            services=not sealed,
+            start_parameter_services=not sealed,
             context=ros_context,
             parameter_overrides=[RosParameter("use_sim_time", RosParameter.Type.BOOL, sim_time)] if sim_time else [],
         )
-        clock = RosClock(self._ros)
-        simulated = bool(self._ros.get_parameter("use_sim_time").value)
-        self._inbox = Inbox(clock.now, simulated=simulated)
-        self._clock = clock
-        self._statistics = Statistics()
-        context = _Context(clock, self._inbox)
-        parameters = declare_parameters(self._ros, placement)
-        self.node: Node = placement.type(placement.name, context, parameters)
-        watch_parameters(self._ros, self.node)
-        connections: list[Connection] = []
-        for topic, port in placement.publications:
-            kind = message_class(ros_type(port.message_type))
-            publisher = self._ros.create_publisher(kind, topic, publisher_qos(port.delivery))
-            context.connect(port, publisher)
-            connections.append(publisher_connection(graph, topic, publisher))
-        for topic, port in placement.subscriptions:
-            kind = message_class(ros_type(port.message_type))
-            qos = subscription_qos(port.delivery, outside=topic in graph.inputs)
-            subscription = self._ros.create_subscription(kind, topic, functools.partial(self._receive, port), qos)
-            connections.append(subscription_connection(graph, topic, subscription))
-        if simulated:
+        declare_parameters(self._ros, placement)
+        doc = ParameterDescriptor(description=AUTOSTART_DOC, read_only=True)
+        self._autostart = bool(self._ros.declare_parameter(AUTOSTART, True, doc).value)
+        self._clock = RosClock(self._ros)
+        self._simulated = bool(self._ros.get_parameter("use_sim_time").value)
+        self._error: SocialbotError | None = None
+        self._outlets: dict[str, Outlet] = {}
+        self._connections: list[Connection] = []
+        self._latched: dict[Input[Any], Message] = {}
+        self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=DEPTH[Delivery.EVERY])
+        self._life: Life | None = None
+        self._unwatch: Callable[[], None] | None = None
+        if self._simulated:
             every_step = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
             self._jumps = self._ros.get_clock().create_jump_callback(every_step, post_callback=self._time_moved)
             self._keeping = self._ros.create_publisher(Header, KEPT_TOPIC, publisher_qos(Delivery.EVERY))
-        self._reporter = Reporter(self._ros, self._statistics, self._inbox, connections)
-        self._thread = threading.Thread(target=self._work, name=placement.name, daemon=True)
-        self._simulated = simulated
+        self._reporter = Reporter(self._ros, self.statistics, self._connections, self._lines, lambda: self._ros.state)
+        if sealed:
+            self._renewing = self._ros.create_timer(self._wire.renewal_s, lambda: self._wire.renew(), clock=STEADY)
+        if lifeline is not None:
+            self._beating = self._ros.create_timer(BEAT_S, self._beat, clock=STEADY)
 
     @property
     def ros_node(self) -> RosNode:
@@ -120,26 +114,144 @@ class NodeHost:
         return self._ros
 
     @property
+    def node(self) -> Node:
+        """The node as it lives now. Raises NodeError when there is none."""
+        if self._life is None:
+            raise NodeError(f"it is {self._ros.state}", where=self.name)
+        return self._life.node
+
+    @property
+    def failure(self) -> SocialbotError | None:
+        """The error that kept the node from starting, if any."""
+        return self._error or (None if self._life is None else self._life.failure)
+
+    @property
     def ended(self) -> bool:
-        """Whether the node has stopped by itself, because it could not start."""
-        return self.failure is not None
+        """Whether the node has stopped by itself: because it could not start, or was shut down."""
+        return self.failure is not None or self._ros.state == FINALIZED
 
     def start(self) -> None:
-        """Starts the node's thread."""
-        self._thread.start()
+        """Configures and activates the node, unless somebody else is to do that."""
+        if self._lifeline is not None:
+            self.go(INACTIVE)
+            self._beat()
+        elif self._autostart:
+            self.go(ACTIVE)
 
-    def stop(self, timeout_s: float = 5.0) -> None:
+    def go(self, state: str) -> None:
+        """Takes the node to one of the states of a managed node; a node that cannot go there has failed."""
+        if self._ros.go(state) or self._ros.error is None:
+            return
+        error = self._ros.error
+        if not isinstance(error, SocialbotError):
+            report(self.name, "cannot start", error, 1)
+            error = NodeError(f"cannot start: {type(error).__name__}: {error}", where=self.name)
+        self._error = error
+
+    def stop(self) -> None:
         """Stops the node in its own thread, and takes it off the ROS graph."""
-        self._inbox.close()
-        if self._thread.is_alive():
-            self._thread.join(timeout_s)
+        if self._life is not None:
+            self._life.stop()
         self._ros.destroy_node()
 
+    # The steps of a managed node
+
+    def configure(self) -> None:
+        """Builds the node and what connects it."""
+        self._build()
+        self._health = self._ros.create_publisher(
+            message_class(ros_type(Health)), HEALTH_TOPIC, publisher_qos(Delivery.EVERY)
+        )
+        self._health_outlet = self._wire.outlet(self._health)
+        for topic, port in self._placement.publications:
+            kind = message_class(ros_type(port.message_type))
+            publisher = self._ros.create_publisher(kind, topic, publisher_qos(port.delivery))
+            self._outlets[port.name] = self._wire.outlet(publisher, latched=port.delivery is Delivery.LATCHED)
+            self._connections.append(publisher_connection(self._graph, topic, publisher))
+        for topic, port in self._placement.subscriptions:
+            kind = message_class(ros_type(port.message_type))
+            qos = subscription_qos(port.delivery, outside=topic in self._graph.inputs)
+            inlet = self._wire.inlet(self._ros.resolve_topic_name(topic), latched=port.delivery is Delivery.LATCHED)
+            receive = functools.partial(self._receive, port, inlet)
+            subscription = self._ros.create_subscription(kind, topic, receive, qos)
+            self._connections.append(subscription_connection(self._graph, topic, subscription))
+
+    def activate(self) -> None:
+        """Starts the node, with what is latched and what was sent to it while it waited to be started."""
+        life = self._life or self._build()
+        for port, message in (*self._latched.items(), *self._early):
+            life.inbox.put(port, message)
+        self._early.clear()
+        life.start()
+
+    def deactivate(self) -> None:
+        """Stops the node."""
+        if self._life is not None:
+            self._life.stop()
+        self._forget_life()
+
+    def clean_up(self) -> None:
+        """Takes down what connects the node."""
+        self._forget_life()
+        for connection in self._connections:
+            if isinstance(connection.end, Publisher):
+                self._ros.destroy_publisher(connection.end)
+            else:
+                self._ros.destroy_subscription(connection.end)
+        self._ros.destroy_publisher(self._health)
+        self._connections.clear()
+        self._outlets.clear()
+        self._latched.clear()
+        self._wire = wire()
+
+    def _build(self) -> Life:
+        life = self._life = Life(
+            self._placement,
+            parameter_values(self._ros, self._placement),
+            clock=self._clock,
+            simulated=self._simulated,
+            outlets=self._outlets,
+            connections=self._connections,
+            statistics=self.statistics,
+            say_health=self._say_health,
+            well=self._well,
+        )
+        self._unwatch = watch_parameters(self._ros, life.node, life.call)
+        return life
+
+    def _forget_life(self) -> None:
+        self._life = None
+        self._early.clear()
+        if self._unwatch is not None:
+            self._unwatch()
+            self._unwatch = None
+
+    # What comes in
+
+    def _receive(self, port: Input[Any], inlet: Inlet, ros_message: Any) -> None:
+        try:
+            message = inlet.decode(port.message_type, ros_message, stamp=self._clock.now())
+        except MessageError as error:
+            reason = reason_of(error)
+            self.statistics.refusals[reason] += 1
+            report(self.name, f"refused a message on {port.topic}", error, self.statistics.refusals[reason])
+            return
+        if message is None:
+            return
+        if port.delivery is Delivery.LATCHED:
+            self._latched[port] = message
+        if self._life is not None and self._life.started:
+            self._life.inbox.put(port, message)
+        elif self._life is not None and port.delivery is Delivery.EVERY:
+            self._early.append((port, message))
+
     def _time_moved(self, _: TimeJump) -> None:
-        self._inbox.time_moved()
+        if self._life is None:
+            return
+        self._life.inbox.time_moved()
         if self._keeping.get_subscription_count():
             # What is due at this time comes first, and what was begun aside, as simulated time waits for that.
-            self._inbox.call_when_idle(functools.partial(self._keep_time, self._clock.now()))
+            self._life.inbox.call_when_idle(functools.partial(self._keep_time, self._clock.now()))
 
     def _keep_time(self, time: int) -> None:
         """Tells whoever moves the time that this node has kept up with it."""
@@ -147,57 +259,22 @@ class NodeHost:
         header.stamp.sec, header.stamp.nanosec = divmod(time, SECOND)
         self._keeping.publish(header)
 
-    def _receive(self, port: Input[Any], ros_message: Any) -> None:
-        try:
-            self._inbox.put(port, decode(port.message_type, ros_message, stamp=self._clock.now()))
-        except MessageError as error:
-            self._statistics.refused += 1
-            self._report(f"refused a message on {port.topic}", error, self._statistics.refused)
+    # How it is
 
-    def _work(self) -> None:
-        try:
-            if self._simulated:
-                self._await_time()
-            self.node.start()
-        except SocialbotError as error:
-            self.failure = error
-            return
-        except Exception as error:  # noqa: BLE001 - whatever a node raises at its start is told in one message
-            self._report("cannot start", error, 1)
-            self.failure = NodeError(f"cannot start: {type(error).__name__}: {error}", where=self.name)
-            return
-        while (item := self._inbox.take()) is not None:
-            self._do(item)
-        self.node.stop()
+    def _say_health(self, health: Health) -> None:
+        """Says how the node is, if anybody listens."""
+        if self._health.get_subscription_count():
+            self._health_outlet.publish(health)
 
-    def _await_time(self) -> None:
-        """Simulated time begins with the first message on /clock."""
-        begun = threading.Event()
-        while self._clock.now() == 0 and not begun.wait(0.005):
-            if self._inbox.closed:
-                return
+    def _lines(self) -> Any:
+        return self._life.inbox.lines if self._life is not None else ()
 
-    def _do(self, item: Callable[[], None] | tuple[Line, Message]) -> None:
-        begin = time.perf_counter()
-        try:
-            if callable(item):
-                item()
-            else:
-                line, message = item
-                line.port.deliver(self.node, message)
-        except Exception as error:  # noqa: BLE001 - whatever a node raises, the graph goes on
-            self._statistics.failures += 1
-            self._statistics.first_failure = self._statistics.first_failure or f"{type(error).__name__}: {error}"
-            self._report("failed", error, self._statistics.failures)
-        seconds = time.perf_counter() - begin
-        if not callable(item):
-            item[0].charge(seconds)
-        self._statistics.note(seconds)
+    def _beat(self) -> None:
+        if self._life is not None and self._life.started:
+            self._life.ask()
+        elif self._lifeline is not None:
+            self._lifeline.say(self.name, self._ros.state)
 
-    def _report(self, what: str, error: Exception, count: int) -> None:
-        """Logs the first failure, the tenth, the hundredth, ...: a bad stream must not flood the log."""
-        if str(count).strip("0") == "1":
-            times = f" {count} times" if count > 1 else ""
-            expected = isinstance(error, SocialbotError)
-            logger = logging.getLogger(f"socialbot.{self.name}")
-            logger.warning("%s%s: %s", what, times, error, exc_info=not expected)
+    def _well(self) -> None:
+        if self._lifeline is not None:
+            self._lifeline.say(self.name, ACTIVE)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import threading
+from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -11,31 +13,37 @@ from rclpy.node import Node as RosNode
 from socialbot.errors import ParameterError
 from socialbot.graph import Node, Parameter, Placement, check_parameters
 
-PATIENCE_S = 2.0
-"""How long a node may take to say whether it takes a new value."""
+PATIENCE_S = 7.0
+"""How long a node may take to say whether it takes a new value; at first it may be waiting for its connections."""
 
 UNBOUNDED = 1e308
 UNBOUNDED_INTEGER = 2**62
 
 
-def declare_parameters(ros: RosNode, placement: Placement) -> dict[str, object]:
-    """Declares all parameters of the placed node and returns their values.
+def declare_parameters(ros: RosNode, placement: Placement) -> None:
+    """Declares all parameters of the placed node.
 
     The graph's values are the defaults; ROS (``--ros-args -p name:=value``) overrides them. Raises
     ParameterError when one does not fit.
     """
     values = check_parameters(placement.type, placement.parameters, where=placement.name)
-    declared: dict[str, object] = {}
     for name, parameter in placement.type.parameters().items():
         try:
-            declared[name] = ros.declare_parameter(name, values[name], _descriptor(parameter)).value
+            ros.declare_parameter(name, values[name], _descriptor(parameter))
         except Exception as error:
             raise ParameterError(str(error), where=f"{placement.name}.{name}", remedy=parameter.doc) from error
-    return declared
 
 
-def watch_parameters(ros: RosNode, node: Node) -> None:
-    """Lets changes from ROS through to ``node``, in its own thread, when they fit."""
+def parameter_values(ros: RosNode, placement: Placement) -> dict[str, object]:
+    """The values that the parameters of the placed node have by now."""
+    return {name: ros.get_parameter(name).value for name in placement.type.parameters()}
+
+
+def watch_parameters(ros: RosNode, node: Node, call: Callable[[Callable[[], None]], None]) -> Callable[[], None]:
+    """Lets changes from ROS through to ``node`` when they fit; returns how to end that.
+
+    ``call`` has something done in the node's own thread.
+    """
 
     def changed(parameters: list[Any]) -> SetParametersResult:
         ours = {one.name: one.value for one in parameters if one.name in node.parameters()}
@@ -43,13 +51,14 @@ def watch_parameters(ros: RosNode, node: Node) -> None:
             check_parameters(type(node), ours, where=node.name)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        objection = _apply(node, ours)
+        objection = _apply(node, ours, call)
         return SetParametersResult(successful=not objection, reason=objection)
 
     ros.add_on_set_parameters_callback(changed)
+    return functools.partial(ros.remove_on_set_parameters_callback, changed)
 
 
-def _apply(node: Node, values: dict[str, object]) -> str:
+def _apply(node: Node, values: dict[str, object], call: Callable[[Callable[[], None]], None]) -> str:
     """Sets ``values`` in the node's own thread; returns what the node objects, if anything."""
     done = threading.Event()
     objections: list[str] = []
@@ -62,7 +71,7 @@ def _apply(node: Node, values: dict[str, object]) -> str:
             objections.append(str(error))
         done.set()
 
-    node.context.call_soon(apply)
+    call(apply)
     if not done.wait(PATIENCE_S):
         return f"{node.name} has been too busy for {PATIENCE_S} s to take it"
     return "; ".join(objections)

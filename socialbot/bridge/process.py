@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import gc
+import inspect
 import logging
+import threading
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from socialbot.bridge import environment
+from socialbot.bridge.lifeline import Lifeline, own_lifeline
 from socialbot.bridge.readiness import expect_free_names
 from socialbot.ending import Ending
 from socialbot.errors import SocialbotError
 from socialbot.graph import Graph
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+
+    from socialbot.bridge.host import NodeHost
 
 LOOK_ROUND_S = 0.2
 """How often the process looks whether it should end."""
@@ -36,6 +45,7 @@ def run_nodes(
     from socialbot.bridge.host import NodeHost
     from socialbot.bridge.session import ros_context
 
+    lifeline = own_lifeline()
     with Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
         hosts: list[NodeHost] = []
         executor = SingleThreadedExecutor(context=context)
@@ -43,11 +53,16 @@ def run_nodes(
             if parent is None:
                 _expect_free_names(graph, names)
             for name in names if not ending.asked else ():
-                hosts.append(NodeHost(graph, graph.placement(name), ros_context=context, sim_time=sim_time))
+                placement = graph.placement(name)
+                hosts.append(NodeHost(graph, placement, ros_context=context, sim_time=sim_time, lifeline=lifeline))
                 executor.add_node(hosts[-1].ros_node)
+            # What there is by now stays: to look through it for garbage would take 50 ms each time.
+            gc.freeze()
             with _logging_to(hosts):
                 for host in hosts:
                     host.start()
+                if lifeline is not None:
+                    threading.Thread(target=_obey, args=(lifeline, hosts, executor), name="orders", daemon=True).start()
                 while not ending.asked and not any(host.ended for host in hosts):
                     executor.spin_once(timeout_sec=LOOK_ROUND_S)
         finally:
@@ -55,6 +70,14 @@ def run_nodes(
             for host in hosts:
                 host.stop()
     _raise_failure(host.failure for host in hosts)
+
+
+def _obey(lifeline: Lifeline, hosts: list[NodeHost], executor: Executor) -> None:
+    """Has the executor take nodes to the states that the supervisor orders."""
+    named = {host.name: host for host in hosts}
+    while (order := lifeline.wait()) is not None:
+        name, state = order
+        executor.create_task(named[name].go, state)
 
 
 def _expect_free_names(graph: Graph, names: Collection[str]) -> None:
@@ -96,6 +119,8 @@ class _RosLog(logging.Handler):
 
 @contextmanager
 def _logging_to(hosts: Iterable[Any]) -> Iterator[None]:
+    # rclpy asks `inspect` where each record comes from: the first time that takes 50 ms, which a node has not always.
+    inspect.stack()
     handler = _RosLog({host.name: host.ros_node.get_logger() for host in hosts})
     root = logging.getLogger("socialbot")
     level = root.level

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,21 +31,23 @@ class Connection:
     topic: str
     wanted: int
     count: Callable[[], int]
+    end: Any
+    """The rclpy publisher or subscription."""
 
 
 def publisher_connection(graph: Graph, topic: str, publisher: Any) -> Connection:
     """The connection of an rclpy publisher to the listeners in ``graph``."""
     listeners = sum(topic == listened for placement in graph.placements for listened, _ in placement.subscriptions)
-    return Connection(topic, listeners, publisher.get_subscription_count)
+    return Connection(topic, listeners, publisher.get_subscription_count, publisher)
 
 
 def subscription_connection(graph: Graph, topic: str, subscription: Any) -> Connection:
     """The connection of an rclpy subscription to the publishers in ``graph``."""
     publishers = sum(topic == published for placement in graph.placements for published, _ in placement.publications)
-    return Connection(topic, publishers, subscription.get_publisher_count)
+    return Connection(topic, publishers, subscription.get_publisher_count, subscription)
 
 
-def unconnected(connections: list[Connection]) -> str:
+def unconnected(connections: Iterable[Connection]) -> str:
     """The topics that lack a peer, separated by commas."""
     return ", ".join(one.topic for one in connections if one.count() < one.wanted)
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import itertools
 import os
 import resource
-from collections import deque
-from collections.abc import Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from socket import gethostname
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -15,8 +16,17 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node as RosNode
 
-from socialbot.bridge.inbox import Inbox
+from socialbot.bridge.inbox import Line
 from socialbot.bridge.readiness import UNCONNECTED, Connection, unconnected
+
+MACHINE_VARIABLE = "SOCIALBOT_MACHINE"
+"""The name of this machine in a deployment; without it, its host name."""
+
+RESTARTS_VARIABLE = "SOCIALBOT_RESTARTS"
+"""By it a supervisor tells a process how often it was started again."""
+
+LAST_ERROR_VARIABLE = "SOCIALBOT_LAST_ERROR"
+"""By it a supervisor tells a process why the one before it died."""
 
 TICK_S = 0.1
 TICKS_A_REPORT = 10
@@ -31,9 +41,15 @@ class Statistics:
 
     calls: int = 0
     failures: int = 0
-    refused: int = 0
+    refusals: Counter[str] = field(default_factory=Counter)
+    """Messages that were refused, by reason."""
     first_failure: str = ""
     durations: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
+
+    @property
+    def refused(self) -> int:
+        """Messages that were refused."""
+        return self.refusals.total()
 
     def note(self, seconds: float) -> None:
         """Counts one call."""
@@ -49,30 +65,44 @@ class Statistics:
 class Reporter:
     """Publishes the ``statistics`` of a node on /diagnostics: once a second, more often until it is connected."""
 
-    def __init__(self, ros: RosNode, statistics: Statistics, inbox: Inbox, connections: Sequence[Connection]) -> None:
+    def __init__(
+        self,
+        ros: RosNode,
+        statistics: Statistics,
+        connections: Sequence[Connection],
+        lines: Callable[[], Sequence[Line]],
+        state: Callable[[], str],
+    ) -> None:
         self._ros = ros
         self._statistics = statistics
-        self._inbox = inbox
-        self._connections = list(connections)
+        self._connections = connections
+        self._lines = lines
+        self._state = state
         self._ticks = itertools.count()
         self._lacking = ""
         self._publisher = ros.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._timer = ros.create_timer(TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _tick(self) -> None:
-        lacking = unconnected(self._connections)
+        state = self._state()
+        lacking = unconnected(self._connections) if state == "active" else state
         if next(self._ticks) % TICKS_A_REPORT == 0 or lacking != self._lacking:
             self._lacking = lacking
-            array = DiagnosticArray(status=[self._status(lacking)])
+            array = DiagnosticArray(status=[self._status(state, lacking)])
             array.header.stamp = self._ros.get_clock().now().to_msg()
             self._publisher.publish(array)
 
-    def _status(self, lacking: str) -> DiagnosticStatus:
-        statistics, lines = self._statistics, self._inbox.lines
+    def _status(self, state: str, lacking: str) -> DiagnosticStatus:
+        statistics, lines = self._statistics, self._lines()
         values: dict[str, Any] = {
+            "machine": machine(),
+            "state": state,
+            "restarts": restarts(),
+            "last_error": os.environ.get(LAST_ERROR_VARIABLE, ""),
             "calls": statistics.calls,
             "failures": statistics.failures,
             "refused": statistics.refused,
+            "refusals": ", ".join(f"{count} {reason}" for reason, count in sorted(statistics.refusals.items())),
             "first_failure": statistics.first_failure,
             "received": sum(line.received for line in lines),
             "skipped": sum(line.skipped for line in lines),
@@ -83,13 +113,24 @@ class Reporter:
             UNCONNECTED: lacking,
         }
         failing = statistics.failures or statistics.refused
+        how = "refused messages" if failing else "running" if state == "active" else state
         return DiagnosticStatus(
             level=DiagnosticStatus.WARN if failing or lacking else DiagnosticStatus.OK,
             name=self._ros.get_name(),
-            message=statistics.first_failure or ("refused messages" if failing else "running"),
-            hardware_id="",
+            message=statistics.first_failure or how,
+            hardware_id=machine(),
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
+
+
+def restarts() -> int:
+    """How often a supervisor has started this process again."""
+    return int(os.environ.get(RESTARTS_VARIABLE) or 0)
+
+
+def machine() -> str:
+    """The name of this machine."""
+    return os.environ.get(MACHINE_VARIABLE) or gethostname()
 
 
 def _process() -> dict[str, float]:

@@ -1,0 +1,197 @@
+"""One life of a node: built, started, called, stopped, the last three in a thread of its own."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from socialbot.bridge.inbox import Alarm, Inbox, Line
+from socialbot.bridge.readiness import LOOK_AGAIN_S, Connection, unconnected
+from socialbot.bridge.statistics import Statistics, restarts
+from socialbot.bridge.wire import Outlet
+from socialbot.clock import Clock
+from socialbot.errors import NodeError, SocialbotError
+from socialbot.graph import Node, Output, Placement, outcome
+from socialbot.health import Vitals
+from socialbot.messages import Health, Message
+
+R = TypeVar("R")
+
+
+CONNECTED_S = 5.0
+"""So long a node waits for its connections before it starts without them: others may have been started by hand."""
+
+RECONNECTED_S = 1.0
+"""The same in a process that was started again: it is missed by those who are there."""
+
+
+@dataclass(frozen=True)
+class _Own:
+    """A call of the runner's own, which is none of the node's statistics."""
+
+    callback: Callable[[], None]
+
+    def __call__(self) -> None:
+        self.callback()
+
+
+class _Context:
+    """rclpy as one node sees it."""
+
+    def __init__(self, clock: Clock, inbox: Inbox, outlets: Mapping[str, Outlet], vitals: Vitals) -> None:
+        self.clock = clock
+        self.vitals = vitals
+        self._inbox = inbox
+        self._outlets = outlets
+
+    def publish(self, port: Output[Any], message: Message) -> None:
+        self._outlets[port.name].publish(message)
+
+    def call_at(self, time: int, callback: Callable[[], None]) -> Alarm:
+        return self._inbox.call_at(time, callback)
+
+    def call_soon(self, callback: Callable[[], None]) -> None:
+        self._inbox.call_soon(callback)
+
+    def aside(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
+        def run() -> None:
+            self._inbox.call_expected(functools.partial(then, outcome(work)))
+
+        self._inbox.expect()
+        threading.Thread(target=run, name="aside", daemon=True).start()
+
+
+class Life:
+    """Builds the node of ``placement``; what it publishes goes to the ``outlets`` by the names of its ports.
+
+    It starts when its ``connections`` stand. ``well`` is called by its own thread, once when it has started and each
+    time that `ask` asks how it is. ``failure`` is the error that kept it from starting, if any.
+    """
+
+    def __init__(
+        self,
+        placement: Placement,
+        parameters: Mapping[str, object],
+        *,
+        clock: Clock,
+        simulated: bool,
+        outlets: Mapping[str, Outlet],
+        connections: Sequence[Connection],
+        statistics: Statistics,
+        say_health: Callable[[Health], None],
+        well: Callable[[], None],
+    ) -> None:
+        self.name = placement.name
+        self.failure: SocialbotError | None = None
+        self.inbox = Inbox(clock.now, simulated=simulated)
+        self._vitals = Vitals(placement, clock, say_health)
+        context = _Context(clock, self.inbox, outlets, self._vitals)
+        self.node: Node = placement.type(placement.name, context, parameters)
+        self._clock = clock
+        self._simulated = simulated
+        self._connections = connections
+        self._statistics = statistics
+        self._well = well
+        self._asked = False
+        self._thread: threading.Thread | None = None
+
+    @property
+    def started(self) -> bool:
+        """Whether it has a thread."""
+        return self._thread is not None
+
+    def start(self) -> None:
+        """Starts the thread, and in it the node."""
+        self._thread = threading.Thread(target=self._live, name=self.name, daemon=True)
+        self._thread.start()
+
+    def stop(self, timeout_s: float = 5.0) -> None:
+        """Stops the node, in its own thread."""
+        self.inbox.close()
+        if self._thread is not None:
+            self._thread.join(timeout_s)
+
+    def call(self, callback: Callable[[], None]) -> None:
+        """Has something done in the node's own thread: now, while there is none yet."""
+        if self._thread is None:
+            callback()
+        else:
+            self.inbox.call_soon(callback)
+
+    def ask(self) -> None:
+        """Asks the node how it is. One that hangs does not answer."""
+        if not self._asked:
+            self._asked = True
+            self.inbox.call_soon(_Own(self._answer))
+
+    def _answer(self) -> None:
+        self._asked = False
+        self._well()
+
+    def _live(self) -> None:
+        try:
+            if self._simulated:
+                self._await_time()
+            self._await_connections()
+            self.node.start()
+            self._vitals.begin(self.node, lambda time, beat: self.inbox.call_at(time, _Own(beat)))
+            self.inbox.attend(self._vitals)
+        except SocialbotError as error:
+            self.failure = error
+            return
+        except Exception as error:  # noqa: BLE001 - whatever a node raises at its start is told in one message
+            report(self.name, "cannot start", error, 1)
+            self.failure = NodeError(f"cannot start: {type(error).__name__}: {error}", where=self.name)
+            return
+        self._well()
+        while (item := self.inbox.take()) is not None:
+            self._do(item)
+        self.node.stop()
+
+    def _await_time(self) -> None:
+        """Simulated time begins with the first message on /clock."""
+        begun = threading.Event()
+        while self._clock.now() == 0 and not begun.wait(0.005):
+            if self.inbox.closed:
+                return
+
+    def _await_connections(self) -> None:
+        """What is said before the listeners are there is lost."""
+        deadline = time.monotonic() + (RECONNECTED_S if restarts() else CONNECTED_S)
+        while (lacking := unconnected(self._connections)) and not self.inbox.closed:
+            if time.monotonic() > deadline:
+                logging.getLogger(f"socialbot.{self.name}").info("starts without %s", lacking)
+                return
+            time.sleep(LOOK_AGAIN_S)
+
+    def _do(self, item: Callable[[], None] | tuple[Line, Message]) -> None:
+        begin = time.perf_counter()
+        try:
+            if callable(item):
+                item()
+            else:
+                line, message = item
+                line.port.deliver(self.node, message)
+        except Exception as error:  # noqa: BLE001 - whatever a node raises, the graph goes on
+            self._statistics.failures += 1
+            self._statistics.first_failure = self._statistics.first_failure or f"{type(error).__name__}: {error}"
+            report(self.name, "failed", error, self._statistics.failures)
+        if isinstance(item, _Own) or item == self._vitals.look:
+            return
+        seconds = time.perf_counter() - begin
+        if not callable(item):
+            item[0].charge(seconds)
+        self._statistics.note(seconds)
+
+
+def report(node: str, what: str, error: Exception, count: int) -> None:
+    """Logs the first failure, the tenth, the hundredth, ...: a bad stream must not flood the log."""
+    if str(count).strip("0") == "1":
+        times = f" {count} times" if count > 1 else ""
+        expected = isinstance(error, SocialbotError)
+        logging.getLogger(f"socialbot.{node}").warning("%s%s: %s", what, times, error, exc_info=not expected)

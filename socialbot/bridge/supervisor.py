@@ -1,0 +1,258 @@
+"""Keeps the processes of a graph alive: what dies or hangs is started again, and given up when that does not help."""
+
+from __future__ import annotations
+
+import logging
+import select
+import subprocess
+import time
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from socialbot.bridge import environment
+from socialbot.bridge.bring_up import BringUp, sinks_first
+from socialbot.bridge.launch import (
+    DOCUMENTED,
+    end_processes,
+    failure,
+    how_it_ended,
+    log_file,
+    node_arguments,
+    processes_of,
+    start_process,
+    write_graph,
+)
+from socialbot.bridge.lifeline import Lifeline, lifelines
+from socialbot.bridge.restarting import Patience, RestartPolicy
+from socialbot.bridge.rotation import Rotation
+from socialbot.bridge.statistics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE
+from socialbot.errors import NodeError
+from socialbot.graph import Graph
+
+log = logging.getLogger("socialbot.supervisor")
+
+ACTIVE, INACTIVE = "active", "inactive"
+"""What a node says that has started and is well, and one that is ready to start."""
+
+ROTATE_EVERY_S = 5.0
+
+Variables = Callable[[Collection[str]], Mapping[str, str]]
+"""Environment variables for a process with the nodes of these names."""
+
+
+def no_variables(nodes: Collection[str]) -> Mapping[str, str]:
+    """None."""
+    return {}
+
+
+@dataclass(eq=False)
+class Member:
+    """One process: its nodes, what they said last and when (s), and what became of it."""
+
+    name: str
+    nodes: list[str]
+    patience: Patience
+    process: subprocess.Popen[bytes] | None = None
+    line: Lifeline | None = None
+    words: dict[str, str] = field(default_factory=dict)
+    heard: dict[str, float] = field(default_factory=dict)
+    restarts: int = 0
+    was_well: bool = False
+    is_down: bool = False
+    is_given_up: bool = False
+    hung: str = ""
+    due: float | None = None
+    last_error: str = ""
+
+    @property
+    def state(self) -> str:
+        """``starting``, ``active``, ``waiting`` to be started again, ``ended`` by itself, or ``given up``."""
+        if self.process is not None:
+            well = all(self.words.get(node) == ACTIVE for node in self.nodes)
+            return ACTIVE if well else "starting"
+        if self.due is not None:
+            return "waiting"
+        return "given up" if self.is_given_up else "ended"
+
+
+class Supervisor:
+    """The processes of one graph, kept alive. Use it as a context manager: leaving it ends them all.
+
+    ``folder`` takes the graph as it runs (graph.yaml) and a log for each process. Only ``nodes`` of the graph are
+    started, by default all; ``variables`` are more of the environment, for a process with the nodes of these names.
+    Whoever has it calls `attend` all the time.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        folder: Path,
+        *,
+        composed: bool = False,
+        policy: RestartPolicy | None = None,
+        rotation: Rotation | None = None,
+        nodes: Collection[str] | None = None,
+        variables: Variables = no_variables,
+    ) -> None:
+        self._graph = graph
+        self._folder = folder
+        self._policy = policy or RestartPolicy()
+        self._rotation = rotation or Rotation()
+        self._rotate_at = 0.0
+        self._variables = variables
+        self._file = folder / "graph.yaml"
+        self._bring_up = BringUp((), self._activate, 0.0)
+        own = {placement.name for placement in graph.placements} if nodes is None else set(nodes)
+        self.members = {
+            name: Member(name, nodes, Patience(self._policy))
+            for name, nodes in processes_of(graph, composed=composed).items()
+            if own.issuperset(nodes)
+        }
+
+    def __enter__(self) -> Supervisor:
+        environment.require_ros()
+        self._file = write_graph(self._graph, self._folder)
+        own = {node for member in self.members.values() for node in member.nodes}
+        order = [node for node in sinks_first(self._graph) if node in own]
+        self._bring_up = BringUp(order, self._activate, time.monotonic())
+        try:
+            for member in self.members.values():
+                self._start(member)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def attend(self, timeout_s: float) -> None:
+        """Sees to the processes, once; waits at most ``timeout_s`` for something to happen.
+
+        Raises NodeError when nothing is left to wait for, and the error of a process that says at its very first start
+        that it cannot be: with such an error it would never start.
+        """
+        self._listen(timeout_s)
+        now = time.monotonic()
+        if not self._bring_up.done:
+            self._go_on_bringing_up(now)
+        if now >= self._rotate_at:
+            self._rotate_at = now + ROTATE_EVERY_S
+            self._rotation.rotate_all([log_file(self._folder, name) for name in self.members], self._folder / "ros")
+        for member in self.members.values():
+            if member.process is not None:
+                code = member.process.poll()
+                if code is not None:
+                    self._bury(member, code, now)
+                elif not member.hung and (hung := self._hung(member, now)):
+                    member.hung = hung
+                    member.process.kill()
+            elif member.due is not None and now >= member.due:
+                self._start(member)
+        if all(member.state == "given up" for member in self.members.values()):
+            raise NodeError(
+                "all processes have died too often",
+                where=self._graph.name,
+                remedy=f"their logs are in {self._folder}",
+            )
+
+    def stop(self) -> None:
+        """Ends all processes."""
+        end_processes({name: one.process for name, one in self.members.items() if one.process is not None})
+        for member in self.members.values():
+            self._part(member)
+            member.due = None
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """The ids of the processes that live, by name."""
+        return {name: one.process.pid for name, one in self.members.items() if one.process is not None}
+
+    def _start(self, member: Member) -> None:
+        line, theirs = lifelines()
+        with theirs:
+            member.process = start_process(
+                node_arguments(self._file, member.nodes),
+                log_file(self._folder, member.name),
+                variables={
+                    RESTARTS_VARIABLE: str(member.restarts),
+                    LAST_ERROR_VARIABLE: member.last_error,
+                    **self._variables(member.nodes),
+                },
+                lifeline=theirs.fileno(),
+            )
+        now = time.monotonic()
+        member.line, member.due, member.hung = line, None, ""
+        member.words.clear()
+        member.heard = dict.fromkeys(member.nodes, now)
+        member.patience.started(now)
+
+    def _listen(self, timeout_s: float) -> None:
+        lines = {one.line: one for one in self.members.values() if one.line is not None and not one.line.broken}
+        due = [one.due - time.monotonic() for one in self.members.values() if one.due is not None]
+        wait_s = max(0.0, min([timeout_s, *due]))
+        if not lines:
+            time.sleep(wait_s)
+            return
+        for line in select.select(list(lines), [], [], wait_s)[0]:
+            for node, word in line.hear():
+                self._note(lines[line], node, word)
+
+    def _go_on_bringing_up(self, now: float) -> None:
+        members = self.members.values()
+        inactive = [node for one in members for node, word in one.words.items() if word == INACTIVE]
+        dead = [node for one in members if one.process is None for node in one.nodes]
+        self._bring_up.look(inactive, dead, now)
+
+    def _activate(self, node: str) -> None:
+        for member in self.members.values():
+            if node in member.nodes and member.line is not None:
+                member.line.say(node, ACTIVE)
+
+    def _note(self, member: Member, node: str, word: str) -> None:
+        if word == INACTIVE and member.restarts and node not in member.words:
+            self._activate(node)
+        member.heard[node] = time.monotonic()
+        member.words[node] = word
+        if member.state == ACTIVE and (member.is_down or not member.was_well):
+            if member.is_down:
+                log.warning("%s is back", member.name)
+            member.was_well, member.is_down = True, False
+
+    def _hung(self, member: Member, now: float) -> str:
+        """The node that says nothing any more, if there is one."""
+        for node, heard in member.heard.items():
+            patience_s = self._policy.hung_s if member.words.get(node) == ACTIVE else self._policy.ready_s
+            if now - heard > patience_s:
+                return node
+        return ""
+
+    def _bury(self, member: Member, code: int, now: float) -> None:
+        self._part(member)
+        file = log_file(self._folder, member.name)
+        if code == 0:
+            log.warning("%s has ended", member.name)
+            return
+        if code in DOCUMENTED and not member.was_well:
+            raise failure(member.name, code, file)
+        what = f"hung ({member.hung} said nothing)" if member.hung else how_it_ended(code)
+        member.last_error, member.is_down = what, True
+        pause_s = member.patience.died(now)
+        if pause_s is None:
+            member.is_given_up = True
+            log.error(
+                "%s is given up: it has died more than %d times in %g s; at last it %s; its log: %s",
+                *(member.name, self._policy.times, self._policy.within_s, what, file),
+            )
+            return
+        member.due = now + pause_s
+        member.restarts += 1
+        log.warning("%s %s; started again in %.1f s (no. %d)", member.name, what, pause_s, member.restarts)
+
+    @staticmethod
+    def _part(member: Member) -> None:
+        member.process = None
+        if member.line is not None:
+            member.line.close()
+            member.line = None
