@@ -121,20 +121,31 @@ def replay(
 
 @app.command()
 def up(
-    graph: Annotated[str, typer.Argument(help="A graph that comes with socialbot, or a graph file.")] = "waldo",
+    graph: Annotated[
+        str, typer.Argument(help="A graph that comes with socialbot, a graph file or a deployment file.")
+    ] = "waldo",
+    machine: Annotated[str | None, typer.Option(help="Of a deployment; default: the one this is.")] = None,
     composed: ComposedOption = False,
     camera: Annotated[str | None, typer.Option(help="Device, video or folder: sets camera.source.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the record of the run; default: runs/TIME.")] = None,
     changes: SetOption = None,
 ) -> None:
-    """Bring up a graph on live input, until Ctrl-C."""
+    """Bring up a graph, or one machine's nodes of a deployment, on live input, until Ctrl-C."""
+    from socialbot.deploy_cli import is_deployment, up_machine
     from socialbot.graph_file import load_graph
     from socialbot.live import run_live
     from socialbot.run_record import RunRecord
 
-    source = [f"camera.source={camera}"] if camera is not None else []
-    whole = with_changes(load_graph(graph), source + (changes or []))
+    changes = ([f"camera.source={camera}"] if camera is not None else []) + (changes or [])
     folder = out or new_run_folder()
+    if is_deployment(graph):
+        if composed:
+            raise ParameterError("nodes of a deployment have a process each", where="--composed", remedy="leave it out")
+        up_machine(graph, machine, changes, folder)
+        return
+    if machine is not None:
+        raise ParameterError(f"{graph} names no machines", where="--machine", remedy="give a deployment file")
+    whole = with_changes(load_graph(graph), changes)
     console = Console(highlight=False)
     console.print(f"{whole.name}: Ctrl-C ends it; its record: {folder}", soft_wrap=True, markup=False)
     with RunRecord(folder) as record:
@@ -196,19 +207,23 @@ def _add_commands() -> None:
     from socialbot.bridge.player_cli import play
     from socialbot.bridge.topic_cli import topic
     from socialbot.demo_cli import demo, run
+    from socialbot.deploy_cli import systemd
     from socialbot.doctor_cli import doctor
     from socialbot.evaluate_cli import evaluate
+    from socialbot.key_cli import key
     from socialbot.plan_cli import plan
 
     bag.command()(play)
     app.add_typer(bag, name="bag")
     app.add_typer(topic, name="topic")
+    app.add_typer(key, name="key")
     app.add_typer(asl, name="asl")
     app.add_typer(agent, name="agent")
     app.add_typer(demo, name="demo")
     app.command()(evaluate)
     app.command()(plan)
     app.command()(run)
+    app.command()(systemd)
     app.command()(doctor)
 
 

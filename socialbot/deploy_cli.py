@@ -1,0 +1,68 @@
+"""``socialbot up FILE --machine M`` for deployments, and ``socialbot systemd``; see docs/deploy.md."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from socialbot.errors import ParameterError
+from socialbot.graph_file import GRAPHS
+
+
+def is_deployment(name: str) -> bool:
+    """Whether ``name`` is a file that tells of machines, and so no graph."""
+    if name in GRAPHS:
+        return False
+    try:
+        text = Path(name).read_text("utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return any(line.startswith(("machines:", "machines :", '"machines"', "'machines'")) for line in text.splitlines())
+
+
+def up_machine(file: str, machine: str | None, changes: list[str], out: Path) -> None:
+    """Brings up the nodes of ``machine``, by default the one this runs on, until Ctrl-C.
+
+    ``changes`` are those of ``--set``; ``out`` takes the record of the run.
+    """
+    from socialbot.cli import with_changes
+    from socialbot.deployment.deployment_file import load_deployment
+    from socialbot.deployment.running import run_machine
+    from socialbot.run_record import RunRecord
+
+    deployment = load_deployment(Path(file))
+    machine = machine or deployment.this_machine()
+    nodes = ", ".join(placement.name for placement in deployment.half(machine))
+    graph = with_changes(deployment.graph, changes)
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"{graph.name} on {machine}: {nodes or 'no node'}", markup=False)
+    console.print(f"Ctrl-C ends it; its record: {out}", markup=False)
+    with RunRecord(out) as record:
+        run_machine(deployment, machine, record, Console(highlight=False), graph)
+
+
+def systemd(
+    file: Annotated[Path, typer.Argument(help="The deployment file.")],
+    machine: Annotated[str, typer.Option(help="The machine that the unit is for.")],
+    out: Annotated[Path | None, typer.Option(help="The folder to write the unit into; default: print it.")] = None,
+) -> None:
+    """Make the systemd unit by which a machine of a deployment starts its nodes when it starts itself."""
+    from socialbot.deployment.deployment_file import load_deployment
+    from socialbot.deployment.systemd import unit, unit_name
+
+    load_deployment(file).address(machine)
+    text = unit(file, machine)
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    path = out / unit_name(machine)
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ParameterError(
+            f"cannot be written: {error.strerror}", where=str(path), remedy="name another --out"
+        ) from error
+    typer.echo(f"{path}\nsudo cp {path} /etc/systemd/system/ && sudo systemctl enable --now {path.name}")
