@@ -2,7 +2,8 @@
 # make test   the tests that take minutes; make test-all adds the slow ones
 # make evaluate   how well people are seen, by HOG and by the network, beside the paper's tables
 # make check  style and types
-# Both set up .venv first, from the pinned and hashed requirements.lock.
+# make fuzz   bytes that follow what the code does with them, for each reader; DECODER=graph SECONDS=600 for one of them
+# All set up .venv first, from the pinned and hashed requirements.lock.
 
 PYTHON ?= python3
 VENV := .venv
@@ -10,8 +11,9 @@ BIN := $(VENV)/bin
 BAG := data/synthetic/corridor
 SCENES := $(addprefix data/synthetic/,scene1_tune scene1_heldback scene2_tune scene2_heldback)
 JOBS ?= 2
+SECONDS ?= 30
 
-.PHONY: setup demo evaluate test test-all check lock clean
+.PHONY: setup demo evaluate test test-all fuzz check lock clean
 
 setup: $(VENV)/installed
 
@@ -35,6 +37,11 @@ test: setup
 
 test-all: setup
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup
+
+fuzz: setup
+	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check 'atheris>=2.3,<4'
+	for decoder in $(or $(DECODER),$$($(BIN)/python tools/fuzz.py --list)); do \
+	  $(BIN)/python tools/fuzz.py $$decoder -max_total_time=$(SECONDS) || exit 1; done
 
 check: setup
 	$(BIN)/ruff check .

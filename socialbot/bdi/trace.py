@@ -154,13 +154,13 @@ def read_trace(file: str | PathLike[str], limit: int = 100_000) -> Trace:
     import json
 
     trace = Trace(limit)
-    with open(file, encoding="utf-8") as opened:
+    with open(file, encoding="utf-8", errors="surrogateescape") as opened:
         lines = opened.read().split("\n")
     for number, line in enumerate(lines, 1):
         try:
             if line:
-                trace(Record(**json.loads(line)))
-        except (ValueError, TypeError) as problem:
+                trace(Record(**json.loads(line.encode("utf-8"))))
+        except (ValueError, TypeError, RecursionError) as problem:
             if number < len(lines):
                 raise RuleError("this is no record", where=f"{file}:{number}", remedy="give a trace file") from problem
     return trace

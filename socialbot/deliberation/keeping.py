@@ -57,7 +57,7 @@ def recall(deliberator: Deliberator, path: Path) -> bool:
         kept = msgspec.json.decode(path.read_bytes(), type=Kept)
     except FileNotFoundError:
         return False
-    except (OSError, msgspec.MsgspecError) as error:
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise PlanningError(
             f"no kept mind: {error}", where=str(path), remedy="delete the file to begin anew"
         ) from error

@@ -74,7 +74,7 @@ def load_pictures(path: str | Path) -> tuple[LabelledPicture, ...]:
         entries = msgspec.json.decode(Path(path).read_bytes(), type=list[msgspec.Raw])
     except OSError as error:
         raise TruthError(error.strerror or str(error), where=where, remedy="check the path") from error
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise TruthError(str(error), where=where, remedy="it must be a JSON list, one entry a picture") from error
     if not entries:
         raise TruthError("no pictures in the list", where=where, remedy=FITS)
@@ -99,7 +99,7 @@ def dump_pictures(pictures: Sequence[LabelledPicture]) -> bytes:
 def _entry(number: int, entry: msgspec.Raw, where: str) -> LabelledPicture:
     try:
         picture = msgspec.json.decode(entry, type=LabelledPicture)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise TruthError(f"{error}", where=f"{where}: {_name(number, entry)}", remedy=FITS) from error
     numbers = [value for box in (*picture.boxes, *picture.ignore) for value in (box.x, box.y, box.w, box.h)]
     if numbers and max(numbers) <= 1.0:
@@ -124,6 +124,6 @@ def _name(number: int, entry: msgspec.Raw) -> str:
     """How a person finds the entry: its number and, where it can be read, its image."""
     try:
         image = msgspec.json.decode(entry, type=dict).get("image", "")
-    except (msgspec.MsgspecError, UnicodeDecodeError):
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         image = ""
     return f"entry {number} ({image})" if image else f"entry {number}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from socialbot.errors import PlanningError
 
-_LINE = re.compile(r"\s*([0-9.eE+-]+)\s*:\s*\(\s*([^()]*?)\s*\)\s*(?:\[\s*([0-9.eE+-]+)\s*\])?\s*(?:;.*)?$")
+_LINE = re.compile(r"\s*([0-9.eE+-]+)\s*:\s*\(([^()]*)\)\s*(?:\[\s*([0-9.eE+-]+)\s*\]\s*)?(?:;.*)?$")
 
 SEPARATION_S = 0.001
 """How far planners keep steps apart that must not coincide; plans may be late by as much for every step."""
@@ -66,7 +66,7 @@ def parse_plan(text: str, *, where: str = "plan") -> Plan:
         if not line.strip() or line.lstrip().startswith(";"):
             continue
         found = _LINE.match(line)
-        if found is None or not found[2]:
+        if found is None or not found[2].strip():
             raise PlanningError(
                 f"no step of a plan: {line.strip()!r}",
                 where=f"{where}:{number}",

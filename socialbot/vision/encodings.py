@@ -6,13 +6,16 @@ become eight by dropping the lower byte, so one value has one brightness in ever
 
 from __future__ import annotations
 
+import re
+import struct
+
 import cv2
 import numpy as np
 
 from socialbot.errors import ImageError
 from socialbot.messages import CompressedImage, Image
 
-__all__ = ["ENCODINGS", "bgr_from_compressed", "bgr_from_image"]
+__all__ = ["ENCODINGS", "MOST_PIXELS", "bgr_from_compressed", "bgr_from_image"]
 
 Pixels = np.ndarray
 _BYTES = {"bgr8": 3, "8UC3": 3, "rgb8": 3, "bgra8": 4, "8UC4": 4, "rgba8": 4, "mono8": 1, "8UC1": 1,
@@ -29,6 +32,15 @@ _SUBSAMPLED = frozenset({"yuv422", "uyvy", "yuv422_yuy2", "yuyv"})
 
 ENCODINGS = tuple(_BYTES)
 """Every encoding that `bgr_from_image` takes."""
+
+MOST_PIXELS = 1 << 25
+"""The largest compressed picture, as of 8K: a few bytes of a file may speak of gigabytes of pixels."""
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG = b"\xff\xd8"
+_MARKER = re.compile(rb"\xff+([^\x00\xff])", re.DOTALL)
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_WITHOUT_CONTENT = frozenset({0x01, *range(0xD0, 0xD8)})
 
 
 def bgr_from_image(image: Image) -> Pixels:
@@ -95,7 +107,7 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
     bgr8", "bgr8; png compressed ". Where it says "compressed rgb" the file holds red and blue exchanged,
     and they are put back. An orientation in the file is ignored, as CameraInfo speaks of the sensor.
 
-    Raises ImageError for another format, no data, and a damaged or cut file.
+    Raises ImageError for another format, no data, a damaged or cut file, and more than `MOST_PIXELS`.
     """
     words = image.format.lower()
     where = f"image of format {image.format!r}, {image.data.size} bytes"
@@ -105,7 +117,17 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
     data = np.ascontiguousarray(image.data, dtype=np.uint8).reshape(-1)
     if not data.size:
         raise ImageError("no data", where=where, remedy="check the camera and its driver")
-    if not _is_complete(data.tobytes()):
+    file = data.tobytes()
+    width, height = _size(file)
+    if not width * height:
+        raise ImageError("cannot be decoded", where=where, remedy="check that the data is what its format says")
+    if width * height > MOST_PIXELS:
+        raise ImageError(
+            f"{width}x{height} pixels are too many",
+            where=where,
+            remedy=f"send pictures of {MOST_PIXELS / 1e6:.0f} million pixels at most",
+        )
+    if not _is_complete(file):
         raise ImageError("the file is cut short", where=where, remedy="check the camera's cable and bandwidth")
     try:
         pixels = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -116,9 +138,35 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
     return cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if "compressed rgb" in words else pixels
 
 
+def _size(data: bytes) -> tuple[int, int]:
+    """Width and height that a JPEG or PNG gives in its header; zeros where there is none."""
+    if data.startswith(_PNG) and len(data) >= 24:
+        return struct.unpack_from(">II", data, 16)
+    found = _MARKER.search(data, len(_JPEG)) if data.startswith(_JPEG) else None
+    while found is not None and len(data) >= found.end() + 7:
+        kind = found[1][0]
+        if kind in _FRAMES:
+            height, width = struct.unpack_from(">HH", data, found.end() + 3)
+            return width, height
+        (length,) = (0,) if kind in _WITHOUT_CONTENT else struct.unpack_from(">H", data, found.end())
+        found = _MARKER.search(data, found.end() + length)
+    return 0, 0
+
+
 def _is_complete(data: bytes) -> bool:
+    return _is_complete_png(data) if data.startswith(_PNG) else _is_complete_jpeg(data)
+
+
+def _is_complete_png(data: bytes) -> bool:
+    """False for a PNG without its end: OpenCV would make room for whatever length the last part gives."""
+    at, kind = len(_PNG), b""
+    while kind != b"IEND" and at + 12 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        at += 12 + length
+    return kind == b"IEND" and at <= len(data)
+
+
+def _is_complete_jpeg(data: bytes) -> bool:
     """False for a JPEG without its end: OpenCV would fill what is missing with grey and say nothing."""
-    if not data.startswith(b"\xff\xd8"):
-        return True
     # A thumbnail has an end of its own, hence the search behind the last start of scan.
     return data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda")

@@ -116,7 +116,7 @@ def load_truth(path: str | Path) -> Truth:
         truth = msgspec.json.decode(data, type=Truth)
     except OSError as error:
         raise TruthError(error.strerror or str(error), where=where, remedy="check the path") from error
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise TruthError(str(error), where=where, remedy="it must fit schema socialbot/truth, version 1") from error
     _check_order(truth.frames, where)
     return truth
@@ -151,7 +151,7 @@ def truth_from_messages(texts: Iterable[str], where: str) -> Truth:
 def _truth_message(number: int, text: str, where: str) -> TruthMessage:
     try:
         return msgspec.json.decode(text, type=TruthMessage)
-    except (msgspec.MsgspecError, UnicodeError) as error:
+    except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
         raise TruthError(
             f"message {number}: {error}", where=where, remedy="it must fit schema socialbot/truth_frame, version 1"
         ) from error

@@ -26,7 +26,7 @@ _WORD = re.compile(
     r"|<-|<=|<:|>=|:-|::|=\.\.|==|\\==|\*\*|-\+|\+\+|--|\+<|\+>|-<|!!|!=|\|&\||\|\|\||\|\||&&|/\*"
     r"|\S)"
 )
-_COMMENT = re.compile(rf"({_STRING}|{_QUOTED})|//[^\n]*|#[^\n]*|/\*.*?\*/", re.DOTALL)
+_COMMENT = re.compile(rf"({_STRING}|{_QUOTED})|//[^\n]*|#[^\n]*|/\*.*?(?:\*/|(\Z))", re.DOTALL)
 _NOT_LINE_END = re.compile(r"[^\n]")
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 ESCAPES = {"n": "\n", "t": "\t", "r": "\r", "b": "\b", "f": "\f", "\\": "\\", '"': '"', "'": "'"}
@@ -47,7 +47,8 @@ class Source:
         self.text = text
         self.file = file
         bare = _COMMENT.sub(_blank, text) if "#" in text or "/" in text else text
-        self._pieces: list[str] = _WORD.findall(bare)
+        # Blanks that no word follows would be looked through again from each of them.
+        self._pieces: list[str] = _WORD.findall(bare.rstrip())
         self.words = [piece.strip() for piece in self._pieces]
         self.words += (END, END)
         self._ends: list[int] | None = None
@@ -93,4 +94,8 @@ class Source:
 
 
 def _blank(match: re.Match[str]) -> str:
-    return match[1] or _NOT_LINE_END.sub(" ", match[0])
+    if match[1]:
+        return match[1]
+    # Of a comment that is never closed, its beginning stays, for the parser to complain about.
+    begin = "/*" if match[2] is not None else ""
+    return begin + _NOT_LINE_END.sub(" ", match[0][len(begin) :])

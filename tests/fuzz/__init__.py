@@ -1,0 +1,3 @@
+from hypothesis import settings
+
+quick = settings(derandomize=True, database=None, deadline=None)

@@ -1,0 +1,497 @@
+"""Everything of socialbot that reads what others wrote, each as a function of bytes.
+
+For bad input a decoder raises SocialbotError and nothing else. The seeds are what the project itself writes.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from socialbot import graph_file
+from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
+from socialbot.agents.hospital.missions import Memory
+from socialbot.agents.hospital.ward import paper_ward
+from socialbot.agents.hospital.ward_faults import parse_faults as parse_ward_faults
+from socialbot.agents.waldo.head import Head
+from socialbot.agents.waldo.listener import Listener
+from socialbot.agents.waldo.waldo_node import WaldoNode
+from socialbot.agents.warehouse.cast import cast_of
+from socialbot.agents.warehouse.faults import parse_faults as parse_warehouse_faults
+from socialbot.bdi import Engine, Record
+from socialbot.bdi.agentspeak.loading import load as load_program
+from socialbot.bdi.saving import read as read_mind
+from socialbot.bdi.saving import restore, write
+from socialbot.bdi.trace import JsonLines, read_trace
+from socialbot.bridge import codec
+from socialbot.bridge.bag_types import RosbagsTypes
+from socialbot.bridge.bags import BagWriter, open_bag
+from socialbot.bridge.sending import message_from
+from socialbot.clock import SECOND, ManualClock
+from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
+from socialbot.deliberation.keeping import keep, recall
+from socialbot.deliberation.policies import Policies
+from socialbot.deployment.deployment_file import load_deployment
+from socialbot.errors import SocialbotError
+from socialbot.evaluate.pictures import load_pictures
+from socialbot.graph import Graph, Node, Placement, check_parameters
+from socialbot.inline import InlineRunner
+from socialbot.messages import (
+    ActionRequest,
+    BoxMarkers,
+    CameraInfo,
+    CompressedImage,
+    HeadCommand,
+    Image,
+    JointTrajectory,
+    Message,
+    PersonDetection,
+    PersonDetections,
+    Structured,
+)
+from socialbot.planning.plan import parse_plan
+from socialbot.planning.reader import read_domain, read_problem
+from socialbot.security.freshness import Freshness
+from socialbot.security.keys import Keys, load_private_key
+from socialbot.security.seal import Opener, Stream
+from socialbot.vision.camera import CameraModel
+from socialbot.vision.encodings import ENCODINGS, bgr_from_compressed, bgr_from_image
+from socialbot.vision.truth import load_truth, truth_from_messages
+from tests.deliberation.office import Office, job
+from tests.fuzz.examples import example, structured
+
+ROOT = Path(graph_file.__file__).parent
+STAMP = 1_700_000_000 * SECOND
+TYPES = RosbagsTypes()
+DEPLOYMENT = b"""graph: waldo
+domain: 42
+discovery: {server: 'robot:11811'}
+machines:
+  robot: {address: 10.77.0.1}
+  workstation: {address: 10.77.0.2}
+nodes: {camera: robot, image_converter: workstation, person_detector: workstation, bdi_engine: workstation,
+  listener: workstation, speech: robot, head: robot}
+pictures:
+  /camera/image_raw: {transport: jpeg, quality: 80, rate_hz: 30}
+restart: {times: 5, within_s: 60, first_s: 0.2, longest_s: 5}
+parameters:
+  bdi_engine: {greeting: Hallo}
+"""
+PROBLEM = b"""(define (problem tidy) (:domain cleaner-domain)
+  (:objects robot - cleaner home kitchen - waypoint) ; two rooms
+  (:init (in robot home) (dock home) (workfree robot) (= (battery_charge robot) 90.5))
+  (:goal (and (cleaned kitchen) (not (dirty home)) (> (battery_charge robot) 1e1)))
+  (:metric minimize (total-time)))
+"""
+
+
+@dataclass(frozen=True)
+class Decoder:
+    """What reads ``decode``'s bytes; ``seeds`` are good inputs."""
+
+    name: str
+    decode: Callable[[bytes], object]
+    seeds: tuple[bytes, ...]
+
+    def takes(self, data: bytes) -> bool:
+        """Whether ``data`` is taken; False when it is refused. Raises what a decoder must not raise."""
+        try:
+            self.decode(data)
+        except SocialbotError as error:
+            str(error)
+            return False
+        return True
+
+
+@functools.cache
+def decoders() -> tuple[Decoder, ...]:
+    """All of them."""
+    return tuple(itertools.chain(_messages(), _files(), _minds(), _bags(), _words(), _nodes()))
+
+
+# Messages
+
+
+@dataclass(frozen=True)
+class _String:
+    """A std_msgs/String as any middleware gives it."""
+
+    data: object
+
+
+def _text(data: bytes) -> str:
+    return data.decode("utf-8", "replace")
+
+
+def _messages() -> Iterator[Decoder]:
+    texts = tuple(msgspec.json.encode(message) for message in structured())
+    yield Decoder("json", lambda data: codec.decode(Structured, _String(_text(data))), (*texts, b"good morning"))
+    yield Decoder("cdr-string", _cdr(Structured), tuple(map(_serialized, structured())))
+    yield Decoder("cdr-image", _cdr(Image, bgr_from_image, Image.bgr), tuple(map(_serialized, _images())))
+    pictures = tuple(map(_serialized, _compressed()))
+    yield Decoder("cdr-compressed-image", _cdr(CompressedImage, bgr_from_compressed), pictures)
+    info = CameraInfo(
+        stamp=STAMP, frame_id="camera", width=8, height=6, k=(500, 0, 4, 0, 500, 3, 0, 0, 1), d=(0.1,) * 5
+    )
+    yield Decoder("cdr-camera-info", _cdr(CameraInfo, CameraModel.from_info), (_serialized(info),))
+    motion = JointTrajectory(
+        stamp=STAMP, joint_names=("pan", "tilt"), positions=(0.1, 0.2), velocities=(0.0, 0.0), duration_s=0.5
+    )
+    yield Decoder("cdr-trajectory", _cdr(JointTrajectory), (_serialized(motion),))
+    boxes = BoxMarkers(stamp=STAMP, frame_id="camera", boxes=((1.0, 2.0, 3.0, 4.0),))
+    yield Decoder("cdr-boxes", _cdr(BoxMarkers), (_serialized(boxes),))
+    files = tuple(bytes(picture.data) for picture in _compressed())
+    yield Decoder("picture", lambda data: bgr_from_compressed(_picture(data)), files)
+    sealed = tuple(_stream().seal(_text(text)).encode() for text in texts[:4])
+    yield Decoder("sealed", lambda data: _opener().open(_text(data)), sealed)
+    yield Decoder("sent-by-hand", _by_hand, tuple(_handwritten(message) for message in structured()))
+
+
+def _serialized(message: Message) -> bytes:
+    return TYPES.serialize(codec.encode(message, TYPES))
+
+
+def _cdr(kind: type[Message], *uses: Callable[[Any], object]) -> Callable[[bytes], object]:
+    """Decodes a serialised message and does with it what a node would."""
+    name = codec.ros_type(kind)
+
+    def decode(data: bytes) -> None:
+        message = codec.decode(kind, TYPES.deserialize(data, name))
+        for use in uses:
+            with suppress(SocialbotError):
+                use(message)
+
+    return decode
+
+
+def _images() -> Iterator[Image]:
+    for encoding in ENCODINGS:
+        data = np.arange(4 * 16, dtype=np.uint8)
+        yield Image(stamp=STAMP, frame_id="camera", height=4, width=4, encoding=encoding, step=16, data=data)
+
+
+def _compressed() -> Iterator[CompressedImage]:
+    pixels = np.arange(12 * 16 * 3, dtype=np.uint8).reshape(12, 16, 3)
+    for suffix, options in ((".jpg", []), (".jpg", [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]), (".png", [])):
+        data = cv2.imencode(suffix, pixels, options)[1].reshape(-1)
+        yield CompressedImage(stamp=STAMP, frame_id="camera", format=suffix[1:], data=data)
+
+
+def _picture(data: bytes) -> CompressedImage:
+    return CompressedImage(stamp=STAMP, frame_id="", format="jpeg", data=np.frombuffer(data, np.uint8))
+
+
+@functools.cache
+def _keys() -> Keys:
+    private = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
+    return Keys("robot", private, {"robot": private.public_key()})
+
+
+def _stream() -> Stream:
+    return Stream(_keys(), "ROS domain 42", "/speech/say", wall=lambda: STAMP)
+
+
+def _opener() -> Opener:
+    freshness = Freshness(2.0, joins_late=True, wall=lambda: STAMP, steady=int)
+    return Opener(_keys(), "ROS domain 42", "/speech/say", freshness)
+
+
+def _by_hand(data: bytes) -> Structured:
+    schema, _, text = _text(data).partition("\n")
+    return message_from(schema, text, stamp=STAMP)
+
+
+def _handwritten(message: Structured) -> bytes:
+    fields = msgspec.to_builtins(message)
+    del fields["schema"]
+    return f"{type(message).__name__}\n".encode() + msgspec.json.encode(fields)
+
+
+# Files
+
+
+@functools.cache
+def _root() -> tempfile.TemporaryDirectory[str]:
+    memory = Path("/dev/shm")
+    return tempfile.TemporaryDirectory(prefix="socialbot-fuzz-", dir=memory if memory.is_dir() else None)
+
+
+def scratch() -> Path:
+    """The folder of this process for files to be read, in memory where there is such a place."""
+    folder = Path(_root().name, str(os.getpid()))
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+def _file(read: Callable[[Path], object], name: str = "input") -> Callable[[bytes], object]:
+    """Has ``read`` read a file."""
+
+    def decode(data: bytes) -> object:
+        path = scratch() / name
+        path.write_bytes(data)
+        return read(path)
+
+    return decode
+
+
+def _content(*names: str) -> tuple[bytes, ...]:
+    return tuple((ROOT / name).read_bytes() for name in names)
+
+
+@contextmanager
+def _same_path() -> Iterator[None]:
+    before = list(sys.path)
+    try:
+        yield
+    finally:
+        sys.path[:] = before
+
+
+def _load_graph(path: Path) -> None:
+    with _same_path():
+        graph_file.load_graph(str(path))
+
+
+def _load_deployment(path: Path) -> None:
+    with _same_path():
+        load_deployment(path)
+
+
+def _files() -> Iterator[Decoder]:
+    graphs = _content(*graph_file.GRAPHS.values())
+    yield Decoder("graph", _file(_load_graph, "graph.yaml"), graphs)
+    yield Decoder("deployment", _file(_load_deployment, "deployment.yaml"), (DEPLOYMENT,))
+    domains = _content(
+        "agents/cleaner/cleaner.pddl", "agents/cleaner/team_cleaner.pddl", "agents/warehouse/carrier.pddl",
+        "agents/warehouse/gripper.pddl",
+    )  # fmt: skip
+    yield Decoder("domain", lambda data: read_domain(_text(data)), domains)
+    cleaner = read_domain(_text(domains[0]))
+    yield Decoder("problem", lambda data: read_problem(_text(data), cleaner), (PROBLEM,))
+    plan = b"; cost 1\n0.000: (move cleaner_1 base room_a) [5.000]\n5.001: (clean room_a)  [1e1] ; last\n"
+    yield Decoder("plan", lambda data: parse_plan(_text(data)), (plan,))
+    for name, read in (("beliefs", load_beliefs), ("desires", load_desires), ("rules", load_rules)):
+        seeds = _content(f"agents/cleaner/cleaner_{name}.yaml")
+        yield Decoder(name, _file(functools.partial(read, domain=cleaner)), seeds)
+    person = b'{"id": "a", "x": 1.5, "y": 2, "w": 3, "h": 4, "distance_m": 2.0, "visible": 1}'
+    about = b'"version": 1, "image_topic": "/camera/image_raw", "scene": "one", "split": "tune"'
+    frames = b'{"stamp": 1, "light": "sun", "persons": [' + person + b']}, {"stamp": 2, "persons": []}'
+    truth = b'{"schema": "socialbot/truth", ' + about + b', "frames": [' + frames + b"]}"
+    frame = b'{"schema": "socialbot/truth_frame", ' + about + b', "stamp": 1, "persons": [' + person + b"]}"
+    yield Decoder("truth", _file(load_truth), (truth,))
+    yield Decoder("truth-messages", lambda data: truth_from_messages(_text(data).split("\n\n"), "bag"), (frame,))
+    pictures = b'[{"image": "a.jpg", "boxes": [{"x": 1, "y": 2, "w": 30, "h": 40}], "complete": false, "scene": "one"}]'
+    yield Decoder("pictures", _file(load_pictures), (pictures,))
+    yield Decoder("private-key", _private_key, (_pem(),))
+
+
+def _pem() -> bytes:
+    from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+
+    return _keys().private.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+
+
+def _private_key(data: bytes) -> None:
+    path = scratch() / "robot.private.pem"
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
+        file.write(data)
+    load_private_key(path)
+
+
+# Programs and minds
+
+
+def _engine() -> Engine:
+    return Engine("fuzz", ManualClock(STAMP), seed=1)
+
+
+def _minds() -> Iterator[Decoder]:
+    programs = _content("agents/hospital/nurse.asl", "agents/hospital/uvd.asl", "agents/hospital/spot.asl")
+    yield Decoder("agentspeak", lambda data: load_program(_engine(), _text(data)), programs)
+    program = 'light(on). !wander. @p[atomic] +!wander : light(on) <- -light(on); +light([1, 2.5, "x", f(y)]); !later.'
+    engine = _engine()
+    load_program(engine, program)
+    path = scratch() / "mind"
+    write(engine, path)
+    yield Decoder("mind", _file(_restored), (path.read_bytes(),))
+    office = Office()
+    office.want(job("a"))
+    keep(office.deliberator, path)
+    yield Decoder("kept", _file(_recalled), (path.read_bytes(),))
+    memory = msgspec.json.encode(example(msgspec.inspect.type_info(Memory)))
+    yield Decoder("memory", _file(_remembered), (memory, msgspec.json.encode(Memory())))
+    with JsonLines(path) as trace:
+        for number, kind in enumerate(("belief", "plan", "action")):
+            trace(Record(f"r{number}", STAMP + number, kind, "wander", f"r{number - 1}", {"source": "self"}))
+    yield Decoder("trace", _file(read_trace), (path.read_bytes(),))
+
+
+def _restored(path: Path) -> None:
+    restore(_engine(), read_mind(path))
+
+
+def _recalled(path: Path) -> None:
+    recall(Office(beliefs="").deliberator, path)
+
+
+def _remembered(path: Path) -> None:
+    placement = Placement("coordinator", HospitalCoordinator, {"memory_file": str(path)})
+    InlineRunner(Graph("fuzz", (placement,), inputs=frozenset(topic for topic, _ in placement.subscriptions)))
+
+
+# Bags
+
+
+def _bags() -> Iterator[Decoder]:
+    for storage in ("mcap", "db3"):
+        bag = _bag("mcap" if storage == "mcap" else "sqlite3")
+        [data] = (path.read_bytes() for path in bag.iterdir() if path.suffix == f".{storage}")
+        yield Decoder(f"bag-{storage}", _file(_read_bag, f"bag.{storage}"), (data,))
+        if storage == "mcap":
+            metadata = (bag / "metadata.yaml").read_bytes()
+            yield Decoder("bag-metadata", functools.partial(_read_folder, data), (metadata,))
+
+
+def _bag(storage: str) -> Path:
+    path = scratch() / f"made-{storage}"
+    with BagWriter(path, storage=storage) as bag:
+        for number in range(3):
+            time = STAMP + number * SECOND
+            for topic, message in (
+                ("/image", next(_images())),
+                ("/jpeg", next(_compressed())),
+                ("/say", _seen(number)),
+            ):
+                bag.write(topic, msgspec.structs.replace(message, stamp=time), time)
+    return path
+
+
+def _read_bag(path: Path) -> None:
+    with open_bag(path) as bag:
+        bag.check()
+        known = {topic.name: topic.name for topic in bag.topics if topic.type in codec.MESSAGE_TYPES}
+        for _ in bag.messages(known):
+            pass
+
+
+def _read_folder(data: bytes, metadata: bytes) -> None:
+    folder = scratch() / "bag"
+    folder.mkdir(exist_ok=True)
+    (folder / "made-mcap.mcap").write_bytes(data)
+    (folder / "metadata.yaml").write_bytes(metadata)
+    _read_bag(folder)
+
+
+# Words of parameters, and parameters
+
+
+def _words() -> Iterator[Decoder]:
+    ward, cast = paper_ward(), cast_of()
+    room, robot = next(iter(ward.room_by_name)), ward.robots[0]
+    seeds = (f"10 dirty {room}; 20.5 drains {robot}; 1e1 silent {room} 5", f"3 stalls {robot} 7; 4 enters {room} 2")
+    yield Decoder("ward-faults", lambda data: parse_ward_faults(_text(data), ward), tuple(map(str.encode, seeds)))
+    carrier = next(iter(cast.carriers))
+    seeds = (f"10 leaves {carrier}; 20.5 slips; 1e1 silent {carrier} 5; 3 stalls {carrier} 7",)
+    yield Decoder(
+        "warehouse-faults", lambda data: parse_warehouse_faults(_text(data), cast), tuple(map(str.encode, seeds))
+    )
+    policies = (b"a, b\na\nb\na,b\n0.5, 1.0",)
+    yield Decoder("policies", _policies, policies)
+    yield Decoder("parameters", _check_parameters, tuple(_defaults()))
+
+
+def _policies(data: bytes) -> None:
+    words = dict(
+        zip(("belief_ck", "belief_w", "desire_ck", "desire_w", "desire_pr"), _text(data).split("\n"), strict=False)
+    )
+    Policies.parse(**words)
+
+
+def _node_types() -> Iterator[type[Node]]:
+    return (graph_file.node_type(name) for name in graph_file.NODE_TYPES)
+
+
+def _defaults() -> Iterator[bytes]:
+    for name in graph_file.NODE_TYPES:
+        values = {key: parameter.default for key, parameter in graph_file.node_type(name).parameters().items()}
+        yield f"{name}\n".encode() + json.dumps(values).encode()
+
+
+def _check_parameters(data: bytes) -> None:
+    """As the parameter service gets them: values of any type."""
+    name, _, text = _text(data).partition("\n")
+    try:
+        given = json.loads(text)
+    except (ValueError, RecursionError):
+        return
+    if name in graph_file.NODE_TYPES and isinstance(given, dict):
+        check_parameters(graph_file.node_type(name), given, where=name)
+
+
+# Nodes that get whatever fits their inputs, in any order, at any time
+
+
+class _Strict(InlineRunner):
+    """Nodes may refuse what they get by a SocialbotError; any other exception ends it."""
+
+    def guard(self, context: Any, callback: Callable[[], None]) -> None:
+        if context.alive:
+            with suppress(SocialbotError):
+                callback()
+
+
+def _seen(number: int, distance_m: float = 2.0) -> PersonDetections:
+    person = PersonDetection(
+        x=10.0, y=5.0, w=20.0, h=60.0, score=0.9, track_id="t1", distance_m=distance_m, distance_std_m=0.1,
+        bearing_rad=0.2, elevation_rad=0.1,
+    )  # fmt: skip
+    stamp = STAMP + number * SECOND // 5
+    return PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=(person,) * (number % 3))
+
+
+def _nodes() -> Iterator[Decoder]:
+    agent = (Placement("waldo", WaldoNode), Placement("listener", Listener), Placement("head", Head))
+    seen = [*map(_seen, range(12)), HeadCommand(stamp=STAMP, mode="look", pan_rad=0.5, tilt_rad=-0.1)]
+    asked = ActionRequest(stamp=STAMP, id="a", agent="waldo", name="speak", arguments=("greet", "hello"))
+    yield Decoder("waldo", _fed(agent), (_lines(seen), _lines([*seen[:4], asked, *seen[4:]])))
+    coordinator = (Placement("coordinator", HospitalCoordinator),)
+    heard = [message for message in structured() if type(message).__name__ in ("AclMessage", "WardState")]
+    yield Decoder("coordinator", _fed(coordinator), (_lines(heard * 3),))
+
+
+def _lines(messages: Iterable[Message]) -> bytes:
+    return b"\n".join(map(msgspec.json.encode, messages))
+
+
+def _fed(placements: tuple[Placement, ...]) -> Callable[[bytes], object]:
+    """Feeds a message a line, each to the topics of its type; time goes on whatever the stamps say."""
+    topics: Mapping[type[Message], str] = {
+        port.message_type: topic for placement in placements for topic, port in placement.subscriptions
+    }
+
+    def decode(data: bytes) -> None:
+        runner = _Strict(Graph("fuzz", placements, inputs=frozenset(topics.values())), start=STAMP)
+        runner.start()
+        for number, line in enumerate(data.split(b"\n")[:100]):
+            with suppress(SocialbotError):
+                message = codec.decode(Structured, _String(_text(line)))
+                if type(message) in topics:
+                    runner.feed(topics[type(message)], message, time=STAMP + number * SECOND // 5)
+        runner.advance(runner.clock.now() + 2 * SECOND)
+        runner.close()
+
+    return decode

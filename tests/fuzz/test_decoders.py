@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import random
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.errors import SocialbotError
+from socialbot.schemas import STRUCTURED
+from tests.fuzz import quick
+from tests.fuzz.decoders import Decoder, decoders
+from tests.fuzz.examples import structured
+from tests.fuzz.mutations import LARGEST, mutated, numbered
+
+NAMES = [decoder.name for decoder in decoders()]
+SLOW = {"bag-mcap", "bag-db3", "bag-metadata", "beliefs", "desires", "rules", "graph", "deployment", "waldo"}
+
+WORST_CPU_S = 1.0
+
+
+@pytest.fixture(params=NAMES)
+def decoder(request: pytest.FixtureRequest) -> Decoder:
+    return next(decoder for decoder in decoders() if decoder.name == request.param)
+
+
+def survives(decoder: Decoder, data: bytes) -> None:
+    """It takes or refuses ``data``, and soon."""
+    begun = time.process_time()
+    decoder.takes(data)
+    assert time.process_time() - begun < WORST_CPU_S
+
+
+def test_what_socialbot_writes_is_taken(decoder: Decoder) -> None:
+    for seed in decoder.seeds:
+        decoder.decode(seed)
+
+
+def test_what_is_nearly_right_is_taken_or_refused(decoder: Decoder) -> None:
+    for number in range(30 if decoder.name in SLOW else 150):
+        survives(decoder, numbered(decoder.name, 0, number, decoder.seeds))
+
+
+def test_any_bytes_are_taken_or_refused(decoder: Decoder) -> None:
+    @settings(quick, max_examples=20)
+    @given(st.binary(max_size=200) | st.text(max_size=100).map(lambda text: text.encode("utf-8", "replace")))
+    def holds(data: bytes) -> None:
+        survives(decoder, data)
+
+    holds()
+
+
+@pytest.mark.parametrize("unit", [b"[", b"{", b'{"a":', b"(", b"- ", b"a: {", b"/* ", b" ", b"9", b'"', b"\xff", b"~"])
+def test_what_is_nested_or_long_is_refused_soon(decoder: Decoder, unit: bytes) -> None:
+    for begin in (b"", *decoder.seeds[:1]):
+        survives(decoder, begin + unit * (10_000 // len(unit)))
+
+
+@settings(quick, max_examples=60)
+@given(st.randoms(use_true_random=False), st.lists(st.binary(min_size=1, max_size=30), min_size=1, max_size=3))
+def test_an_input_is_never_too_long_and_the_same_for_the_same_number(chance: random.Random, seeds: list[bytes]) -> None:
+    assert len(mutated(chance, seeds)) <= LARGEST
+    assert numbered("any", 1, 7, seeds) == numbered("any", 1, 7, seeds)
+
+
+def test_numbers_and_names_make_other_inputs() -> None:
+    seeds = (bytes(range(200)),)
+    made = {numbered(name, 1, number, seeds) for name in ("a", "b") for number in range(50)}
+    assert len(made) > 90
+
+
+def test_there_is_an_example_of_every_schema() -> None:
+    assert [type(message) for message in structured()] == list(STRUCTURED)
+
+
+def test_a_decoder_tells_what_is_refused_from_what_is_wrong() -> None:
+    def decode(data: bytes) -> None:
+        if data == b"bad":
+            raise SocialbotError("no")
+        if data == b"worse":
+            raise ValueError("worse")
+
+    decoder = Decoder("any", decode, (b"good",))
+    assert decoder.takes(b"good")
+    assert not decoder.takes(b"bad")
+    with pytest.raises(ValueError, match="worse"):
+        decoder.takes(b"worse")

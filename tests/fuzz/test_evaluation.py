@@ -1,0 +1,85 @@
+"""What does harm is found, counted and survived by the evaluation."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import pytest
+
+from evaluation import fuzz
+from evaluation.fuzz import Finding, Tally
+from socialbot.errors import ParameterError, SocialbotError
+from tests.fuzz.decoders import Decoder
+from tests.fuzz.mutations import numbered
+
+SEEDS = (b"0123456789" * 3,)
+INPUTS = 6
+
+
+def harmful(data: bytes) -> None:
+    """Does another kind of harm for each of the first inputs."""
+    number = next(number for number in range(INPUTS) if numbered("harmful", 1, number, SEEDS) == data)
+    match number:
+        case 0:
+            raise ValueError("not for people")
+        case 1:
+            while True:
+                pass
+        case 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        case 3:
+            time.sleep(60)
+        case 4:
+            raise SocialbotError("refused")
+
+
+def fuzzed(decoder: Decoder, inputs: int) -> Tally:
+    return fuzz.fuzz(list(fuzz.slices([decoder], inputs, 0)), 1, 1)[decoder.name]
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuzz, "HANG_S", 0.4)
+    monkeypatch.setattr(fuzz, "STUCK_S", 2.0)
+    monkeypatch.setattr(fuzz, "LOOK_S", 0.01)
+
+
+def test_each_kind_of_harm_is_counted_and_the_rest_goes_on() -> None:
+    tally = fuzzed(Decoder("harmful", harmful, SEEDS), INPUTS)
+    assert tally.inputs == INPUTS
+    assert {finding.number: (finding.how, finding.what.partition(" at ")[0]) for finding in tally.findings} == {
+        0: ("crash", "ValueError"),
+        1: ("hang", "TooLong"),
+        2: ("crash", "the process ended with -9"),
+        3: ("hang", "stuck for 2 s"),
+    }
+    assert tally.taken == 1
+
+
+def test_memory_that_grows_is_counted_and_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuzz, "GROWTH_MB", 30)
+    kept: list[bytes] = []
+    tally = fuzzed(Decoder("greedy", lambda data: kept.append(b"x" * (20 << 20)), SEEDS), 7)
+    assert tally.inputs == 7
+    assert [finding.how for finding in tally.findings] == ["memory"] * len(tally.findings)
+    assert 2 <= len(tally.findings) <= 3
+
+
+def test_inputs_are_shared_out_evenly() -> None:
+    decoders = [Decoder(name, harmful, SEEDS) for name in "abc"]
+    parts = list(fuzz.slices(decoders, 30_002, 5))
+    assert sum(part.end - part.first for part in parts) == 30_002
+    assert [part.first for part in parts if part.decoder.name == "b"] == [5, 5005, 10_005]
+
+
+def test_an_unknown_decoder_is_named() -> None:
+    with pytest.raises(ParameterError, match="did you mean 'graph'"):
+        fuzz.choose(["grap"])
+
+
+def test_what_did_harm_is_kept(tmp_path) -> None:
+    [decoder] = fuzz.choose(["plan"])
+    fuzz._kept(tmp_path / "found", [Finding("plan", 3, "hang", "")], 1)
+    assert (tmp_path / "found" / "plan-3-hang").read_bytes() == numbered("plan", 1, 3, decoder.seeds)

@@ -1,0 +1,55 @@
+"""Lets Atheris look for bytes that a decoder does not survive: ``python tools/fuzz.py DECODER [FOLDER] [options]``.
+
+It follows which lines of socialbot an input reaches, so it finds what changes made blindly do not. It begins with the
+seeds of the decoder, and keeps what it learns in FOLDER. Options are those of libFuzzer: ``-max_total_time=60`` (s),
+``-runs=100000``, ``-help=1``. It stops at the first input that does harm, and writes it to a file; given that file as
+FOLDER it reads it once more. ``pip install 'atheris>=2.3,<4'`` first (the extra ``fuzz``; not for Python 3.14).
+``make fuzz`` does this for all of them; ``--list`` names them.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from pathlib import Path
+
+import atheris  # type: ignore[import-not-found]
+
+ROOT = Path(__file__).parents[1]
+LIMITS = ("-timeout=1", "-rss_limit_mb=1024", "-max_len=65536")
+"""Of libFuzzer: s an input, MB in all, bytes an input."""
+
+
+def main(arguments: list[str]) -> None:
+    """Fuzzes the decoder that the first of the ``arguments`` names, until something is found."""
+    sys.path.insert(0, str(ROOT))
+    with atheris.instrument_imports(include=["socialbot"]):
+        from tests.fuzz.decoders import decoders, scratch
+    logging.disable(logging.CRITICAL)
+    known = {decoder.name: decoder for decoder in decoders()}
+    if arguments == ["--list"]:
+        print(*known)
+        return
+    if not arguments or arguments[0] not in known:
+        sys.exit(f"error: name a decoder, one of {', '.join(known)}")
+    decoder, more = known[arguments[0]], arguments[1:]
+    if child := os.fork():
+        # libFuzzer ends its process on the spot; this one tidies up.
+        sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+    corpus = scratch() / "corpus"
+    corpus.mkdir()
+    for number, seed in enumerate(decoder.seeds):
+        (corpus / str(number)).write_bytes(seed)
+    options = [word for word in more if word.startswith("-")]
+    folders = [word for word in more if not word.startswith("-")]
+    for folder in folders:
+        if not Path(folder).is_file():
+            Path(folder).mkdir(parents=True, exist_ok=True)
+    files = [] if any(Path(folder).is_file() for folder in folders) else [str(corpus)]
+    atheris.Setup([sys.argv[0], *LIMITS, *options, *folders, *files], lambda data: decoder.takes(data) and None)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
