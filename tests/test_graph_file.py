@@ -203,3 +203,17 @@ def test_a_graph_survives_being_written_and_read(name, nodes, parameters, topic,
 def test_the_graphs_that_come_with_socialbot_survive_too():
     waldo = load_graph("waldo").without_sources().with_parameters({"bdi_engine": {"offer": "Aiuto? Sì, «subito»!"}})
     assert parse_graph(dump_graph(waldo), where="dumped") == waldo
+
+
+def test_what_is_merged_has_no_line_of_its_own():
+    with pytest.raises(GraphError, match="expected names with values") as caught:
+        parse_graph("name: &x {nodes: 3}\n<<: *x\n", where="page")
+    assert caught.value.where == "page:1"
+
+
+@pytest.mark.parametrize(
+    "text", ["[a]: b", "name: " + "9" * 5000, "{" * 5000, "- " * 5000, "a: 2001-99-99", "x: &a [*a]"]
+)
+def test_what_yaml_cannot_hold_is_an_error_for_people_and_soon(text):
+    with pytest.raises(GraphError):
+        parse_graph(text, where="page")

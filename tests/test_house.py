@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import subprocess
 import sys
 import textwrap
@@ -49,6 +50,55 @@ def offenders(paths: list[Path], forbidden: tuple[str, ...]) -> list[str]:
     ]
 
 
+PICKLES = ("pickle", "marshal", "shelve", "dill", "cloudpickle", "jsonpickle", "joblib", "yaml")
+CODE = {"eval", "exec", "compile"}
+DANGEROUS = re.compile(r"(?<!re\.)\b(eval|exec|compile|YAML)\(|allow_pickle")
+"""Most files need not be parsed."""
+
+
+def dangers(path: Path) -> Iterator[str]:
+    """What in ``path`` could turn data into code: Python run from text, YAML that makes objects, pickles in arrays."""
+    text = path.read_text("utf-8")
+    for node in ast.walk(ast.parse(text)) if DANGEROUS.search(text) else ():
+        if not isinstance(node, ast.Call):
+            continue
+        name = ast.unparse(node.func)
+        options = {option.arg: option.value for option in node.keywords}
+        if name.removeprefix("builtins.") in CODE:
+            yield f"{path.name}:{node.lineno} {name}"
+        elif name.rpartition(".")[2] == "YAML":
+            kind = options.get("typ", node.args[0] if node.args else None)
+            if not (isinstance(kind, ast.Constant) and kind.value in ("safe", "rt")):
+                yield f"{path.name}:{node.lineno} YAML that may make objects"
+        elif "allow_pickle" in options:
+            yield f"{path.name}:{node.lineno} allow_pickle"
+
+
+def test_nothing_turns_data_into_code():
+    assert offenders(modules(), PICKLES) == []
+    # Plans become Python functions, which is what the compiler is for; it writes their text itself, with all that comes
+    # from a plan as constants.
+    compiler = set(modules("bdi/compiler"))
+    assert [danger for path in modules() if path not in compiler for danger in dangers(path)] == []
+    assert {danger.rpartition(" ")[2] for path in compiler for danger in dangers(path)} <= {"exec", "compile"}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "eval(text)",
+        "builtins.exec(text)",
+        "YAML().load(f)",
+        "ruamel.yaml.YAML(typ='unsafe')",
+        "np.load(f, allow_pickle=1)",
+    ],
+)
+def test_such_code_would_be_found(tmp_path, code):
+    path = tmp_path / "bad.py"
+    path.write_text(code)
+    assert len(list(dangers(path))) == 1
+
+
 PARTS = {"bdi", "vision", "speech", "planning", "tasks", "deliberation", "agents", "report", "bridge"}
 
 
@@ -74,7 +124,7 @@ def test_planning_knows_nothing_but_clocks_and_errors(folder):
 
 
 def test_deliberation_knows_the_engine_planning_and_what_agents_say():
-    assert beyond("deliberation", {"agent_messages", "bdi", "clock", "errors", "planning"}) == []
+    assert beyond("deliberation", {"agent_messages", "bdi", "clock", "errors", "planning", "yaml_text"}) == []
 
 
 def test_what_agents_say_is_made_of_messages_only():

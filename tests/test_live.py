@@ -7,7 +7,7 @@ from rich.console import Console
 
 from socialbot.display import Display
 from socialbot.graph_file import load_graph
-from socialbot.live import display_of
+from socialbot.live import display_of, keep_minds
 from socialbot.report.display import RunDisplay
 from tests.report.runs import record
 
@@ -15,6 +15,24 @@ from tests.report.runs import record
 @pytest.mark.parametrize(("graph", "kind"), [("waldo", Display), ("cleaner", RunDisplay), ("warehouse", RunDisplay)])
 def test_agents_that_deliberate_are_shown_by_what_they_want_and_do(graph, kind):
     assert isinstance(display_of(load_graph(graph), Console(file=io.StringIO())), kind)
+
+
+def test_agents_keep_their_minds_below_the_folder_of_the_run(tmp_path):
+    graph = keep_minds(load_graph("waldo"), tmp_path / "minds")
+    assert graph.placement("bdi_engine").parameters["mind_file"] == str(tmp_path / "minds" / "bdi_engine.json")
+    assert (tmp_path / "minds").is_dir()
+    assert "mind_file" not in graph.placement("head").parameters
+
+
+def test_agents_whose_plans_come_by_messages_keep_no_mind_but_who_sends_them_remembers(tmp_path):
+    kept = {one.name: one.parameters for one in keep_minds(load_graph("hospital"), tmp_path).placements}
+    assert not [name for name, parameters in kept.items() if "mind_file" in parameters]
+    assert kept["coordinator"]["memory_file"] == str(tmp_path / "coordinator.json")
+
+
+def test_an_agent_that_keeps_its_mind_elsewhere_goes_on_doing_so(tmp_path):
+    graph = load_graph("waldo").with_parameters({"bdi_engine": {"mind_file": "here.json"}})
+    assert keep_minds(graph, tmp_path).placement("bdi_engine").parameters["mind_file"] == "here.json"
 
 
 def test_a_desire_that_an_agent_refuses_is_shown():

@@ -246,3 +246,11 @@ def test_each_kind_has_a_sentence(kind):
 
 def test_nothing_is_explained_by_nothing():
     assert as_text([]) == ""
+
+
+@pytest.mark.parametrize("line", [b"\xff\xfe", b"[" * 100_000, b'{"id": "\xed\xa0\x80"}'])
+def test_a_file_of_anything_else_is_no_trace(tmp_path, line):
+    path = tmp_path / "trace.jsonl"
+    path.write_bytes(line + b"\n")
+    with pytest.raises(RuleError, match="no record"):
+        read_trace(path)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import shutil
 import sqlite3
 from collections.abc import Callable, Sequence
@@ -548,3 +549,33 @@ def test_camera_info_is_offered_to_late_joiners(tmp_path: Path) -> None:
     text = (make(tmp_path / "bag") / "metadata.yaml").read_text()
     assert text.count("durability: transient_local") == 1
     assert text.count("durability: volatile") == 2
+
+
+@pytest.mark.parametrize("column", ["name", "type"])
+def test_a_topic_without_a_name_or_a_type_is_damage(tmp_path: Path, column: str) -> None:
+    path = make(tmp_path / "bag", storage="sqlite3") / "bag.db3"
+    with sqlite3.connect(path) as database:
+        database.execute("CREATE TABLE others AS SELECT * FROM topics")
+        database.execute("DROP TABLE topics")
+        database.execute("ALTER TABLE others RENAME TO topics")
+        database.execute(f"UPDATE topics SET {column} = NULL WHERE id = 1")
+    with pytest.raises(BagError, match="damaged"):
+        open_bag(path)
+
+
+def test_metadata_that_is_nested_too_deeply_is_done_without(tmp_path: Path) -> None:
+    path = make(tmp_path / "bag")
+    (path / "metadata.yaml").write_text("{" * 10_000)
+    with open_bag(path) as bag:
+        assert "nested more than" in bag.damage[0]
+    check_pictures(path)
+
+
+@pytest.mark.parametrize("number", ["many", "[1]", "1.5", "null"])
+def test_metadata_that_counts_in_no_numbers_is_done_without(tmp_path: Path, number: str) -> None:
+    path = make(tmp_path / "bag")
+    text = (path / "metadata.yaml").read_text()
+    (path / "metadata.yaml").write_text(re.sub(r"message_count: \d+", f"message_count: {number}", text))
+    with open_bag(path) as bag:
+        assert "damaged" in bag.damage[0]
+    check_pictures(path)

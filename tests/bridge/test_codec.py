@@ -28,6 +28,7 @@ from socialbot.agent_messages import (
     PlanExecutionInfo,
 )
 from socialbot.agents.hospital import messages as hospital
+from socialbot.agents.hospital import ward_messages as ward
 from socialbot.agents.warehouse.messages import (
     BoxPosition,
     BoxPositions,
@@ -48,6 +49,7 @@ from socialbot.messages import (
     CameraInfo,
     CompressedImage,
     HeadCommand,
+    Health,
     Image,
     JointTrajectory,
     Message,
@@ -55,6 +57,7 @@ from socialbot.messages import (
     MindBelief,
     PersonDetection,
     PersonDetections,
+    PictureAck,
     SpeechStatus,
     Structured,
     TraceRecord,
@@ -132,6 +135,15 @@ mission = st.builds(
     status=st.sampled_from(["waiting", "running", "finished", "failed"]), team=tuples(texts), label=texts,
     actions=tuples(planned), tree=texts, recoveries=sides, revisions=sides, problem=texts,
 )  # fmt: skip
+command = {"id": texts, "robot": texts, "action": texts, "args": tuples(texts)}
+room_state = st.builds(
+    ward.RoomState, name=texts, door_open=st.booleans(), cleaned=st.booleans(), disinfected=st.booleans(),
+    people=tuples(texts),
+)  # fmt: skip
+agent_state = st.builds(
+    ward.AgentState, name=texts, kind=texts, home=texts, place=texts, inside=st.booleans(), x=numbers, y=numbers,
+    battery=shares, busy=texts,
+)  # fmt: skip
 point = st.builds(Point, x=numbers, y=numbers, z=numbers)
 messages: dict[type[Message], st.SearchStrategy[Any]] = {
     Image: st.builds(
@@ -171,6 +183,11 @@ messages: dict[type[Message], st.SearchStrategy[Any]] = {
     ),
     Mind: st.builds(
         Mind, stamp=stamps, agent=texts, beliefs=tuples(belief), desires=tuples(texts), intentions=tuples(texts),
+    ),
+    PictureAck: st.builds(PictureAck, stamp=stamps, arrived=stamps),
+    Health: st.builds(
+        Health, stamp=stamps, node=texts, state=st.sampled_from(["ok", "waiting", "degraded", "failed", "ended"]),
+        reason=texts, silent=tuples(texts), outputs=tuples(texts),
     ),
     Belief: st.builds(Belief, stamp=stamps, belief=fact),
     BeliefSet: st.builds(BeliefSet, stamp=stamps, agent_id=texts, value=tuples(fact)),
@@ -215,6 +232,13 @@ messages: dict[type[Message], st.SearchStrategy[Any]] = {
         content=said, in_reply_to=texts, mission=texts,
     ),
     hospital.Missions: st.builds(hospital.Missions, stamp=stamps, missions=tuples(mission)),
+    ward.ActionCommand: st.builds(ward.ActionCommand, stamp=stamps, **command),
+    ward.ActionCancel: st.builds(ward.ActionCancel, stamp=stamps, id=texts),
+    ward.ActionResult: st.builds(
+        ward.ActionResult, stamp=stamps, **command, outcome=st.sampled_from(["success", "failure"]), reason=texts,
+        duration_s=seconds,
+    ),
+    ward.WardState: st.builds(ward.WardState, stamp=stamps, rooms=tuples(room_state), agents=tuples(agent_state)),
 }  # fmt: skip
 anything = st.sampled_from(list(messages)).flatmap(messages.__getitem__)
 
@@ -406,3 +430,9 @@ def test_types_that_rosbags_does_not_know() -> None:
         TYPES.deserialize(b"", "std_msgs/msg/String")
     with pytest.raises(MessageError, match="cannot be written"):
         TYPES.serialize(TYPES.make("std_msgs/msg/String", data=3))
+
+
+@pytest.mark.parametrize("text", ["\ud800", "a\udcff"])
+def test_a_text_that_has_no_bytes_cannot_be_sent(text: str) -> None:
+    with pytest.raises(MessageError, match="Utterance cannot be written as JSON"):
+        codec.encode(Utterance(stamp=1, id="u", text=text), TYPES)

@@ -2,13 +2,16 @@ from __future__ import annotations
 
 import threading
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from socialbot.bridge.inbox import BACKLOG, Inbox, Line
-from socialbot.clock import SECOND, ManualClock, WallClock, nanoseconds
-from socialbot.graph import Delivery, Input
+from socialbot.bridge.inbox import BACKLOG, GRACE_S, Inbox, Line
+from socialbot.clock import SECOND, Clock, ManualClock, WallClock, nanoseconds
+from socialbot.graph import Delivery, Input, Placement
+from socialbot.graph import Node as GraphNode
+from socialbot.health import Vitals
 from socialbot.messages import Utterance
 
 
@@ -338,3 +341,100 @@ class TestACallWhenIdle:
         later.start()
         assert [node.take(), node.take()] == ["worked out", "idle"]
         later.join()
+
+
+class Watcher(GraphNode):
+    """Notes what it is told of its input."""
+
+    eye = Input(Utterance, "/eye", deadline_s=0.3)
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.told: list[str] = []
+
+    @eye
+    def on_eye(self, message: Utterance) -> None: ...
+
+    def on_silence(self, port: Input[Any], since: int | None) -> None:
+        self.told.append("silent")
+
+    def on_return(self, port: Input[Any]) -> None:
+        self.told.append("back")
+
+
+class Watched:
+    """An inbox that watches the input of a node; the node has had three messages, ten a second."""
+
+    def __init__(self, clock: Clock, *, simulated: bool) -> None:
+        self.clock = clock
+        self.inbox = Inbox(clock.now, simulated=simulated)
+        placement = Placement("watcher", Watcher)
+        vitals = Vitals(placement, clock, lambda _: None)
+        self.node = Watcher("watcher", SimpleNamespace(clock=clock, vitals=vitals))  # type: ignore[arg-type]
+        vitals.begin(self.node, lambda time, beat: None)
+        self.inbox.attend(vitals)
+
+    def put(self, number: int) -> None:
+        self.inbox.put(Watcher.eye, frame(number))
+
+    def act(self) -> None:
+        """Does what is to be done next."""
+        item = self.inbox.take()
+        if callable(item):
+            item()
+
+
+@pytest.fixture
+def watched() -> Watched:
+    clock = ManualClock()
+    watched = Watched(clock, simulated=True)
+    for number in range(5):
+        clock.set(frame(number).stamp)
+        watched.put(number)
+        watched.act()
+    return watched
+
+
+class TestASilence:
+    def test_is_told_when_it_is_due_and_its_end_before_the_message(self, watched):
+        watched.clock.set(nanoseconds(0.8))
+        watched.act()
+        assert watched.node.told == ["silent"]
+        watched.put(8)
+        watched.act()
+        assert watched.node.told == ["silent", "back"]
+        assert watched.inbox.take()[1].id == "8"
+
+    def test_is_none_while_simulated_time_stands_still(self, watched):
+        taker = Taker(watched.inbox)
+        time.sleep(0.4)
+        assert taker.taken == []
+        watched.inbox.close()
+
+    def test_is_none_when_messages_were_only_late(self, watched):
+        # Simulated time was told before the messages that came with it.
+        watched.clock.set(nanoseconds(0.8))
+        late = threading.Timer(GRACE_S / 4, lambda: watched.put(8))
+        late.start()
+        item = watched.inbox.take()
+        late.join()
+        assert isinstance(item, tuple)
+        assert watched.node.told == []
+
+    def test_by_the_wall_comes_by_itself_and_not_early(self):
+        clock = WallClock()
+        watched = Watched(clock, simulated=False)
+        for number in range(5):
+            watched.put(number)
+            watched.act()
+        begun = time.monotonic()
+        watched.act()
+        assert watched.node.told == ["silent"]
+        assert time.monotonic() - begun + 0.01 >= 0.3
+
+    def test_that_may_come_lets_nobody_be_idle_meanwhile(self, watched):
+        watched.clock.set(nanoseconds(0.8))
+        watched.inbox.call_when_idle(lambda: watched.node.told.append("idle"))
+        watched.act()
+        watched.act()
+        assert watched.node.told == ["silent", "idle"]

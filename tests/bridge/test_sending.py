@@ -32,3 +32,18 @@ def test_fields_come_as_yaml_or_json_and_the_stamp_from_the_sender():
 def test_what_does_not_fit_its_schema_is_refused_before_it_is_sent(schema, fields, complaint):
     with pytest.raises(MessageError, match=complaint.replace("?", r"\?")):
         message_from(schema, fields, stamp=0)
+
+
+@pytest.mark.parametrize(
+    ("fields", "complaint"),
+    [
+        ('{"belief": {"name": "\\ud800"}}', "surrogates"),
+        ("{[a]: b}", "no field"),
+        ("{{a: b}: c}", "no valid YAML"),
+        ("9" * 5000, "no valid YAML"),
+        ("{" * 5000, "nested more than"),
+    ],
+)
+def test_what_nobody_means_to_send_is_refused_too(fields, complaint):
+    with pytest.raises(MessageError, match=complaint):
+        message_from("Belief", fields, stamp=0)

@@ -22,6 +22,7 @@ from tests.conformance.examples import Example, Stage
 ROOT = Path(__file__).parents[2]
 SEMANTICS = (ROOT / "docs" / "semantics.md").read_text("utf-8")
 ENGINE = (ROOT / "docs" / "engine.md").read_text("utf-8")
+HOSPITAL = (ROOT / "docs" / "hospital.md").read_text("utf-8")
 DELIBERATION = (ROOT / "docs" / "deliberation.md").read_text("utf-8")
 EXAMPLES = Path(__file__).parent / "examples"
 COMPILED = {".findall", ".setof", ".count"}
@@ -44,7 +45,12 @@ def test_an_example_in_agentspeak_prints_what_it_says(number):
 
 SCRIPTS = {
     name: blocks(text, "python")
-    for name, text in (("semantics.md", SEMANTICS), ("engine.md", ENGINE), ("deliberation.md", DELIBERATION))
+    for name, text in (
+        ("semantics.md", SEMANTICS),
+        ("engine.md", ENGINE),
+        ("deliberation.md", DELIBERATION),
+        ("hospital.md", HOSPITAL),
+    )
 }
 
 
@@ -70,6 +76,7 @@ def test_there_are_examples():
     assert len(PROGRAMS) > 8
     assert len(SCRIPTS["engine.md"]) > 5
     assert len(SCRIPTS["deliberation.md"]) > 3
+    assert len(SCRIPTS["hospital.md"]) > 2
 
 
 def test_every_internal_action_is_in_the_table_and_has_an_example():

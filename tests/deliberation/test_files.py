@@ -423,3 +423,25 @@ def test_a_file_that_is_not_there_is_told(tmp_path):
     (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(PlanningError, match="cannot read it"):
         load_rules(tmp_path / "bytes.yaml", YARD)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "- &a {name: in, pddl_type: 2, params: [robot, *a]}",
+        "- {name: in, pddl_type: 2, params: &a [*a]}",
+        "- {[name]: in}",
+        "- {name: in, pddl_type: 2, params: [robot], value: " + "9" * 5000 + "}",
+        "- " * 5000,
+        "[" * 5000,
+    ],
+)
+def test_what_yaml_cannot_hold_is_told_soon(write, text):
+    with pytest.raises(PlanningError):
+        load_beliefs(write(text), YARD)
+
+
+def test_facts_may_be_merged_of_others(write):
+    text = "- {name: a, pddl_type: 1, type: nothing}\n- &x {name: b, pddl_type: 1, typ: x}\n- <<: *x\n"
+    with pytest.raises(PlanningError, match="unknown key 'typ'"):
+        load_beliefs(write(text), YARD)

@@ -146,3 +146,11 @@ def test_the_file_is_the_old_one_until_it_is_the_new_one(path, monkeypatch):
         keep(office.deliberator, path)
     assert path.read_text() == before
     assert json.loads(before)["domain"] == "jobs"
+
+
+@pytest.mark.parametrize("content", [b'{"schema": "\xff"}', b'{"a":' * 10_000, b""])
+def test_a_file_that_holds_no_mind_is_refused(path, content):
+    path.parent.mkdir()
+    path.write_bytes(content)
+    with pytest.raises(PlanningError, match="no kept mind"):
+        recall(Office(beliefs="").deliberator, path)

@@ -98,3 +98,11 @@ def test_lists_come_back_as_they_were_written(tmp_path_factory, pictures):
     path = tmp_path_factory.mktemp("labels") / "persons.json"
     path.write_bytes(dump_pictures(pictures))
     assert load_pictures(path) == tuple(pictures)
+
+
+@pytest.mark.parametrize("content", ["[" * 10_000, "[" + '{"image":' * 10_000])
+def test_json_that_is_nested_too_deeply_is_refused(tmp_path, content):
+    path = tmp_path / "persons.json"
+    path.write_text(content)
+    with pytest.raises(TruthError):
+        load_pictures(path)

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from socialbot.errors import PlanningError
 from socialbot.planning.domain import Problem
 from socialbot.planning.formulas import Fluent, Predicate
 from socialbot.planning.plan import Plan, Step, parse_plan
@@ -200,3 +201,11 @@ def test_a_plan_of_200_steps_takes_less_than_50_ms():
         best = min(best, time.process_time() - begin)
         assert found == ["(loaded carrier_a box_1)", "(loaded carrier_a box_2)"]
     assert best < 0.05
+
+
+@pytest.mark.parametrize("line", ["0: (" + " " * 20_000, "0: (a" + " " * 20_000 + ")x", "0" * 20_000, "0 " * 10_000])
+def test_a_long_line_that_is_no_step_of_a_plan_is_refused_soon(line: str) -> None:
+    begun = time.process_time()
+    with pytest.raises(PlanningError, match="no step of a plan"):
+        parse_plan(line)
+    assert time.process_time() - begun < 0.5

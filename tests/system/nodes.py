@@ -80,3 +80,15 @@ class SlowDetector(Node):
                 stamp=image.stamp, frame_id=image.frame_id, width=image.width, height=image.height, persons=()
             )
         )
+
+
+class Watch(Node):
+    """Writes down the stamp of each picture, and when it came (ns)."""
+
+    image = Input(Image, "/camera/image_raw", Delivery.NEWEST)
+    record = Parameter("", "file to write to, a line a picture")
+
+    @image
+    def on_image(self, image: Image) -> None:
+        with Path(self.record).open("a", encoding="utf-8") as file:
+            file.write(f"{image.stamp} {self.clock.now()}\n")

@@ -56,7 +56,8 @@ def cut(bag: Path, out: Path, begin_s: float, end_s: float) -> Path:
     with open_bag(bag) as source, BagWriter(out) as target:
         topics = {topic.name: topic.name for topic in source.topics}
         for topic, message in source.messages(topics):
-            if begin_s <= (message.stamp - source.start) / 1e9 < end_s or topic.endswith("camera_info"):
+            begun = (message.stamp - source.start) / 1e9 >= begin_s or topic.endswith("camera_info")
+            if begun and (message.stamp - source.start) / 1e9 < end_s:
                 target.write(topic, message, message.stamp)
     return out
 

@@ -235,3 +235,16 @@ def test_late_pictures_do_not_pile_up(folder):
     rig.runner.clock.advance(5)
     rig.pass_time(0.15)
     assert np.diff([image.stamp for image in rig.images]).tolist() == [5 * SECOND, SECOND // 10]
+
+
+def test_a_camera_that_vanishes_says_so_until_it_is_back(cable):
+    rig = Rig("0")
+    said: list[str] = []
+    rig.runner.tap("/health", lambda _, message: said.append(message.state))  # type: ignore[attr-defined]
+    rig.pass_time(0.25)
+    cable.plugged = False
+    rig.pass_time(3)
+    assert said == ["failed"]
+    cable.plugged = True
+    rig.pass_time(3)
+    assert said == ["failed", "ok"]

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import struct
+import zlib
+
 import cv2
 import numpy as np
 import pytest
@@ -229,3 +232,40 @@ def test_bad_compressed_images_are_named(data, form, words):
         bgr_from_compressed(compressed(data, form))
     assert repr(form) in str(caught.value)
     assert caught.value.remedy
+
+
+def oversized(data: bytes, width: int, height: int) -> bytes:
+    """A picture whose header speaks of another size."""
+    if data.startswith(b"\x89PNG"):
+        head = b"IHDR" + struct.pack(">II", width, height) + data[24:29]
+        return data[:12] + head + struct.pack(">I", zlib.crc32(head)) + data[33:]
+    at = data.index(b"\xff\xc0")
+    return data[: at + 5] + struct.pack(">HH", height, width) + data[at + 9 :]
+
+
+@pytest.mark.parametrize("extension", [".jpg", ".png"])
+def test_a_header_that_speaks_of_gigabytes_is_refused(extension):
+    data = oversized(encoded(extension, smooth(48, 64)), 30_000, 30_000)
+    with pytest.raises(ImageError, match="30000x30000 pixels are too many"):
+        bgr_from_compressed(compressed(data, extension[1:]))
+
+
+def test_the_size_of_a_picture_is_found_behind_what_comes_before_it():
+    data = oversized(encoded(".jpg", smooth(48, 64)), 30_000, 30_000)
+    # A comment, rubbish and a marker without content, all of which decoders pass over.
+    data = data[:2] + b"\xff\xfe\x00\x06\xff\xc0ab" + b"rubbish\xff\x00\xff\xff\xd0" + data[2:]
+    with pytest.raises(ImageError, match="too many"):
+        bgr_from_compressed(compressed(data, "jpeg"))
+
+
+def test_a_part_of_a_png_that_gives_a_length_of_gigabytes_is_refused():
+    data = encoded(".png", smooth(48, 64))
+    at = data.index(b"IDAT")
+    with pytest.raises(ImageError, match="cut short"):
+        bgr_from_compressed(compressed(data[: at - 4] + b"\x7f\xff\xff\xff" + data[at:], "png"))
+
+
+@pytest.mark.parametrize("extension", [".bmp", ".tiff", ".webp"])
+def test_a_file_of_another_kind_is_refused_whatever_its_format_says(extension):
+    with pytest.raises(ImageError, match="decoded"):
+        bgr_from_compressed(compressed(encoded(extension, smooth(48, 64)), "png"))

@@ -24,7 +24,7 @@ from socialbot.vision.person_detector import PersonDetector
 from tests.vision.drawn import add_person, corridor
 
 COLOR, INFO = "/camera/image_color", "/camera/camera_info"
-BOXES = np.array([[300.0, 150, 40, 180], [100, 200, 30, 120]])
+BOXES = np.array([[290.0, 150, 60, 180], [100, 200, 40, 120]])
 
 
 class Stub:

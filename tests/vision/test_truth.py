@@ -148,3 +148,12 @@ def test_messages_that_do_not_fit_are_errors_that_name_the_bag(messages, word):
         from_messages(*messages)
     assert "hall.bag" in str(caught.value)
     assert caught.value.remedy
+
+
+def test_json_that_is_nested_too_deeply_is_refused(tmp_path):
+    path = tmp_path / "truth.json"
+    path.write_text('{"frames":' + "[" * 10_000)
+    with pytest.raises(TruthError):
+        load_truth(path)
+    with pytest.raises(TruthError, match="message 0"):
+        truth_from_messages(['{"persons":' + "[" * 10_000], "hall.bag")

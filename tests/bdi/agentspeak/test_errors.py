@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import contextlib
 import re
+import time
 
 import pytest
 from hypothesis import given
@@ -203,3 +205,11 @@ def test_any_text_is_read_and_printed_back_or_refused(text):
     for plan in program.plans:
         assert shape(parse_plan(agentspeak(plan))) == shape(plan)
         assert rules(plan)
+
+
+@pytest.mark.parametrize("unit", [" ", "\n", "/* ", "// x\n", '"', "'", "(", "a.b."])
+def test_a_long_text_is_read_or_refused_soon(unit):
+    begun = time.process_time()
+    with contextlib.suppress(AgentSpeakError):
+        parse("+b <- a." + unit * 20_000)
+    assert time.process_time() - begun < 2.0

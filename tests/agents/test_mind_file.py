@@ -1,0 +1,140 @@
+"""Agents whose processes are ended, in whatever way, and that go on where they were."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from socialbot.agents.agent_node import AgentNode
+from socialbot.bdi import Belief, Engine
+from socialbot.clock import SECOND, nanoseconds
+from socialbot.graph import Graph, Placement
+from socialbot.inline import InlineRunner
+from tests.agents.test_waldo import ANNA, Corridor
+
+
+def crash(corridor: Corridor) -> None:
+    """Waldo's process is killed, and started again."""
+    corridor.runner.kill("waldo")
+    corridor.runner.restart("waldo")
+
+
+def times(corridor: Corridor, what: str) -> list[float]:
+    return [t for t, did in corridor.did if did == what]
+
+
+@pytest.mark.parametrize(("kept", "greetings"), [(True, 1), (False, 2)])
+def test_who_was_greeted_is_not_greeted_again_after_a_crash(kept: bool, greetings: int, tmp_path: Path) -> None:
+    corridor = Corridor(mind_file=str(tmp_path / "minds" / "waldo.json") if kept else "")
+    corridor.see(ANNA, times=20)
+    crash(corridor)
+    corridor.see(ANNA, times=20)
+    assert len(times(corridor, "greeting")) == greetings
+
+
+def test_beliefs_keep_the_time_since_when_they_are_held(tmp_path: Path) -> None:
+    corridor = Corridor(mind_file=str(tmp_path / "waldo.json"))
+    corridor.see(ANNA, times=20)
+    before = {belief.text: belief.since for belief in corridor.minds[-1].beliefs}
+    crash(corridor)
+    assert {belief.text: belief.since for belief in corridor.minds[-1].beliefs} == before
+    assert before["greeted()"]
+
+
+def test_a_time_of_absence_goes_on_through_a_crash(tmp_path: Path) -> None:
+    def greeted_anew(crashed: bool) -> list[float]:
+        corridor = Corridor(mind_file=str(tmp_path / f"{crashed}.json"), regreet_after_s=5.0)
+        corridor.see(ANNA, times=20)
+        corridor.see(times=30)
+        if crashed:
+            crash(corridor)
+        corridor.see(times=60)
+        corridor.see(ANNA, times=20)
+        return times(corridor, "greeting")
+
+    whole = greeted_anew(crashed=False)
+    assert len(whole) == 2
+    assert greeted_anew(crashed=True) == whole
+
+
+def test_no_id_of_the_trace_is_given_twice(tmp_path: Path) -> None:
+    corridor = Corridor(mind_file=str(tmp_path / "waldo.json"))
+    corridor.see(ANNA, times=20)
+    crash(corridor)
+    corridor.see(times=60)
+    ids = [record.id for record in corridor.trace]
+    assert len(set(ids)) == len(ids)
+
+
+@pytest.mark.parametrize("text", ["", "{", '{"schema": "socialbot/mind", "version": 1, "records": "many"}'])
+def test_a_damaged_mind_is_set_aside_and_the_agent_begins_anew(
+    text: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "waldo.json").write_text(text)
+    corridor = Corridor(mind_file=str(tmp_path / "waldo.json"))
+    corridor.see(ANNA, times=20)
+    assert len(times(corridor, "greeting")) == 1
+    assert (tmp_path / "waldo.json.damaged").read_text() == text
+    assert json.loads((tmp_path / "waldo.json").read_text())["name"] == "waldo"
+    assert "begins anew" in caplog.text
+
+
+class thing(Belief):  # noqa: N801 - written as agents write it
+    """Something that the agent knows of."""
+
+
+class Thinker(AgentNode):
+    """Believes what it is told."""
+
+    def build(self) -> Engine:
+        return Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
+
+
+def thinking(path: Path) -> tuple[InlineRunner, Thinker]:
+    runner = InlineRunner(Graph("test", (Placement("thinker", Thinker, {"mind_file": str(path)}),)))
+    runner.start()
+    thinker = runner.nodes["thinker"]
+    assert isinstance(thinker, Thinker)
+    return runner, thinker
+
+
+def saved(path: Path) -> list[object]:
+    return [belief["args"][0] for belief in json.loads(path.read_text())["beliefs"]]
+
+
+def test_it_is_saved_at_once_and_then_at_most_five_times_a_second(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "mind.json"
+    runner, thinker = thinking(path)
+    runner.advance(SECOND)
+    thinker.engine.believe(thing(1))
+    runner.advance(SECOND)
+    assert saved(path) == [1]
+    thinker.engine.believe(thing(2))
+    runner.advance(SECOND + nanoseconds(0.19))
+    assert saved(path) == [1]
+    runner.advance(SECOND + nanoseconds(0.2))
+    assert saved(path) == [1, 2]
+
+
+def test_at_a_good_end_the_last_is_saved(tmp_path: Path) -> None:
+    path = tmp_path / "mind.json"
+    runner, thinker = thinking(path)
+    for number in range(3):
+        thinker.engine.believe(thing(number))
+        runner.advance(SECOND + number)
+    runner.close()
+    assert saved(path) == [0, 1, 2]
+
+
+def test_an_agent_whose_mind_cannot_be_saved_says_so_and_goes_on(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    runner, thinker = thinking(tmp_path / "mind.json")
+    thinker.engine.believe(thing(object()))
+    runner.advance(SECOND)
+    assert "its mind is not kept" in caplog.text
+    assert runner.faults["thinker"].failures == 0

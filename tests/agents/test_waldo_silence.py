@@ -1,0 +1,401 @@
+"""What Waldo does when he sees nothing: alone, and in the whole graph with a detector that finds what it is told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from socialbot.clock import SECOND, nanoseconds
+from socialbot.graph import Delivery, Input, Node, Output, Placement
+from socialbot.graph_file import load_graph
+from socialbot.health import SILENT_S
+from socialbot.inline import InlineRunner
+from socialbot.messages import (
+    ActionRequest,
+    Health,
+    Image,
+    JointTrajectory,
+    Mind,
+    PersonDetection,
+    PersonDetections,
+    SpeechStatus,
+    Utterance,
+)
+from tests.agents.test_waldo import ANNA, BEN, CARL, Corridor
+
+CAMERA, LATE_S = "/camera/image_raw", 0.5
+PIXELS = np.zeros((4, 4, 3), np.uint8)
+
+
+def what(corridor: Corridor) -> list[str]:
+    return [did for _, did in corridor.did]
+
+
+def beliefs(corridor: Corridor) -> list[str]:
+    return [belief.text for belief in corridor.minds[-1].beliefs]
+
+
+def gap(corridor: Corridor, seconds: float) -> None:
+    """Nothing is seen for so long, people or not."""
+    corridor.frame += round(10 * seconds)
+    corridor.runner.advance((corridor.frame - 1) * nanoseconds(0.1))
+
+
+def test_who_loses_sight_of_people_stays_idle_within_half_a_second_and_believes_nothing_of_them():
+    corridor = Corridor()
+    corridor.until(5, ANNA)
+    gap(corridor, 1.0)
+    (at, did) = corridor.did[-1]
+    assert did == "stayIdle"
+    assert at <= 4.9 + LATE_S
+    assert beliefs(corridor) == ['personDetected("Unknown")', "greeted()", 'silent("/humans/bodies/detections")']
+
+
+def test_who_sees_again_believes_in_no_silence_any_more():
+    corridor = Corridor()
+    corridor.until(5, ANNA)
+    gap(corridor, 5.0)
+    corridor.see(ANNA)
+    assert not [belief for belief in beliefs(corridor) if belief.startswith("silent")]
+
+
+@pytest.mark.parametrize("seconds", [0.7, 5.0, 30.0])
+def test_who_was_greeted_and_is_there_after_the_gap_is_followed_again_and_not_greeted(seconds):
+    corridor = Corridor()
+    corridor.until(5, ANNA)
+    gap(corridor, seconds)
+    corridor.see(BEN, times=10)
+    assert what(corridor) == ["greeting", "stayIdle", "attend"]
+    assert corridor.did[-1][0] <= 5.0 + seconds + 0.6
+    corridor.see(BEN, times=80)
+    assert what(corridor)[3:] == ["offer"]
+
+
+def test_who_was_offered_help_is_not_asked_again_after_the_gap_but_who_comes_later_is():
+    corridor = Corridor()
+    corridor.until(12, ANNA)
+    gap(corridor, 10.0)
+    corridor.see(BEN, times=120)
+    assert what(corridor) == ["greeting", "offer", "stayIdle", "attend"]
+    corridor.see(BEN, CARL, times=90)
+    assert what(corridor)[4:] == ["offer"]
+
+
+def test_gap_after_gap_changes_nothing_about_that():
+    corridor = Corridor()
+    corridor.until(12, ANNA)
+    for _ in range(4):
+        gap(corridor, 3.0)
+        corridor.see(BEN, times=3)
+        gap(corridor, 3.0)
+        corridor.see(CARL, times=20)
+    assert "greeting" not in what(corridor)[1:]
+    assert what(corridor).count("offer") == 1
+
+
+def test_who_was_not_greeted_before_the_gap_is_greeted_after_it():
+    corridor = Corridor()
+    corridor.until(2)
+    corridor.see(ANNA, times=2)
+    gap(corridor, 5.0)
+    corridor.see(ANNA, times=10)
+    assert what(corridor) == ["stayIdle", "greeting"]
+
+
+def test_after_a_gap_longer_than_anybody_stays_people_are_greeted_as_new():
+    corridor = Corridor(forget_after_s=60.0)
+    corridor.until(12, ANNA)
+    gap(corridor, 70.0)
+    corridor.see(BEN, times=100)
+    assert what(corridor) == ["greeting", "offer", "stayIdle", "greeting", "offer"]
+
+
+def test_who_is_gone_after_the_gap_is_absent_from_then_on():
+    corridor = Corridor()
+    corridor.until(5, ANNA)
+    gap(corridor, 20.0)
+    corridor.see(times=50)
+    corridor.see(BEN, times=10)
+    assert what(corridor) == ["greeting", "stayIdle", "stayIdle"]
+    corridor.see(times=80)
+    corridor.see(BEN, times=10)
+    assert what(corridor)[-1] == "greeting"
+
+
+def test_who_had_left_before_the_gap_has_left():
+    corridor = Corridor()
+    corridor.until(5, ANNA)
+    corridor.until(8)
+    gap(corridor, 10.0)
+    corridor.see(BEN, times=10)
+    assert what(corridor) == ["greeting", "stayIdle", "greeting"]
+
+
+def test_a_detector_that_takes_its_time_is_not_silent():
+    corridor = Corridor()
+    for _ in range(40):
+        corridor.see(ANNA)
+        corridor.frame += 2
+    assert what(corridor) == ["greeting", "offer"]
+
+
+def test_the_deadline_is_a_parameter():
+    corridor = Corridor(silent_after_s=2.0)
+    corridor.until(5, ANNA)
+    gap(corridor, 1.8)
+    corridor.see(ANNA)
+    assert what(corridor) == ["greeting"]
+
+
+def test_before_the_first_picture_waldo_waits_and_says_so():
+    corridor = Corridor()
+    said: list[Health] = []
+    corridor.runner.tap("/health", lambda _, message: said.append(message))  # type: ignore[arg-type]
+    corridor.runner.advance(10 * SECOND)
+    assert corridor.did == []
+    assert beliefs(corridor) == ['silent("/humans/bodies/detections")']
+    assert said[-1].state == "waiting"
+    assert "nothing on /humans/bodies/detections yet" in said[-1].reason
+
+
+# The whole graph
+
+
+class Seer(Node):
+    """Finds Anna in every picture."""
+
+    image = Input(Image, "/camera/image_color", Delivery.NEWEST, deadline_s=SILENT_S)
+    detections = Output(PersonDetections, "/humans/bodies/detections")
+
+    @image
+    def on_image(self, image: Image) -> None:
+        anna = PersonDetection(
+            x=0, y=0, w=1, h=1, score=1, track_id="t1", distance_m=2.0, bearing_rad=0.5, elevation_rad=0.0
+        )
+        self.detections.publish(PersonDetections(stamp=image.stamp, frame_id="", width=4, height=4, persons=(anna,)))
+
+
+class Eye(Node):
+    """A camera that takes ten pictures a second, as long as it is told to."""
+
+    image_raw = Output(Image, CAMERA, Delivery.NEWEST)
+    awake = True
+
+    def start(self) -> None:
+        self.call_after(0.1, self.tick)
+
+    def tick(self) -> None:
+        self.call_after(0.1, self.tick)
+        if self.awake:
+            self.image_raw.publish(Image.from_bgr(PIXELS, stamp=self.clock.now(), frame_id="c"))
+
+
+class Robot:
+    """Waldo's graph, and what it does when (s)."""
+
+    def __init__(self) -> None:
+        whole = load_graph("waldo")
+        stand_ins = {"camera": Placement("camera", Eye), "person_detector": Placement("person_detector", Seer)}
+        graph = replace(whole, placements=tuple(stand_ins.get(one.name, one) for one in whole.placements))
+        self.runner = InlineRunner(graph.with_parameters({"speech": {"playback": "off"}}), start=SECOND)
+        self.did: list[tuple[float, str]] = []
+        self.moves: list[tuple[float, float]] = []
+        self.said: list[SpeechStatus] = []
+        self.healths: dict[str, Health] = {}
+        self.minds: list[Mind] = []
+        self.runner.tap("/waldo/actions", self._act)  # type: ignore[arg-type]
+        self.runner.tap("/head_controller/joint_trajectory", self._move)  # type: ignore[arg-type]
+        self.runner.tap("/speech/status", lambda _, message: self.said.append(message))  # type: ignore[arg-type]
+        self.runner.tap("/health", lambda _, message: self.healths.update({message.node: message}))  # type: ignore
+        self.runner.tap("/waldo/mind", lambda _, mind: self.minds.append(mind))  # type: ignore[arg-type]
+        self.runner.start()
+
+    @property
+    def now(self) -> float:
+        return self.runner.clock.now() / SECOND - 1
+
+    def _act(self, _: str, action: ActionRequest) -> None:
+        self.did.append((self.now, str(action.arguments[0]) if action.arguments else action.name))
+
+    def _move(self, _: str, move: JointTrajectory) -> None:
+        self.moves.append((self.now, move.positions[0]))
+
+    def until(self, seconds: float) -> None:
+        self.runner.advance(nanoseconds(1 + seconds))
+
+    def say(self, text: str) -> None:
+        self.runner.feed("/speech/say", Utterance(stamp=self.runner.clock.now(), id=text, text=text))
+
+    @property
+    def silent(self) -> list[tuple[str, str]]:
+        return [(one.text, one.source) for one in self.minds[-1].beliefs if one.text.startswith("silent")]
+
+
+@pytest.fixture
+def robot() -> Iterator[Robot]:
+    robot = Robot()
+    robot.until(5.0)
+    assert [did for _, did in robot.did] == ["greeting"]
+    assert robot.moves[-1][1] == 0.5
+    yield robot
+    assert not [fault.first for fault in robot.runner.faults.values() if fault.failures]
+
+
+@pytest.mark.parametrize(
+    ("killed", "source"),
+    [("camera", "image_converter"), ("image_converter", "person_detector"), ("person_detector", "bdi_engine")],
+)
+def test_waldo_believes_which_node_is_silent_and_is_safe_in_half_a_second_and_goes_on_afterwards(robot, killed, source):
+    robot.runner.kill(killed)
+    robot.until(5.0 + LATE_S)
+    assert robot.silent == [(f'silent("{killed}")', source)]
+    assert robot.did[1][1] == "stayIdle"
+    assert robot.moves[-1][1] == 0.0
+    engine = robot.healths["bdi_engine"]
+    assert engine.state == "degraded"
+    assert f"sees nothing: {killed} is silent" in engine.reason
+    robot.until(35.0)
+    assert len(robot.did) == 2
+    robot.runner.restart(killed)
+    robot.until(36.0)
+    assert robot.silent == []
+    ever = {one.text for mind in robot.minds for one in mind.beliefs if one.text.startswith("silent")}
+    assert ever == {f'silent("{killed}")'}
+    assert robot.did[2:] == [(pytest.approx(35.6, abs=0.11), "attend")]
+    assert robot.moves[-1][1] == 0.5
+    assert robot.healths["bdi_engine"].state == "ok"
+
+
+def test_when_camera_and_speaker_vanish_at_once_it_is_the_link_to_their_machine(robot):
+    for name in ("camera", "speech"):
+        robot.runner.kill(name)
+    robot.until(5.0 + LATE_S)
+    assert robot.silent == [('silent("camera")', "image_converter")]
+    robot.until(6.5)
+    assert robot.silent == [('silent("link")', "image_converter")]
+    for name in ("camera", "speech"):
+        robot.runner.restart(name)
+    robot.until(8.0)
+    assert [did for _, did in robot.did] == ["greeting", "stayIdle", "attend"]
+
+
+def test_a_camera_that_sends_nothing_although_it_lives_is_silent_as_well(robot):
+    camera = robot.runner.nodes["camera"]
+    camera.awake = False
+    robot.until(10.0)
+    assert robot.silent == [('silent("camera")', "image_converter")]
+    camera.awake = True
+    robot.until(11.0)
+    assert [did for _, did in robot.did] == ["greeting", "stayIdle", "attend"]
+
+
+def test_what_waits_to_be_said_expires_when_waldo_sees_nobody_any_more(robot):
+    for text in ("This takes longer to say than the silence lasts.", "two"):
+        robot.say(text)
+    robot.runner.kill("camera")
+    robot.until(5.0 + LATE_S)
+    assert (robot.said[-1].utterance_id, robot.said[-1].state) == ("two", "expired")
+    assert robot.said[-1].detail.startswith("bdi_engine: nothing on /humans/bodies/detections")
+
+
+def test_without_its_engine_the_robot_looks_straight_on_and_says_nothing_that_waits(robot):
+    for text in ("This takes longer to say than the silence lasts.", "two"):
+        robot.say(text)
+    robot.runner.kill("bdi_engine")
+    robot.until(5.0 + LATE_S + 0.01)
+    assert robot.moves[-1][1] == 0.0
+    assert [(one.state, one.detail) for one in robot.said[-1:]] == [("expired", "bdi_engine is silent")]
+    assert "nothing on /health" in robot.healths["head"].reason
+    robot.until(20.0)
+    assert robot.moves[-1][1] == 0.0
+    robot.runner.restart("bdi_engine")
+    robot.until(21.0)
+    assert robot.moves[-1][1] == 0.5
+
+
+def test_two_runs_with_a_gap_are_the_same():
+    def run() -> list[object]:
+        robot = Robot()
+        robot.until(5.0)
+        robot.runner.kill("camera")
+        robot.until(9.0)
+        robot.runner.restart("camera")
+        robot.until(12.0)
+        return [robot.did, robot.moves, robot.minds, robot.healths]
+
+    assert run() == run()
+
+
+def test_the_end_of_a_recording_is_no_silence():
+    whole = load_graph("waldo").without_sources()
+    placements = tuple(Placement(one.name, Seer) if one.name == "person_detector" else one for one in whole.placements)
+    runner = InlineRunner(replace(whole, placements=placements).with_parameters({"speech": {"playback": "off"}}))
+    did: list[str] = []
+    spoken: list[str] = []
+    runner.tap("/waldo/actions", lambda _, action: did.append(action.name))  # type: ignore[attr-defined]
+    runner.tap("/speech/status", lambda _, status: spoken.append(status.state))  # type: ignore[attr-defined]
+    runner.start()
+    frames = [(CAMERA, Image.from_bgr(PIXELS, stamp=nanoseconds(number / 10), frame_id="c")) for number in range(40)]
+    waiting = [("/speech/say", Utterance(stamp=frames[-1][1].stamp, id=text, text=text)) for text in ("One more.", "B")]
+    runner.run([*frames, *waiting], tail_s=5.0)
+    assert did == ["speak"]
+    assert spoken == ["started", "finished", "started", "waiting", "finished", "started", "finished"]
+
+
+# After a crash
+
+
+def crashed(corridor: Corridor, seconds: float) -> None:
+    corridor.runner.kill("waldo")
+    gap(corridor, seconds)
+    corridor.runner.restart("waldo")
+
+
+def test_who_was_offered_help_is_not_offered_it_again_after_a_crash(tmp_path):
+    corridor = Corridor(mind_file=str(tmp_path / "mind.json"))
+    corridor.until(12, ANNA)
+    crashed(corridor, 1.0)
+    corridor.see(ANNA, times=150)
+    assert what(corridor) == ["greeting", "offer"]
+
+
+def test_who_is_there_through_a_crash_is_offered_help_in_time(tmp_path):
+    corridor = Corridor(mind_file=str(tmp_path / "mind.json"))
+    corridor.until(5, ANNA)
+    crashed(corridor, 1.0)
+    corridor.until(12, ANNA)
+    assert corridor.did == [(0.5, "greeting"), (8.5, "offer")]
+
+
+def test_who_has_left_during_a_crash_is_gone(tmp_path):
+    corridor = Corridor(mind_file=str(tmp_path / "mind.json"))
+    corridor.until(12, ANNA)
+    crashed(corridor, 1.0)
+    corridor.see(times=30)
+    assert what(corridor) == ["greeting", "offer", "stayIdle"]
+    assert not [belief for belief in beliefs(corridor) if belief.startswith(("present", "stays"))]
+
+
+def test_a_silence_of_before_a_crash_is_not_believed_afterwards(tmp_path):
+    corridor = Corridor(mind_file=str(tmp_path / "mind.json"))
+    corridor.until(5, ANNA)
+    gap(corridor, 3.0)
+    crashed(corridor, 1.0)
+    corridor.see(ANNA, times=10)
+    assert what(corridor) == ["greeting", "stayIdle", "attend"]
+    assert not [belief for belief in beliefs(corridor) if belief.startswith("silent")]
+
+
+def test_who_sees_nothing_after_a_crash_loses_sight_of_those_who_were_there(tmp_path):
+    corridor = Corridor(mind_file=str(tmp_path / "mind.json"))
+    corridor.until(12, ANNA)
+    crashed(corridor, 1.0)
+    gap(corridor, 5.0)
+    assert what(corridor) == ["greeting", "offer", "stayIdle"]
+    corridor.see(ANNA, times=120)
+    assert what(corridor) == ["greeting", "offer", "stayIdle", "attend"]
+    assert corridor.faults == 0
+    assert not [record for record in corridor.trace if record.kind == "failure"]

@@ -1,0 +1,164 @@
+"""What dies or hangs is started again. Here small scripts stand for processes of nodes: they start in no time."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import pytest
+
+from socialbot.bridge.lifeline import LIFELINE_VARIABLE
+from socialbot.bridge.restarting import RestartPolicy
+from socialbot.bridge.supervisor import RESTARTS_VARIABLE, Supervisor
+from socialbot.errors import NodeError, SocialbotError
+from socialbot.graph import Graph, Node, Placement
+
+pytestmark = pytest.mark.ros
+
+WELL = """
+while True:
+    say("active")
+    time.sleep(0.05)
+"""
+POLICY = RestartPolicy(times=2, first_s=0.01, longest_s=0.05, hung_s=0.5, ready_s=5.0)
+SPEAKING = f"""
+import os, socket, sys, time
+line = socket.socket(fileno=int(os.environ["{LIFELINE_VARIABLE}"]))
+def say(word): line.send(f"{{sys.argv[1]}} {{word}}".encode())
+"""
+
+
+class Idle(Node):
+    """Does nothing."""
+
+
+GRAPH = Graph("idlers", (Placement("one", Idle), Placement("two", Idle)))
+
+
+@pytest.fixture
+def scripts(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """What the processes do, by the names of their nodes; `WELL` if nothing is said."""
+    bodies: dict[str, str] = {}
+
+    def start(arguments: list[str], log: Path, *, variables: dict[str, str], lifeline: int) -> Any:
+        name = arguments[-1]
+        with log.open("ab") as output:
+            return subprocess.Popen(
+                [sys.executable, "-S", "-c", SPEAKING + bodies.get(name, WELL), name],
+                env={**os.environ, **variables, LIFELINE_VARIABLE: str(lifeline)},
+                stdout=output,
+                stderr=output,
+                pass_fds=(lifeline,),
+            )
+
+    monkeypatch.setattr("socialbot.bridge.supervisor.start_process", start)
+    return bodies
+
+
+def attended(supervisor: Supervisor, until: Callable[[], bool], timeout_s: float = 20.0) -> bool:
+    deadline = monotonic() + timeout_s
+    while not until():
+        if monotonic() > deadline:
+            return False
+        supervisor.attend(0.02)
+    return True
+
+
+def test_one_that_is_killed_is_started_again_and_the_others_go_on(
+    scripts: dict[str, str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == two.state == "active")
+        before = supervisor.pids
+        os.kill(before["one"], signal.SIGKILL)
+        assert attended(supervisor, lambda: one.restarts == 1)
+        assert attended(supervisor, lambda: one.state == "active")
+        assert supervisor.pids["one"] != before["one"]
+        assert supervisor.pids["two"] == before["two"]
+        assert one.last_error == "was ended by signal 9"
+        assert [record.getMessage() for record in caplog.records] == [
+            "one was ended by signal 9; started again in 0.0 s (no. 1)",
+            "one is back",
+        ]
+    assert one.state == two.state == "ended"
+
+
+def test_one_that_hangs_is_killed_and_started_again(scripts: dict[str, str], tmp_path: Path) -> None:
+    scripts["one"] = f"""
+if os.environ["{RESTARTS_VARIABLE}"] == "0":
+    say("active")
+    time.sleep(60)
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.restarts == 1)
+        assert one.last_error == "hung (one said nothing)"
+        assert attended(supervisor, lambda: one.state == "active")
+        assert two.restarts == 0
+
+
+def test_one_that_dies_again_and_again_is_given_up_and_the_others_go_on(
+    scripts: dict[str, str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    scripts["one"] = "raise SystemExit(9)"
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == "given up")
+        assert attended(supervisor, lambda: two.state == "active")
+        assert one.restarts == 2
+    (message,) = [record.getMessage() for record in caplog.records if record.levelno == logging.ERROR]
+    assert message == (
+        "one is given up: it has died more than 2 times in 60 s; at last it ended with exit code 9; "
+        f"its log: {tmp_path / 'one.log'}"
+    )
+
+
+def test_when_all_are_given_up_that_is_the_end(scripts: dict[str, str], tmp_path: Path) -> None:
+    scripts["one"] = scripts["two"] = "raise SystemExit(9)"
+    with (
+        pytest.raises(NodeError, match="all processes have died too often"),
+        Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor,
+    ):
+        attended(supervisor, lambda: False)
+
+
+def test_one_that_says_at_its_first_start_that_it_cannot_be_ends_them_all(
+    scripts: dict[str, str], tmp_path: Path
+) -> None:
+    scripts["one"] = "print('no such camera'); raise SystemExit(7)"
+    with (
+        pytest.raises(SocialbotError, match="no such camera") as caught,
+        Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor,
+    ):
+        attended(supervisor, lambda: False)
+    assert caught.value.exit_code == 7
+    assert supervisor.pids == {}
+
+
+def test_one_whose_device_has_vanished_is_tried_again(scripts: dict[str, str], tmp_path: Path) -> None:
+    scripts["one"] = f"""
+if os.environ["{RESTARTS_VARIABLE}"] < "2":
+    say("active")
+    raise SystemExit(7)
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one = supervisor.members["one"]
+        assert attended(supervisor, lambda: one.restarts == 2)
+        assert attended(supervisor, lambda: one.state == "active")
+
+
+def test_one_that_ends_well_was_ended_by_somebody_and_stays_so(scripts: dict[str, str], tmp_path: Path) -> None:
+    scripts["one"] = "say('active')"
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == "ended")
+        assert attended(supervisor, lambda: two.state == "active")
+        assert one.restarts == 0

@@ -1,0 +1,129 @@
+"""A deployment on two hosts: camera, speech and head on the robot, all else on the workstation."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import sleep
+
+import cv2
+import msgspec
+import pytest
+
+from socialbot.bridge.bags import open_bag
+from socialbot.messages import CompressedImage, TraceRecord
+from socialbot.security.keys import new_key
+from socialbot.vision.encodings import bgr_from_compressed
+from tests.system.running import eventually
+from tests.system.two_hosts import ROBOT, WORKSTATION, Host, two_hosts
+
+pytestmark = pytest.mark.ros
+
+ROOT = Path(__file__).parents[2]
+PAGE = f"""
+graph: waldo
+machines:
+  robot: {{address: {ROBOT}}}
+  workstation: {{address: {WORKSTATION}}}
+nodes:
+  camera: robot
+  speech: robot
+  head: robot
+  image_converter: workstation
+  person_detector: workstation
+  bdi_engine: workstation
+  listener: workstation
+parameters:
+  camera: {{source: film.avi, rate_hz: 10, loop: true}}
+  bdi_engine: {{greeting: Hallo}}
+  speech: {{playback: 'off'}}
+"""
+FILM_S = (6.0, 12.0)
+"""The part of the corridor in which somebody comes."""
+
+
+@pytest.fixture
+def folder(corridor: Path, tmp_path: Path) -> Path:
+    writer = cv2.VideoWriter(str(tmp_path / "film.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (640, 480))
+    begin_s, end_s = FILM_S
+    with open_bag(corridor) as bag:
+        topics = {topic.name: topic.name for topic in bag.image_topics}
+        for _, message in bag.messages(topics):
+            if isinstance(message, CompressedImage) and begin_s <= (message.stamp - bag.start) / 1e9 < end_s:
+                writer.write(bgr_from_compressed(message))
+    writer.release()
+    (tmp_path / "waldo.yaml").write_text(PAGE.replace("film.avi", str(tmp_path / "film.avi")))
+    return tmp_path
+
+
+@contextmanager
+def half(host: Host, folder: Path, *options: object) -> Iterator[subprocess.Popen[str]]:
+    """The half of the deployment that belongs on ``host``; it ends with the block, with exit code 0."""
+    with (folder / f"{host.name}.log").open("w") as log:
+        process = host.start(
+            *(sys.executable, "-m", "socialbot", "up", folder / "waldo.yaml", "--out", folder / host.address, *options),
+            variables={"PYTHONPATH": str(ROOT)},
+            stdout=log,
+            stderr=log,
+        )
+    try:
+        yield process
+        process.send_signal(signal.SIGINT)
+        assert process.wait(15) == 0, (folder / f"{host.name}.log").read_text()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+
+
+def told(folder: Path, address: str, kind: str) -> list[TraceRecord]:
+    """What one machine has recorded of a kind."""
+    trace = folder / address / "trace.jsonl"
+    lines = trace.read_bytes().splitlines() if trace.exists() else []
+    records = (msgspec.json.decode(line, type=TraceRecord) for line in lines)
+    return [record for record in records if record.kind == kind]
+
+
+def logs(folder: Path) -> str:
+    return "\n".join(f"{log.name}: {log.read_text()}" for log in sorted(folder.rglob("*.log")))
+
+
+def speaks_and_sees(folder: Path) -> bool:
+    spoken = any(one.what == "finished" for one in told(folder, ROBOT, "speech"))
+    return spoken and len(told(folder, WORKSTATION, "detection")) > 10
+
+
+def check_run(folder: Path, sent: tuple[int, int]) -> None:
+    """The robot has greeted by what the workstation has seen and decided; no raw picture was on the cable."""
+    assert told(folder, ROBOT, "utterance")[0].what == "Hallo"
+    assert list((folder / ROBOT / "speech").glob("001-hallo.wav"))
+    assert not list((folder / WORKSTATION / "speech").glob("*"))
+    frames = told(folder, WORKSTATION, "detection")
+    assert any(frame.what == "1 person" for frame in frames)
+    robot, workstation = sent
+    assert workstation < robot < 640 * 480 * len(frames)
+
+
+def test_two_halves_are_one_graph(folder: Path) -> None:
+    """The workstation comes first, and finds out by itself which machine it is."""
+    for name in ("robot", "workstation"):
+        new_key(name, folder / "keys")
+    with (folder / "waldo.yaml").open("a") as page:
+        page.write("security: {keys: keys}\n")
+    with two_hosts() as hosts, half(hosts.workstation, folder), half(hosts.robot, folder, "--machine", "robot"):
+        assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
+        check_run(folder, hosts.sent_bytes())
+
+
+@pytest.mark.slow
+def test_the_workstation_may_come_late(folder: Path) -> None:
+    with two_hosts() as hosts, half(hosts.robot, folder) as robot:
+        sleep(20.0)
+        assert robot.poll() is None
+        with half(hosts.workstation, folder):
+            assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
+            check_run(folder, hosts.sent_bytes())
