@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,11 +14,10 @@ from socialbot.agents.hospital.messages import (
     COORDINATOR,
     TOPIC,
     AclMessage,
-    AnyContent,
     Missions,
-    Performative,
 )
 from socialbot.agents.hospital.missions import Conduct, Memory, Policy
+from socialbot.agents.hospital.voice import Voice
 from socialbot.agents.hospital.ward_messages import STATE, WardState
 from socialbot.errors import ParameterError
 from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter
@@ -49,9 +47,8 @@ class HospitalCoordinator(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         """Raises ParameterError for a file that cannot be read."""
         super().__init__(name, context, parameters)
-        self._numbers = itertools.count(1)
-        self._begun = self.clock.now()
-        self.coordinator = Coordinator(self._say, Conduct(), self._recall())
+        voice = Voice(COORDINATOR, self.clock, self.said.publish)
+        self.coordinator = Coordinator(voice.say, Conduct(), self._recall())
         self._saved = b""
         for parameter in ("policy", "proactive", "triggers", "patience_s", "rest_s"):
             self.on_parameter(parameter)
@@ -77,22 +74,6 @@ class HospitalCoordinator(Node):
             conduct.policy = cast(Policy, value)
         elif name != "memory_file":
             setattr(conduct, name, value)
-
-    def _say(
-        self, receiver: str, performative: Performative, content: AnyContent, mission: str, in_reply_to: str
-    ) -> None:
-        self.said.publish(
-            AclMessage(
-                stamp=self.clock.now(),
-                id=f"{COORDINATOR}-{self._begun}-{next(self._numbers)}",
-                sender=COORDINATOR,
-                receiver=receiver,
-                performative=performative,
-                content=content,
-                in_reply_to=in_reply_to,
-                mission=mission,
-            )
-        )
 
     def _tell(self) -> None:
         """Publishes and saves what has changed."""

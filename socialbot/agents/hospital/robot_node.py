@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -12,12 +11,10 @@ from socialbot.agents.hospital.messages import (
     EVERYBODY,
     TOPIC,
     AclMessage,
-    AnyContent,
     Belief,
     Done,
     End,
     Finished,
-    Performative,
     Plan,
     Problem,
     Ready,
@@ -44,6 +41,7 @@ from socialbot.agents.hospital.robots import (
     problem,
     program,
 )
+from socialbot.agents.hospital.voice import Voice
 from socialbot.agents.hospital.ward_messages import (
     CANCELS,
     COMMANDS,
@@ -97,8 +95,7 @@ class HospitalAgent(AgentNode):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         self.label = ""
         """The label of the plans that it has."""
-        self._begun = context.clock.now()
-        self._numbers = itertools.count(1)
+        self._voice = Voice(name, context.clock, self.said.publish)
         self._labels: list[str] = []
         self._early: list[AclMessage] = []
         self._uncompiled: list[ReadyPlan] = []
@@ -108,8 +105,12 @@ class HospitalAgent(AgentNode):
         self._let_go: dict[tuple[str, tuple[str, ...]], str] = {}
         self._registered = False
         self._rendezvous = Rendezvous(
-            lambda partner, meeting: self._say(partner, "query", Ready(meeting.action, meeting.args), meeting.label),
-            lambda partner, meeting: self._say(partner, "query", Done(meeting.action, meeting.args), meeting.label),
+            lambda partner, meeting: self._voice.say(
+                partner, "query", Ready(meeting.action, meeting.args), meeting.label
+            ),
+            lambda partner, meeting: self._voice.say(
+                partner, "query", Done(meeting.action, meeting.args), meeting.label
+            ),
         )
         super().__init__(name, context, parameters)
 
@@ -142,7 +143,7 @@ class HospitalAgent(AgentNode):
             return
         capable = tuple(str(found["X"]) for found in self.engine.query(literal("can", (_X,))))
         kind = next(str(found["X"]) for found in self.engine.query(literal("kind", (_X,))))
-        self._say(COORDINATOR, "request", Register(kind, capable), in_reply_to=in_reply_to)
+        self._voice.say(COORDINATOR, "request", Register(kind, capable), in_reply_to=in_reply_to)
         if not in_reply_to:
             self.call_after(REGISTER_S, self._register)
 
@@ -252,38 +253,22 @@ class HospitalAgent(AgentNode):
                 pass
 
     def _tell(self, receiver: str, belief: str) -> None:
-        self._say(receiver, "inform", Belief(belief), self.label)
+        self._voice.say(receiver, "inform", Belief(belief), self.label)
 
     def report_problem(self, action: str, args: tuple[str, ...], reason: str) -> None:
         """Tells the coordinator what the agent cannot mend."""
         if self.label:
-            self._say(COORDINATOR, "inform", Problem(reason, args, action), self.label)
+            self._voice.say(COORDINATOR, "inform", Problem(reason, args, action), self.label)
 
     def finish(self) -> None:
         """Tells the coordinator that the agent has done its part, and forgets the mission."""
-        self._say(COORDINATOR, "request", Finished(), self.label)
+        self._voice.say(COORDINATOR, "request", Finished(), self.label)
         self.engine.call(self._give_up)
 
     def _refuse(self, message: AclMessage, reason: str) -> None:
         if message.performative not in ("refuse", "failure"):
             self.log.warning("refused what %s says: %s", message.sender, reason)
-            self._say(message.sender, "refuse", Refusal(reason), message.mission, message.id)
-
-    def _say(
-        self, receiver: str, performative: Performative, content: AnyContent, mission: str = "", in_reply_to: str = ""
-    ) -> None:
-        self.said.publish(
-            AclMessage(
-                stamp=self.clock.now(),
-                id=f"{self.name}-{self._begun}-{next(self._numbers)}",
-                sender=self.name,
-                receiver=receiver,
-                performative=performative,
-                content=content,
-                in_reply_to=in_reply_to,
-                mission=mission,
-            )
-        )
+            self._voice.say(message.sender, "refuse", Refusal(reason), message.mission, message.id)
 
     # The mission
 
@@ -322,7 +307,7 @@ class HospitalAgent(AgentNode):
         for other in list(self._let_go.values()):
             self._cancel(other)
         self._let_go.clear()
-        id = id or f"{self.name}-{self._begun}-action-{next(self._numbers)}"
+        id = id or f"{self.name}-action-{self._voice.next_id()}"
         known = id in self._under_way
         self._under_way[id] = deed
         if not known:
@@ -354,7 +339,7 @@ class HospitalAgent(AgentNode):
         if message.robot != self.name or deed is None:
             return
         self._let_go.pop(deed.key, None)
-        self._say(
+        self._voice.say(
             COORDINATOR,
             "inform",
             Report(message.outcome, message.action, message.args, message.reason),

@@ -6,7 +6,6 @@ literal, and goes on when all have reported; the first problem ends the mission.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
@@ -19,12 +18,10 @@ from socialbot.agents.hospital.messages import (
     EVERYBODY,
     TOPIC,
     AclMessage,
-    AnyContent,
     End,
     Missions,
     MissionStatus,
     MissionView,
-    Performative,
     Plan,
     Problem,
     Refusal,
@@ -36,6 +33,7 @@ from socialbot.agents.hospital.missions import DISINFECT, Member, Mission, state
 from socialbot.agents.hospital.robot_node import REGISTER_S, Nurse, Spot, Uvd
 from socialbot.agents.hospital.robots import as_literal, names_of
 from socialbot.agents.hospital.teams import Pool
+from socialbot.agents.hospital.voice import Voice
 from socialbot.agents.hospital.ward import NURSE, ROBOTS, SPOT, UVD
 from socialbot.agents.hospital.ward_agents import JOINT, ROLES
 from socialbot.agents.hospital.ward_messages import (
@@ -55,38 +53,6 @@ from socialbot.graph import Context, Delivery, Graph, Input, Node, Output
 from socialbot.tasks.planner import TaskPlanner
 
 
-class Speaker(Node):
-    """A node that says something."""
-
-    said = Output(AclMessage, TOPIC)
-
-    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        super().__init__(name, context, parameters)
-        self._begun = self.clock.now()
-        self._numbers = itertools.count(1)
-
-    def say(
-        self, receiver: str, performative: Performative, content: AnyContent, mission: str = "", in_reply_to: str = ""
-    ) -> None:
-        """Says it to the receiver; see `AclMessage`."""
-        self.said.publish(
-            AclMessage(
-                stamp=self.clock.now(),
-                id=f"{self.name}-{self.next_id()}",
-                sender=self.name,
-                receiver=receiver,
-                performative=performative,
-                content=content,
-                in_reply_to=in_reply_to,
-                mission=mission,
-            )
-        )
-
-    def next_id(self) -> str:
-        """One that the node, however often it begins anew, has not used before."""
-        return f"{self._begun}-{next(self._numbers)}"
-
-
 @dataclass
 class _Running:
     """The mission under way, its plan, and those who have not yet reported that they did the action at hand."""
@@ -96,15 +62,17 @@ class _Running:
     awaited: set[str] = field(default_factory=set)
 
 
-class ScriptedCoordinator(Speaker):
+class ScriptedCoordinator(Node):
     """Has rooms disinfected, one after the other in the order in which they show; one that failed is left alone."""
 
     heard = Input(AclMessage, TOPIC)
     state = Input(WardState, STATE, Delivery.LATCHED)
+    said = Output(AclMessage, TOPIC)
     missions = Output(Missions, MISSIONS, Delivery.LATCHED)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
+        self._voice = Voice(name, self.clock, self.said.publish)
         self.planning_s: list[float] = []
         """How long each plan took to find, s."""
         self._planner = TaskPlanner(DOMAIN)
@@ -114,7 +82,7 @@ class ScriptedCoordinator(Speaker):
         self._over: list[MissionView] = []
 
     def start(self) -> None:
-        self.say(EVERYBODY, "query", Register())
+        self._voice.say(EVERYBODY, "query", Register())
 
     @heard
     def on_heard(self, message: AclMessage) -> None:
@@ -124,7 +92,7 @@ class ScriptedCoordinator(Speaker):
         content = message.content
         if isinstance(content, Register):
             self._members[message.sender] = Member(message.sender, content.kind, frozenset(content.capabilities))
-            self.say(message.sender, "agree", content, in_reply_to=message.id)
+            self._voice.say(message.sender, "agree", content, in_reply_to=message.id)
             self._begin()
         elif self._running is not None and message.mission == self._running.mission.label:
             match content:
@@ -171,7 +139,7 @@ class ScriptedCoordinator(Speaker):
         running.awaited = set(stage.agents)
         action = agentspeak(as_literal(stage.action, stage.args))
         for agent in stage.agents:
-            self.say(agent, "request", Plan(mission.label, (action,)), mission.label)
+            self._voice.say(agent, "request", Plan(mission.label, (action,)), mission.label)
         self._tell()
 
     def _done_by(self, agent: str, running: _Running) -> None:
@@ -205,7 +173,7 @@ class ScriptedCoordinator(Speaker):
         self._over.append(view(mission, None))
         self._running = None
         for name in mission.team.values():
-            self.say(name, "request", End() if status == "finished" else Stop(problem), mission.label)
+            self._voice.say(name, "request", End() if status == "finished" else Stop(problem), mission.label)
         self._tell()
         self._begin()
 
@@ -214,7 +182,7 @@ class ScriptedCoordinator(Speaker):
         self.missions.publish(Missions(stamp=self.clock.now(), missions=(*self._over, *running)))
 
 
-class ScriptedAgent(Speaker):
+class ScriptedAgent(Node):
     """Does what it is told, and reports."""
 
     kind: ClassVar[str] = ""
@@ -222,11 +190,13 @@ class ScriptedAgent(Speaker):
 
     heard = Input(AclMessage, TOPIC)
     results = Input(ActionResult, RESULTS)
+    said = Output(AclMessage, TOPIC)
     commands = Output(ActionCommand, COMMANDS)
     cancels = Output(ActionCancel, CANCELS)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
+        self._voice = Voice(name, self.clock, self.said.publish)
         self._registered = False
         self._missions: dict[str, str] = {}
         """The missions of actions under way, by the id of the command."""
@@ -237,7 +207,7 @@ class ScriptedAgent(Speaker):
     def _register(self, in_reply_to: str = "") -> None:
         if self._registered and not in_reply_to:
             return
-        self.say(COORDINATOR, "request", Register(self.kind, actions_of(self.kind)), in_reply_to=in_reply_to)
+        self._voice.say(COORDINATOR, "request", Register(self.kind, actions_of(self.kind)), in_reply_to=in_reply_to)
         if not in_reply_to:
             self.call_after(REGISTER_S, self._register)
 
@@ -268,9 +238,9 @@ class ScriptedAgent(Speaker):
         try:
             action = parse_literal(text)
         except SocialbotError as mistake:
-            self.say(message.sender, "refuse", Refusal(str(mistake)), message.mission, message.id)
+            self._voice.say(message.sender, "refuse", Refusal(str(mistake)), message.mission, message.id)
             return
-        id = f"{self.name}-action-{self.next_id()}"
+        id = f"{self.name}-action-{self._voice.next_id()}"
         self._missions[id] = message.mission
         self.commands.publish(
             ActionCommand(
@@ -285,9 +255,9 @@ class ScriptedAgent(Speaker):
         if mission is None:
             return
         report = Report(message.outcome, message.action, message.args, message.reason)
-        self.say(COORDINATOR, "inform", report, mission)
+        self._voice.say(COORDINATOR, "inform", report, mission)
         if message.outcome == "failure":
-            self.say(COORDINATOR, "inform", Problem(message.reason, message.args, message.action), mission)
+            self._voice.say(COORDINATOR, "inform", Problem(message.reason, message.args, message.action), mission)
 
 
 def actions_of(kind: str) -> tuple[str, ...]:
