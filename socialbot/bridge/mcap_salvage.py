@@ -138,7 +138,7 @@ def _read_chunk(file: BinaryIO, start: int, length: int) -> _Chunk:
     uncompressed = file.read(8)
     file.seek(4, io.SEEK_CUR)
     name_length = file.read(4)
-    name = file.read(int.from_bytes(name_length, "little"))
+    name = file.read(min(int.from_bytes(name_length, "little"), length))
     compressed = file.read(8)
     return _Chunk(start, length, times, name_length + name + compressed + uncompressed, {})
 
