@@ -13,6 +13,7 @@ from evaluation.hospital_record import Share
 from evaluation.hospital_ros import Account, Seen, length, run_ros, union, without
 from socialbot.agents.hospital.messages import AclMessage, Belief, Problem
 from socialbot.agents.hospital.ward_messages import ActionCommand, ActionResult
+from socialbot.errors import NodeError
 
 MS = 1_000_000
 SPOT, NURSE, ROOM = "spotrobot1", "nurse_disinfected1", "room1"
@@ -69,6 +70,12 @@ def ms(share: Share) -> tuple[float, ...]:
 def test_a_recovery_goes_from_the_failed_result_to_the_first_command_of_the_new_plan():
     (recovery,) = account().recoveries()
     assert ms(recovery) == (2 + 2, 6, 3, 0)
+
+
+def test_results_of_another_hospital_in_the_domain_are_an_error():
+    notes = {name: Notes() for name in ("world", "coordinator")}
+    with pytest.raises(NodeError, match="did not tell"):
+        list(Account(notes, Seen(results=[FAILED])).recoveries())
 
 
 def test_a_moment_in_which_something_is_done_counts_as_acting_whoever_else_is_busy():
