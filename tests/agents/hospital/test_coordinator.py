@@ -458,6 +458,16 @@ def test_what_shows_before_its_report_comes_is_no_reason_to_revise():
     assert ward.label() == "mission_1_1"
 
 
+def test_a_reason_to_revise_has_to_show_for_a_tenth_of_a_second():
+    ward = started(proactive=True)
+    ward.agent(UVD, battery=0.1)
+    for wait in (0.1, 0.04, 0.04):
+        ward.look(wait)
+        assert ward.label() == "mission_1_1"
+    ward.look(0.04)
+    assert ward.label() == "mission_1_2"
+
+
 def test_a_plan_that_does_more_than_it_has_to_may_stay():
     ward = started(proactive=True)
     ward.agent(UVD, battery=0.1)
