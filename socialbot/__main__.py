@@ -1,4 +1,6 @@
-"""``python -m socialbot`` and ``socialbot`` are the command line."""
+"""``python -m socialbot`` and ``socialbot`` are the command line; ``ros2 run socialbot node`` is a part of it."""
+
+import sys
 
 from socialbot.ending import end_well_on_signals
 
@@ -9,6 +11,12 @@ def run() -> None:
     from socialbot.cli import main
 
     main()
+
+
+def run_node() -> None:
+    """Runs ``socialbot node`` with the arguments of the process."""
+    sys.argv.insert(1, "node")
+    run()
 
 
 if __name__ == "__main__":

@@ -5,27 +5,14 @@ Here one that dies ends them all, as is right for a replay; `socialbot.bridge.su
 
 from __future__ import annotations
 
-import contextlib
-import os
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Mapping
 from pathlib import Path
 
 from socialbot.bridge import environment
-from socialbot.bridge.lifeline import LIFELINE_VARIABLE
-from socialbot.ending import ENDING_SIGNALS
+from socialbot.bridge.nursery import Nursery
+from socialbot.bridge.processes import Process, end_processes, how_it_ended
 from socialbot.errors import NodeError, SocialbotError
 from socialbot.graph import Graph
 from socialbot.graph_file import dump_graph
-
-GRACE_S = 8.0
-"""How long processes may take to end after SIGINT before they are killed."""
-
-ASKED_AGAIN_S = 3.0
-"""After this time they get another SIGINT."""
 
 LOG_TAIL_LINES = 8
 DOCUMENTED = frozenset({3, 4, 5, 7})
@@ -43,7 +30,8 @@ class Launch:
         self._folder = folder
         self._sim_time = sim_time
         self._composed = composed
-        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._nursery = Nursery(graph, folder)
+        self._processes: dict[str, Process] = {}
         self.exit_codes: dict[str, int] = {}
 
     def __enter__(self) -> Launch:
@@ -60,9 +48,9 @@ class Launch:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def start(self, name: str, arguments: list[str]) -> subprocess.Popen[bytes]:
+    def start(self, name: str, arguments: list[str]) -> Process:
         """Starts ``socialbot *arguments`` as the process ``name``, with its log in the folder."""
-        process = self._processes[name] = start_process(arguments, log_file(self._folder, name))
+        process = self._processes[name] = self._nursery.start(arguments, log_file(self._folder, name))
         return process
 
     def check(self) -> None:
@@ -74,6 +62,7 @@ class Launch:
 
     def stop(self) -> None:
         """Ends all processes; then ``exit_codes`` holds how they ended."""
+        self._nursery.close()
         self.exit_codes.update(end_processes(self._processes))
 
     @property
@@ -104,59 +93,6 @@ def node_arguments(graph_file: Path, nodes: list[str], *, sim_time: bool = False
 def log_file(folder: Path, name: str) -> Path:
     """The log of the process ``name``."""
     return folder / f"{name}.log"
-
-
-def start_process(
-    arguments: list[str], log: Path, *, variables: Mapping[str, str] | None = None, lifeline: int | None = None
-) -> subprocess.Popen[bytes]:
-    """Starts ``socialbot *arguments``, which ends when this process does.
-
-    ``variables`` come on top of the environment; ``lifeline`` is the file that the process speaks to its supervisor by.
-    """
-    inherited = {**os.environ, **(variables or {})}
-    environment.prepare(inherited, log_folder=log.parent / "ros")
-    inherited["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
-    if lifeline is not None:
-        inherited[LIFELINE_VARIABLE] = str(lifeline)
-    command = [sys.executable, "-m", "socialbot", *arguments, "--parent", str(os.getpid())]
-    # The child inherits the mask and lets signals through once it can end well.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
-    try:
-        with log.open("ab") as output:
-            return subprocess.Popen(
-                command,
-                env=inherited,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=output,
-                start_new_session=True,
-                pass_fds=() if lifeline is None else (lifeline,),
-            )
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def end_processes(processes: Mapping[str, subprocess.Popen[bytes]]) -> dict[str, int]:
-    """Ends them by SIGINT, after a time of grace by SIGKILL; returns their exit codes."""
-    # Twice, as a signal may be lost that comes just while a process imports a module.
-    for grace_s in (ASKED_AGAIN_S, GRACE_S - ASKED_AGAIN_S):
-        living = [process for process in processes.values() if process.poll() is None]
-        for process in living:
-            process.send_signal(signal.SIGINT)
-        deadline = time.monotonic() + grace_s
-        for process in living:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(max(0.0, deadline - time.monotonic()))
-    for process in processes.values():
-        if process.poll() is None:
-            process.kill()
-            process.wait()
-    return {name: process.returncode for name, process in processes.items()}
-
-
-def how_it_ended(code: int) -> str:
-    """An exit code in words."""
-    return f"was ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
 
 
 def failure(name: str, code: int, log: Path) -> SocialbotError:

@@ -1,0 +1,105 @@
+"""Operating-system processes that run ``socialbot``: how they are started, and how they end."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Protocol
+
+from socialbot.bridge import environment
+from socialbot.bridge.lifeline import LIFELINE_VARIABLE
+from socialbot.ending import ENDING_SIGNALS
+
+GRACE_S = 8.0
+"""How long processes may take to end after SIGINT before they are killed."""
+
+ASKED_AGAIN_S = 3.0
+"""After this time they get another SIGINT."""
+
+
+class Process(Protocol):
+    """A child of this process, as `subprocess.Popen` has them."""
+
+    @property
+    def pid(self) -> int: ...
+
+    def poll(self) -> int | None: ...
+
+    def wait(self, timeout: float | None = None) -> int: ...
+
+    def send_signal(self, sig: int) -> None: ...
+
+    def kill(self) -> None: ...
+
+
+def environment_of(log_folder: Path) -> dict[str, str]:
+    """The environment of processes whose logs go to ``log_folder``."""
+    inherited = dict(os.environ)
+    environment.prepare(inherited, log_folder=log_folder / "ros")
+    inherited["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+    return inherited
+
+
+def start_process(
+    arguments: list[str], log: Path, *, variables: Mapping[str, str] | None = None, lifeline: int | None = None
+) -> subprocess.Popen[bytes]:
+    """Starts ``socialbot *arguments``, which ends when this process does.
+
+    ``variables`` come on top of the environment; ``lifeline`` is the file that the process speaks to its supervisor by.
+    """
+    inherited = {**environment_of(log.parent), **(variables or {})}
+    if lifeline is not None:
+        inherited[LIFELINE_VARIABLE] = str(lifeline)
+    with log.open("ab") as output, blocked_signals():
+        return subprocess.Popen(
+            [sys.executable, "-m", "socialbot", *until_parent_ends(arguments)],
+            env=inherited,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+            pass_fds=() if lifeline is None else (lifeline,),
+        )
+
+
+def until_parent_ends(arguments: list[str]) -> list[str]:
+    """``arguments`` for a process that ends when this one does."""
+    return [*arguments, "--parent", str(os.getpid())]
+
+
+@contextlib.contextmanager
+def blocked_signals() -> Iterator[None]:
+    """A child that is started here inherits the mask, and lets signals through once it can end well."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def end_processes(processes: Mapping[str, Process]) -> dict[str, int]:
+    """Ends them by SIGINT, after a time of grace by SIGKILL; returns their exit codes."""
+    # Twice, as a signal may be lost that comes just while a process imports a module.
+    for grace_s in (ASKED_AGAIN_S, GRACE_S - ASKED_AGAIN_S):
+        living = [process for process in processes.values() if process.poll() is None]
+        for process in living:
+            process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + grace_s
+        for process in living:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(0.0, deadline - time.monotonic()))
+    for process in processes.values():
+        if process.poll() is None:
+            process.kill()
+    return {name: process.wait() for name, process in processes.items()}
+
+
+def how_it_ended(code: int) -> str:
+    """An exit code in words."""
+    return f"was ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
