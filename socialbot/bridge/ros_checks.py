@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import importlib.util
 import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Mapping, MutableMapping
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
@@ -17,7 +16,8 @@ from xml.etree import ElementTree
 
 from socialbot.bridge import environment
 from socialbot.bridge.round_trip import cause, try_round_trip
-from socialbot.bridge.wire import KEYS_VARIABLE, has_keys, reach, wire
+from socialbot.bridge.stale_memory import stale_locks
+from socialbot.bridge.wire import KEYS_VARIABLE, has_keys, wire
 from socialbot.errors import InstallationError, NodeError, SocialbotError
 from socialbot.findings import Check, Finding
 
@@ -37,8 +37,6 @@ RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 GOOD_SHARE = 0.95
 LAST_SAFE_DOMAIN = 101
 """The ports of higher domains are those that Linux lends to anybody."""
-
-_LOCK = re.compile(r"fastrtps_([\da-z]{16}|port\d{1,5})_[es]l")
 
 
 def ros(variables: Mapping[str, str] = os.environ) -> Finding:
@@ -138,7 +136,7 @@ def settings(variables: Mapping[str, str] = os.environ) -> Finding:
 def strangers(variables: MutableMapping[str, str] = os.environ) -> Finding:
     """Whether others in the network could command the graph: whether it is open to them, and whether there are keys."""
     name = "strangers"
-    way = reach(variables)
+    way = environment.reach(variables)
     if has_keys(variables):
         try:
             wire(variables)
@@ -227,19 +225,6 @@ def stale_memory(folder: Path = Path("/dev/shm")) -> Finding | None:
     tool = f"{sys.executable} {script}" if script.exists() else "fastdds"
     text = f"{len(stale)} segments and ports of dead processes hold {size / MB:.1f} MB of {folder}"
     return Finding(name, "warning", text, f"{tool} shm clean")
-
-
-def stale_locks(folder: Path) -> Iterator[Path]:
-    """The lock files of Fast DDS in ``folder`` that no process holds."""
-    for path in sorted(folder.glob("fastrtps_*")):
-        if not _LOCK.fullmatch(path.name):
-            continue
-        try:
-            with path.open("rb") as file:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            continue  # Held, gone by now, or another user's.
-        yield path
 
 
 def receive_buffer(path: Path = Path("/proc/sys/net/core/rmem_max")) -> Finding | None:
