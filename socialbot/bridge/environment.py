@@ -12,7 +12,7 @@ from pathlib import Path
 from socialbot.errors import GraphError, InstallationError
 
 PROFILE = Path(__file__).with_name("dds_profile.xml")
-"""The Fast DDS profile with a shared-memory segment that holds pictures."""
+"""The Fast DDS profile for nodes of one machine: closed to others, with a shared-memory segment that holds pictures."""
 
 WIFI_PROFILE = Path(__file__).with_name("dds_wifi.xml")
 """The Fast DDS profile for nodes that talk to other machines."""
@@ -44,24 +44,36 @@ def prepare(
     """Fills in what is not set, or empty; call it before rclpy starts. What is given by name does override.
 
     With ``across`` nodes talk to other machines, in messages of one packet each; with ``raw_pictures``, for processes
-    that publish such on their own machine, of any size. A DDS profile of the user's own is left alone.
+    that publish such on their own machine, of any size. So they are where the user has opened the graph to others. A
+    DDS profile of the user's own is left alone.
     """
-    if environment.get(PROFILE_VARIABLE, "") in ("", str(PROFILE)):
-        environment[PROFILE_VARIABLE] = str(WIFI_PROFILE if across else PROFILE)
     if across:
         environment[DATAGRAM_VARIABLE] = str(UNBOUNDED_BYTES if raw_pictures else PACKET_BYTES)
         environment["ROS_STATIC_PEERS"] = ";".join(across.peers)
         environment["ROS_DISCOVERY_SERVER"] = across.server
         # With LOCALHOST and peers Fast DDS opens two sockets and sends every packet by both.
         environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
-    for variable, value in (("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"), (DATAGRAM_VARIABLE, str(PACKET_BYTES))):
-        environment[variable] = environment.get(variable) or value
+    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST"
+    opened = bool(reach(environment))
+    environment[DATAGRAM_VARIABLE] = environment.get(DATAGRAM_VARIABLE) or str(
+        UNBOUNDED_BYTES if opened else PACKET_BYTES
+    )
+    if environment.get(PROFILE_VARIABLE, "") in ("", str(PROFILE), str(WIFI_PROFILE)):
+        environment[PROFILE_VARIABLE] = str(WIFI_PROFILE if opened else PROFILE)
     if domain is not None:
         environment["ROS_DOMAIN_ID"] = str(domain)
     if log_folder is not None:
         environment["ROS_LOG_DIR"] = str(log_folder)
     elif "ROS_LOG_DIR" not in environment and "ROS_HOME" not in environment:
         environment["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-ros-log")
+
+
+def reach(environment: MutableMapping[str, str] = os.environ) -> str:
+    """By what this process can be reached from other machines, as far as settings say; empty: by nothing."""
+    discovery = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST"
+    open_by = [] if discovery.upper() in ("LOCALHOST", "OFF") else [f"ROS_AUTOMATIC_DISCOVERY_RANGE={discovery}"]
+    open_by += [name for name in ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER") if environment.get(name)]
+    return ", ".join(open_by)
 
 
 def check_domain(environment: MutableMapping[str, str] = os.environ) -> None:

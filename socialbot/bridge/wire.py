@@ -14,10 +14,11 @@ from collections.abc import MutableMapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from socialbot.bridge.codec import STRING, TypeFactory, decode, encode
-from socialbot.bridge.environment import check_domain
-from socialbot.bridge.ros_types import RclpyTypes
+from socialbot.bridge.codec import STRING, TYPED, TypeFactory, decode, encode, ros_type
+from socialbot.bridge.environment import check_domain, reach
+from socialbot.bridge.ros_types import RclpyTypes, message_class
 from socialbot.errors import MessageError, ParameterError
+from socialbot.graph import WireForm
 from socialbot.messages import Message, Structured
 
 if TYPE_CHECKING:
@@ -40,8 +41,9 @@ log = logging.getLogger("socialbot.security")
 class Outlet:
     """One publisher on one topic; safe to use from several threads."""
 
-    def __init__(self, types: TypeFactory, publisher: Any, stream: Stream | None) -> None:
+    def __init__(self, types: TypeFactory, publisher: Any, stream: Stream | None, form: WireForm = "json") -> None:
         self._types = types
+        self._form: WireForm = form
         self._publisher = publisher
         self._stream = stream
         self._last: str | None = None
@@ -49,14 +51,14 @@ class Outlet:
 
     def publish(self, message: Message) -> None:
         """Sends ``message``."""
-        ros_message = encode(message, self._types)
+        ros_message = encode(message, self._types, self._form)
         if isinstance(message, Structured):
             self.forward(ros_message)
         else:
             self._publisher.publish(ros_message)
 
     def forward(self, ros_message: Any) -> None:
-        """Sends a String, which holds a structured message that was made elsewhere."""
+        """Sends a structured message that was made elsewhere: a String, if it is to be sealed."""
         if self._stream is None:
             self._publisher.publish(ros_message)
             return
@@ -102,10 +104,11 @@ class Inlet:
 
 
 class Wire:
-    """Makes the outlets and inlets of one node. Without a ``seal`` messages travel open."""
+    """Makes the outlets and inlets of one node. Without a ``seal`` messages travel open, in the ``form`` given."""
 
-    def __init__(self, types: TypeFactory, seal: Seal | None = None) -> None:
+    def __init__(self, types: TypeFactory, seal: Seal | None = None, form: WireForm = "json") -> None:
         self._types = types
+        self._form: WireForm = form
         self._seal = seal
         self._latched: list[Outlet] = []
 
@@ -119,10 +122,14 @@ class Wire:
         """How often (s) to call `renew`; infinite where nothing has to be renewed."""
         return math.inf if self._seal is None else self._seal.window_s / RENEWALS_A_WINDOW
 
+    def message_class(self, message_type: type[Message]) -> Any:
+        """The rclpy class of the messages that carry ``message_type``. Raises InstallationError when there is none."""
+        return message_class(ros_type(message_type, self._form))
+
     def outlet(self, publisher: Any, *, latched: bool = False) -> Outlet:
         """For an rclpy ``publisher``; one that is ``latched`` takes part in `renew`."""
         stream = None if self._seal is None else self._seal.stream(publisher.topic_name)
-        outlet = Outlet(self._types, publisher, stream)
+        outlet = Outlet(self._types, publisher, stream, self._form)
         if latched:
             self._latched.append(outlet)
         return outlet
@@ -138,12 +145,21 @@ class Wire:
             outlet.renew()
 
 
-def wire(environment: MutableMapping[str, str] = os.environ) -> Wire:
+def wire(environment: MutableMapping[str, str] = os.environ, *, form: WireForm = "json") -> Wire:
     """The wire as the ``environment`` wants it: with a seal where `KEYS_VARIABLE` is set.
 
-    Raises SecurityError when the keys cannot be used, ParameterError when the window cannot.
+    Raises SecurityError when the keys cannot be used, ParameterError when the window cannot, or when there are keys
+    and messages have ROS types of their own; InstallationError when these types are not installed.
     """
-    return Wire(RclpyTypes(), _seal(environment))
+    if form == "typed":
+        if has_keys(environment):
+            raise ParameterError(
+                "sealed messages travel as text",
+                where="wire: typed",
+                remedy=f"write wire: json, or unset {KEYS_VARIABLE}",
+            )
+        message_class(next(iter(TYPED)))
+    return Wire(RclpyTypes(), _seal(environment), form)
 
 
 def reason_of(error: MessageError) -> str:
@@ -154,14 +170,6 @@ def reason_of(error: MessageError) -> str:
 def has_keys(environment: MutableMapping[str, str] = os.environ) -> bool:
     """Whether messages are to be sealed."""
     return KEYS_VARIABLE in environment
-
-
-def reach(environment: MutableMapping[str, str] = os.environ) -> str:
-    """By what this process can be reached from other machines, as far as settings say; empty: by nothing."""
-    discovery = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST"
-    open_by = [] if discovery.upper() in ("LOCALHOST", "OFF") else [f"ROS_AUTOMATIC_DISCOVERY_RANGE={discovery}"]
-    open_by += [name for name in ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER") if environment.get(name)]
-    return ", ".join(open_by)
 
 
 def warn_if_open(environment: MutableMapping[str, str] = os.environ) -> None:

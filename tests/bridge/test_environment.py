@@ -49,6 +49,25 @@ def test_across_machines_by_a_discovery_server() -> None:
     assert (found["ROS_DISCOVERY_SERVER"], found["ROS_STATIC_PEERS"]) == ("10.77.0.1:11811", "")
 
 
+@pytest.mark.parametrize(
+    "opened",
+    [
+        {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"},
+        {"ROS_STATIC_PEERS": "10.77.0.2"},
+        {"ROS_DISCOVERY_SERVER": "10.77.0.1:11811"},
+    ],
+)
+def test_only_a_graph_that_the_user_opens_listens_to_others(opened: dict[str, str]) -> None:
+    found = prepared(opened)
+    assert found[PROFILE] == str(environment.WIFI_PROFILE)
+    assert int(found[DATAGRAM]) > 16 * 2**20
+    assert prepared(found) == found
+    closed = prepared({**found, "ROS_AUTOMATIC_DISCOVERY_RANGE": "", **dict.fromkeys(opened, "")})
+    assert closed[PROFILE] == str(environment.PROFILE)
+    addresses = [one.text for one in ElementTree.parse(environment.PROFILE).iter() if one.tag.endswith("}address")]
+    assert set(addresses) == {"127.0.0.1"}
+
+
 def test_raw_pictures_are_not_cut_up_on_their_own_machine() -> None:
     found = prepared(across=Across(peers=("10.77.0.2",)), raw_pictures=True)
     assert int(found[DATAGRAM]) > 16 * 2**20

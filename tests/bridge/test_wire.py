@@ -11,12 +11,12 @@ import pytest
 
 from socialbot.bridge import ros_checks
 from socialbot.bridge.codec import STRING, encode
+from socialbot.bridge.environment import reach
 from socialbot.bridge.wire import (
     KEYS_VARIABLE,
     WINDOW_VARIABLE,
     Wire,
     has_keys,
-    reach,
     reason_of,
     split_keys,
     warn_if_open,

@@ -1,0 +1,73 @@
+"""A stranger on another machine who knows the address of the robot, against a graph of one machine."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from socialbot.bridge.environment import PROFILE_VARIABLE
+from tests.system.running import eventually
+from tests.system.two_hosts import ROBOT, WORKSTATION, Host, two_hosts
+
+pytestmark = pytest.mark.ros
+
+ROOT = Path(__file__).parents[2]
+TALK = """
+import sys, time
+from std_msgs.msg import String
+from socialbot.bridge.session import spinning_node
+with spinning_node("talker") as ros:
+    publisher = ros.create_publisher(String, "/said", 10)
+    while True:
+        publisher.publish(String(data=sys.argv[1]))
+        time.sleep(0.02)
+"""
+HEAR = """
+import time
+from std_msgs.msg import String
+from socialbot.bridge.session import spinning_node
+with spinning_node("hearer") as ros:
+    heard = ros.create_subscription(String, "/said", lambda message: print(message.data, flush=True), 10)
+    time.sleep(60)
+"""
+CLOSED = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+def open_to(address: str) -> dict[str, str]:
+    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_STATIC_PEERS": address}
+
+
+@contextmanager
+def script(host: Host, text: str, log: Path, variables: dict[str, str], *arguments: str) -> Iterator[None]:
+    always = {"PYTHONPATH": str(ROOT), PROFILE_VARIABLE: "", "SOCIALBOT_DATAGRAM_BYTES": ""}
+    with log.open("w") as output:
+        process = host.start(
+            *(sys.executable, "-c", text, *arguments),
+            variables={**always, **variables},
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        )
+    try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.slow
+def test_nobody_outside_is_heard_unless_the_graph_is_open(tmp_path: Path) -> None:
+    """A neighbour that is open hears the stranger, so there is one to be heard."""
+    closed, opened = tmp_path / "closed.log", tmp_path / "open.log"
+    with two_hosts() as hosts, ExitStack() as scripts:
+        scripts.enter_context(script(hosts.robot, HEAR, closed, CLOSED))
+        scripts.enter_context(script(hosts.robot, HEAR, opened, open_to(WORKSTATION)))
+        scripts.enter_context(script(hosts.robot, TALK, tmp_path / "friend.log", CLOSED, "friend"))
+        scripts.enter_context(script(hosts.workstation, TALK, tmp_path / "stranger.log", open_to(ROBOT), "stranger"))
+        assert eventually(lambda: opened.read_text().count("stranger") > 100), opened.read_text()
+        assert eventually(lambda: closed.read_text().count("friend") > 100), closed.read_text()
+        assert "stranger" not in closed.read_text()
