@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from socialbot.security import paths
+
 # How long an example takes depends on what else the machine does.
 settings.register_profile("socialbot", deadline=None)
 settings.load_profile("socialbot")
@@ -21,6 +23,11 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ["ROS_DOMAIN_ID"] = str(FIRST_DOMAIN + int(worker))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-test-ros-log")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _files_of_tests_are_allowed(tmp_path_factory: pytest.TempPathFactory) -> None:
+    paths.allow(tmp_path_factory.getbasetemp())
 
 
 @pytest.fixture(scope="session")

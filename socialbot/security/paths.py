@@ -34,6 +34,11 @@ def within(path: str | Path, folders: Sequence[Path], *, where: str) -> Path:
     return found
 
 
+def in_workspace(path: str | Path, *, where: str) -> Path:
+    """``path`` in full, taken relative to the working directory. Raises ParameterError as `within` does."""
+    return within(path, workspace(), where=where)
+
+
 def workspace(environment: MutableMapping[str, str] = os.environ) -> tuple[Path, ...]:
     """The folders in which nodes may keep files: the working directory, then those that are allowed besides."""
     listed = environment.get(FOLDERS_VARIABLE, "").split(os.pathsep)
@@ -41,8 +46,11 @@ def workspace(environment: MutableMapping[str, str] = os.environ) -> tuple[Path,
 
 
 def allow(folder: Path, environment: MutableMapping[str, str] = os.environ) -> None:
-    """Lets nodes of this process, and of those that it starts, keep files in ``folder``, as the user has asked for."""
-    full = folder.resolve()
-    if not any(full.is_relative_to(each.resolve()) for each in workspace(environment)):
+    """Lets nodes of this process, and of those that it starts, keep files in ``folder``, as the user has asked for.
+
+    It may be a single file. One with a colon in its name cannot be told to others, and is not allowed.
+    """
+    full = folder.expanduser().resolve()
+    if os.pathsep not in str(full) and not any(full.is_relative_to(each.resolve()) for each in workspace(environment)):
         listed = environment.get(FOLDERS_VARIABLE, "")
         environment[FOLDERS_VARIABLE] = os.pathsep.join(filter(None, [listed, str(full)]))

@@ -52,6 +52,7 @@ class DevicePlayer:
         self._source: _Source | None = None
 
     def play(self, sound: Sound, on_end: OnEnd) -> None:
+        """Begins to play a sound instead of the one that is played; ``on_end`` is called when it is over."""
         self.stop()
         self._source = _Source(sound)
         self._thread = threading.Thread(
@@ -60,6 +61,7 @@ class DevicePlayer:
         self._thread.start()
 
     def stop(self) -> None:
+        """Ends the sound that is played."""
         if self._source is not None and self._thread is not None:
             self._source.cut_off()
             self._thread.join(_PATIENCE_S)

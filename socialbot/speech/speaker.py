@@ -8,16 +8,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from socialbot.errors import DeviceError, InstallationError, ParameterError, SocialbotError
 from socialbot.graph import Context, Input, Node, Output, Parameter, Timer
-from socialbot.health import BEATLESS_S, HEALTH_TOPIC, Healths
+from socialbot.health import BEATLESS_S, HEALTH_TOPIC
 from socialbot.messages import Health, Message, SpeechStatus, Utterance
+from socialbot.security import paths
 from socialbot.speech.playback import Player, find_player
 from socialbot.speech.synthesis import Sound, Synthesizer
 
 State = Literal["waiting", "started", "finished", "replaced", "expired", "failed"]
+
+
+class Voice(Protocol):
+    """Turns text into sound."""
+
+    def say(self, text: str) -> Sound:
+        """The sound of ``text``. Raises a SocialbotError when it has none."""
+        ...
 
 
 @dataclass(eq=False)
@@ -58,13 +67,13 @@ class Speaker(Node):
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self._synthesizer: Synthesizer | None = None
+        self._voice: Voice | None = None
         self._missing: InstallationError | None = None
         self._player: Player | None = None
         self._sounding: Utterance | None = None
         self._waiting: list[_Waiting] = []
         self._spoken = 0
-        self._healths = Healths()
+        self._folder: Path | None = None
         self._engine_fares_well = True
 
     def start(self) -> None:
@@ -73,12 +82,11 @@ class Speaker(Node):
         A missing speech library is no such error: the robot goes on, mute, and every utterance fails.
         """
         try:
-            self._synthesizer = Synthesizer(self.voice, self.rate_wpm, self.pitch)
+            self._voice = self.find_voice()
         except InstallationError as error:
             self._missing = error
             self.log.warning("cannot speak: %s", _line(error))
-        if self.folder:
-            self._make_folder()
+        self._folder = self._make_folder() if self.folder else None
         self._player = None if self.playback == "off" else self.find_player()
         if self._player is None and self.playback == "required":
             raise DeviceError(
@@ -88,6 +96,7 @@ class Speaker(Node):
             )
 
     def stop(self) -> None:
+        """Ends what is said, and forgets what waits."""
         if self._player is not None:
             self._player.stop()
         for waiting in self._waiting:
@@ -95,14 +104,21 @@ class Speaker(Node):
         self._waiting.clear()
         self._sounding = None
 
+    def find_voice(self) -> Voice:
+        """What speaks; a robot with a voice of its own kind overrides this.
+
+        Raises InstallationError when a part of it is missing, ParameterError when there is no such voice.
+        """
+        return Synthesizer(self.voice, self.rate_wpm, self.pitch)
+
     def find_player(self) -> Player | None:
         """What plays the sounds; a robot with loudspeakers of its own kind overrides this."""
         return find_player()
 
     def on_parameter(self, name: str) -> None:
         """Takes another voice; an unknown one leaves the present one in force. Raises ParameterError."""
-        if self._synthesizer is not None and name in ("voice", "rate_wpm", "pitch"):
-            self._synthesizer = Synthesizer(self.voice, self.rate_wpm, self.pitch)
+        if self._voice is not None and name in ("voice", "rate_wpm", "pitch"):
+            self._voice = self.find_voice()
 
     def deadline_s(self, port: Input[Any]) -> float:
         return port.deadline_s if self.engine else 0.0
@@ -112,12 +128,9 @@ class Speaker(Node):
 
     @health
     def on_health(self, health: Health) -> None:
-        self._healths.note(health, self.clock.now())
         if health.node == self.engine:
             well = health.state not in ("degraded", "failed")
-            if well:
-                self._healths.goes_on(self.clock.now())
-            elif self._engine_fares_well and not self._healths.over:
+            if self._engine_fares_well and not well:
                 self._expire_all(f"{self.engine}: {health.reason}")
             self._engine_fares_well = well
 
@@ -126,6 +139,7 @@ class Speaker(Node):
 
     @say
     def on_say(self, utterance: Utterance) -> None:
+        """Says an utterance, or lets it wait until the one before is over."""
         if self._sounding is None:
             self._speak(utterance)
         else:
@@ -173,9 +187,9 @@ class Speaker(Node):
             self._player.play(sound, partial(self._ended_elsewhere, utterance))
 
     def _synthesize(self, text: str) -> Sound:
-        if self._synthesizer is None:
+        if self._voice is None:
             raise self._missing or InstallationError("the node has not been started")
-        return self._synthesizer.say(text).at_volume(self.volume)
+        return self._voice.say(text).at_volume(self.volume)
 
     def _ended_elsewhere(self, utterance: Utterance, error: str | None) -> None:
         """The player's report, in a thread of its own."""
@@ -198,21 +212,23 @@ class Speaker(Node):
             )
         )
 
-    def _make_folder(self) -> None:
+    def _make_folder(self) -> Path:
+        folder = paths.in_workspace(self.folder, where=f"{self.name}.folder")
         try:
-            Path(self.folder).mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ParameterError(
                 f"no folder {self.folder!r}: {error.strerror}", where=f"{self.name}.folder", remedy="name another one"
             ) from error
+        return folder
 
     def _keep(self, sound: Sound, text: str) -> str:
         """Writes the .wav file, if wanted, and gives its name; a full disc does not silence the robot."""
-        if not self.folder:
+        if self._folder is None:
             return ""
         name = f"{self._spoken:03d}-{slug(text)}.wav"
         try:
-            sound.write_wav(Path(self.folder) / name)
+            sound.write_wav(self._folder / name)
         except OSError as error:
             self.log.warning("%s is not written: %s", name, error)
             return ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,12 +12,14 @@ from socialbot.clock import nanoseconds
 from socialbot.errors import DeviceError, ImageError
 from socialbot.graph import Context, Delivery, Node, Output, Parameter, Timer
 from socialbot.messages import CameraInfo, Image
+from socialbot.security import paths
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.frames import Frames, is_device, open_frames
 
 __all__ = ["Camera"]
 
 _RETRY_S = 2.0
+_DEVICES = Path("/dev")
 
 
 class Camera(Node):
@@ -44,7 +47,12 @@ class Camera(Node):
         self._due = 0
 
     def start(self) -> None:
-        """Raises DeviceError when there is no such source, ImageError when its first image is damaged."""
+        """Raises DeviceError when there is no such source, ImageError when its first image is damaged.
+
+        Raises ParameterError for a file or folder outside of those that the user allows.
+        """
+        if not self.source.isdecimal():
+            paths.within(self.source, (*paths.workspace(), _DEVICES), where=f"{self.name}.source")
         self._frames = self._open()
         self._publish_info()
         self._due = self.clock.now()

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
+from pathlib import Path
 
 import cv2
 
 from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter
 from socialbot.health import SILENT_S
 from socialbot.messages import BoxMarkers, CameraInfo, Image, PersonDetections
+from socialbot.security import paths
 from socialbot.vision.camera import CameraModel
-from socialbot.vision.detectors import DETECTORS, DetectorSettings
+from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
 from socialbot.vision.finder import BRIDGE_S, TRACKERS, make_finder
 from socialbot.vision.layouts import LAYOUTS
 
@@ -80,8 +82,11 @@ class PersonDetector(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         """Raises InstallationError when the detector is not installed, ParameterError when its settings do not fit."""
         super().__init__(name, context, parameters)
-        self._spec = DETECTORS[self.detector]
+        self._spec = self.find_spec()
         settings = {field.name: self.parameter_values[field.name] for field in fields(DetectorSettings)}
+        if self.model:
+            path = Path(self.model).expanduser()
+            settings["model"] = str(paths.in_workspace(path, where=f"{name}.model"))
         self._finder = make_finder(
             self._spec, self._spec.make(DetectorSettings(**settings)), tracker=self.tracker, bridge_s=self.bridge_s
         )
@@ -90,6 +95,10 @@ class PersonDetector(Node):
         self._info: CameraInfo | None = None
         self._camera: CameraModel | None = None
         self._told: set[str] = set()
+
+    def find_spec(self) -> DetectorSpec:
+        """What finds people; a robot with a detector of its own kind overrides this."""
+        return DETECTORS[self.detector]
 
     def start(self) -> None:
         cv2.setNumThreads(self.threads)

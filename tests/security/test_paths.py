@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
+from socialbot.cli import with_changes
 from socialbot.errors import ParameterError
+from socialbot.graph import Graph, Placement
+from socialbot.graph_file import NODE_TYPES, dump_graph, load_graph, node_type
+from socialbot.inline import InlineRunner
 from socialbot.security.paths import FOLDERS_VARIABLE, allow, within, workspace
 
 
@@ -50,3 +55,57 @@ def test_users_allow_folders_for_this_process_and_those_it_starts(tmp_path):
     allow(Path("runs"), environment)
     assert environment[FOLDERS_VARIABLE] == f"{tmp_path / 'out'}:{tmp_path / 'more'}"
     assert workspace(environment) == (Path.cwd(), tmp_path / "out", tmp_path / "more")
+
+
+def test_a_folder_that_cannot_be_told_to_others_is_not_allowed(tmp_path):
+    environment: dict[str, str] = {}
+    allow(Path("/a:/"), environment)
+    assert environment == {}
+
+
+PATHLIKE = re.compile(r"file|folder|path|model$|source|^init_")
+ELSEWHERE = "/etc/socialbot"
+NODES = [
+    ("speaker", "folder", {"playback": "off"}),
+    ("waldo", "mind_file", {}),
+    ("cleaner", "mind_file", {}),
+    ("cleaner", "pddl_file", {}),
+    ("cleaner", "init_bset", {}),
+    ("cleaner", "init_dset", {}),
+    ("cleaner", "init_reactive_rules_set", {}),
+    ("hospital_coordinator", "memory_file", {}),
+    ("person_detector", "model", {"detector": "onnx"}),
+    ("camera", "source", {}),
+]
+
+
+@pytest.mark.parametrize("path", [ELSEWHERE, "../../../../../../../../../../etc/socialbot"])
+@pytest.mark.parametrize(("kind", "parameter", "others"), NODES)
+def test_no_node_reads_or_writes_elsewhere(kind, parameter, others, path):
+    placement = Placement("node", node_type(kind), {**others, parameter: path})
+    with pytest.raises(ParameterError, match="is outside of") as caught:
+        InlineRunner(
+            Graph("test", (placement,), inputs=frozenset(topic for topic, _ in placement.subscriptions))
+        ).start()
+    assert caught.value.where == f"node.{parameter}"
+
+
+def test_every_parameter_that_is_a_path_is_among_them():
+    names = {name for kind in NODE_TYPES for name in node_type(kind).parameters()}
+    assert {name for name in names if PATHLIKE.search(name)} == {parameter for _, parameter, _ in NODES}
+
+
+def test_what_the_user_names_on_the_command_line_may_be_anywhere(tmp_path, monkeypatch):
+    monkeypatch.setenv(FOLDERS_VARIABLE, "")
+    with_changes(
+        load_graph("waldo"), [f"camera.source={tmp_path}/film.avi", "bdi_engine.greeting=Hi", "camera.rate_hz=5"]
+    )
+    assert workspace() == (Path.cwd(), tmp_path / "film.avi")
+
+
+def test_files_beside_a_graph_may_be_used(tmp_path, monkeypatch):
+    monkeypatch.setenv(FOLDERS_VARIABLE, "")
+    graph = load_graph("waldo")
+    (tmp_path / "mine.yaml").write_text(dump_graph(graph))
+    load_graph(str(tmp_path / "mine.yaml"))
+    assert workspace() == (Path.cwd(), tmp_path)

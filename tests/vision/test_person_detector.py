@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -245,7 +246,7 @@ def test_a_slow_detector_is_handed_the_newest_picture():
 def test_the_settings_of_the_detector_are_parameters(stub):
     given = {"model": "m.onnx", "layout": "yolox", "input_width": 320, "channels": "rgb", "person_class": 3}
     settings = Rig(**given).node._finder._detector.settings  # type: ignore[attr-defined]
-    assert settings == DetectorSettings(**given)
+    assert settings == DetectorSettings(**{**given, "model": str(Path("m.onnx").resolve())})
     assert PersonDetector.layout.choices == tuple(LAYOUTS)
     assert PersonDetector.detector.choices == tuple(DETECTORS)
 
