@@ -35,8 +35,9 @@ class Deployment:
 
     ``written`` is the graph without what is put in for its crossings, ``machines`` their addresses by name and
     ``places`` the machine of each node of it. Machines find each other by their addresses, or by a ``server``.
-    ``pictures`` says how topics cross, ``keys`` is the folder of keys. Errors are GraphErrors and ParameterErrors; they
-    name their place as a path of keys, such as ``nodes.camera``.
+    ``pictures`` says how topics cross, ``keys`` is the folder of keys, ``minds`` that in which agents keep what they go
+    on with after a restart. Errors are GraphErrors and ParameterErrors; they name their place as a path of keys, such
+    as ``nodes.camera``.
     """
 
     written: Graph
@@ -47,6 +48,7 @@ class Deployment:
     pictures: Mapping[str, Pictures] = field(default_factory=dict)
     restart: RestartPolicy = field(default_factory=RestartPolicy)
     keys: Path | None = None
+    minds: Path | None = None
 
     def __post_init__(self) -> None:
         self._check_machines()

@@ -15,6 +15,7 @@
       /camera/image_raw: {transport: jpeg, quality: 80, rate_hz: 30}    # or {transport: raw}
     restart: {times: 5, within_s: 60, first_s: 0.2, longest_s: 5}
     security: {keys: keys}        # a folder beside this file
+    minds: minds                  # another, in which agents find their minds again after a restart
     parameters:
       bdi_engine: {greeting: Hallo}
 """
@@ -32,19 +33,25 @@ from socialbot.deployment.deployment import SERVER_PORT, Deployment, Server
 from socialbot.errors import GraphError, ParameterError
 from socialbot.graph import Graph, check_parameters, suggestion
 from socialbot.graph_file import GRAPHS, load_graph
+from socialbot.security import paths
 from socialbot.yaml_page import Section, plain, read_page
 
-KEYS = ("graph", "domain", "discovery", "machines", "nodes", "pictures", "restart", "security", "parameters")
+KEYS = ("graph", "domain", "discovery", "machines", "nodes", "pictures", "restart", "security", "minds", "parameters")
 TRANSPORTS = ("jpeg", "raw")
 
 
 def load_deployment(path: Path) -> Deployment:
-    """The deployment that the file at ``path`` describes. Raises GraphError or ParameterError with file and line."""
+    """The deployment that the file at ``path`` describes; beside it nodes may read and write files.
+
+    Raises GraphError or ParameterError with file and line.
+    """
     try:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise GraphError(f"cannot read the deployment: {error}", where=str(path)) from error
-    return parse_deployment(text, where=str(path), folder=path.resolve().parent)
+    folder = path.resolve().parent
+    paths.allow(folder)
+    return parse_deployment(text, where=str(path), folder=folder)
 
 
 def parse_deployment(text: str, *, where: str, folder: Path) -> Deployment:
@@ -62,6 +69,7 @@ def parse_deployment(text: str, *, where: str, folder: Path) -> Deployment:
             pictures=_pictures(root.section("pictures", {})),
             restart=_restart(root.section("restart", {})),
             keys=_keys(root, folder),
+            minds=folder / root.text("minds") if "minds" in root.page else None,
         )
     except (GraphError, ParameterError) as error:
         first, _, rest = (error.where or "").partition(".")

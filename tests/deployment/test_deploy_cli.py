@@ -38,17 +38,18 @@ def test_a_file_that_names_machines_is_a_deployment(file: Path, tmp_path: Path):
 
 
 def test_up_runs_the_half_of_a_machine(run: Run, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    ran: list[tuple[str, Graph]] = []
+    ran: list[tuple[str, Graph, Path]] = []
 
-    def note(deployment: Deployment, machine: str, record: object, console: object, graph: Graph) -> None:
-        ran.append((machine, graph))
+    def note(deployment: Deployment, machine: str, record: object, console: object, graph: Graph, minds: Path) -> None:
+        ran.append((machine, graph, minds))
 
     monkeypatch.setattr(running, "run_machine", note)
-    done = run("up", file, "--machine", "robot", "--camera", "film.avi", "--out", tmp_path / "run")
+    done = run("up", file, "--machine", "robot", "--camera", "film.avi", "--out", tmp_path / "run", "--minds", "kept")
     assert done.exit_code == 0, done.output
     assert "waldo on robot: camera, speech, head, camera_image_raw_to_workstation" in done.output
     assert ran[0][0] == "robot"
     assert ran[0][1].placement("camera").parameters["source"] == "film.avi"
+    assert ran[0][2] == Path("kept")
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,11 @@ def test_a_discovery_server_runs_on_a_machine(written: str, port: int):
     assert read.across("workstation") == Across(server=f"10.77.0.1:{port}")
 
 
+def test_minds_are_kept_beside_the_file():
+    assert deployment(("parameters:", "minds: kept\nparameters:")).minds == Path("/here/kept")
+    assert deployment().minds is None
+
+
 def test_a_graph_may_stand_beside_the_file(tmp_path: Path):
     (tmp_path / "g.yaml").write_text("name: eyes\nnodes:\n  camera: {type: camera}\n")
     file = tmp_path / "d.yaml"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -127,3 +128,30 @@ def test_the_workstation_may_come_late(folder: Path) -> None:
         with half(hosts.workstation, folder):
             assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
             check_run(folder, hosts.sent_bytes())
+
+
+def servers(up: subprocess.Popen[str]) -> list[int]:
+    """The discovery servers that a half has started."""
+    children = [
+        int(pid) for task in Path(f"/proc/{up.pid}/task").glob("*/children") for pid in task.read_text().split()
+    ]
+    return [pid for pid in children if b"fast-discovery-server" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
+@pytest.mark.slow
+def test_the_machine_of_the_discovery_server_runs_it(folder: Path) -> None:
+    """It is killed once, before the other half has come; it ends with its own half."""
+    with (folder / "waldo.yaml").open("a") as page:
+        page.write("discovery: {server: robot}\n")
+    with two_hosts() as hosts:
+        with half(hosts.robot, folder) as robot:
+            assert eventually(lambda: bool(servers(robot)), 60), logs(folder)
+            [first] = servers(robot)
+            os.kill(first, signal.SIGKILL)
+            assert eventually(lambda: bool(servers(robot)) and servers(robot) != [first]), logs(folder)
+            with half(hosts.workstation, folder) as workstation:
+                assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
+                assert told(folder, ROBOT, "utterance")[0].what == "Hallo"
+                assert servers(workstation) == []
+            [last] = servers(robot)
+        assert not Path(f"/proc/{last}").exists()
