@@ -9,35 +9,36 @@ file that ends too early (the robot lost power) is read as far as it is whole, a
 
 from __future__ import annotations
 
+import functools
 import heapq
 import logging
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
 
 import msgspec
-from rosbags.interfaces import Connection
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 
 from socialbot.bridge import codec
 from socialbot.bridge.bag_types import RosbagsTypes, deserialize, is_known, to_cdr
 from socialbot.bridge.bag_writer import BagWriter
+from socialbot.bridge.interfaces import PACKAGE, TYPED
 from socialbot.bridge.mcap_salvage import salvage
-from socialbot.clock import SECOND, nanoseconds
+from socialbot.bridge.stamps import Receptions, Stamps
+from socialbot.clock import SECOND
 from socialbot.errors import BagError
 from socialbot.graph import suggestion
-from socialbot.messages import CameraInfo, CompressedImage, Image, Message
+from socialbot.messages import CameraInfo, CompressedImage, Image, Message, Structured
 from socialbot.yaml_text import check_depth
 
-__all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "Stamps", "Topic", "open_bag"]
+__all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "Topic", "open_bag"]
 
 log = logging.getLogger("socialbot.bags")
-
-CLOCKS_APART_S = 1.0
 
 T = TypeVar("T")
 Reader = Ros1Reader | Ros2Reader
@@ -59,6 +60,16 @@ class Topic:
     name: str
     type: str
     count: int
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in a bag a message lies: its stamp (ns), the number of the file, the topic and the time of reception."""
+
+    stamp: int
+    file: int
+    topic: str
+    time: int
 
 
 @dataclass
@@ -95,7 +106,7 @@ class Bag:
     topic left out.
     """
 
-    def __init__(self, path: Path, readers: Collection[Reader], damage: tuple[str, ...] = ()) -> None:
+    def __init__(self, path: Path, readers: Sequence[Reader], damage: tuple[str, ...] = ()) -> None:
         self.path = path
         self.damage = damage
         self.skipped: dict[str, Skipped] = {}
@@ -134,6 +145,23 @@ class Bag:
             if topic.name == name:
                 return topic
         raise BagError(f"no topic {name!r} in the bag", where=str(self.path), remedy=suggestion(name, self._names()))
+
+    def definition(self, type_name: str) -> tuple[str, str]:
+        """How the bag itself defines a type of ROS 2, and the hash of that; empty texts when it does not."""
+        for connection in self._connections:
+            if connection.msgtype == type_name and not isinstance(connection.owner, Ros1Reader):
+                return connection.msgdef.data, connection.digest
+        return "", ""
+
+    def is_latched(self, name: str) -> bool:
+        """Whether the last message of a topic was given to those who came late."""
+        extras = [connection.ext for connection in self._connections if connection.topic == name]
+        return any(
+            any(qos.durability is QosDurability.TRANSIENT_LOCAL for qos in extra.offered_qos_profiles)
+            if isinstance(extra, ConnectionExtRosbag2)
+            else bool(extra.latching)
+            for extra in extras
+        )
 
     def choose_image_topic(self, wanted: str | None = None) -> Topic:
         """The ``wanted`` image topic, or the only one.
@@ -189,9 +217,37 @@ class Bag:
                 raise BagError(
                     f"{name} is {self.topic(name).type}, which no message of socialbot comes from",
                     where=str(self.path),
-                    remedy=f"known types: {', '.join(sorted(codec.MESSAGE_TYPES))}",
+                    remedy=f"known types: {', '.join(sorted(codec.MESSAGE_TYPES.keys() - TYPED))}, those of {PACKAGE}",
                 )
         return self._decoded(topics, kinds or {})
+
+    def places(self, name: str) -> Iterator[Place]:
+        """Where each message of a topic with headers lies, with the stamp that `messages` gives it.
+
+        Damaged ones are left out. Raises BagError where the file breaks off.
+        """
+        stamps = Stamps(name, set_right=self.topic(name).type in IMAGE_TYPES)
+        times = Receptions(str(self.path))
+        for file, connection, time, data in self._read_files([name]):
+            ros_message = self._attempt(connection, functools.partial(deserialize, connection, data))
+            header = None if ros_message is None else codec.header_stamp(ros_message)
+            received = times.next(time)
+            if header is not None:
+                yield Place(stamps.next(header, received), file, name, time)
+
+    def message_at(self, place: Place) -> Message | None:
+        """The message at one of `places`, with its stamp; None when it is damaged. Raises BagError."""
+        reader = self._readers[place.file]
+        wanted = [connection for connection in reader.connections if connection.topic == place.topic]
+        try:
+            found = next(iter(reader.messages(wanted, place.time, place.time + 1)), None)
+        except Exception as error:
+            raise _broken(self.path, error) from error
+        if found is None:
+            return None
+        connection, _, data = found
+        kind = codec.MESSAGE_TYPES[connection.msgtype]
+        return self._attempt(connection, lambda: codec.decode(kind, deserialize(connection, data), stamp=place.stamp))
 
     def raw_messages(self, topics: Mapping[str, str]) -> Iterator[tuple[str, int, str, bytes]]:
         """The messages of ``topics`` as graph topic, time of reception (ns), ROS type and CDR bytes.
@@ -218,7 +274,7 @@ class Bag:
                 kind = kinds.get(topics[connection.topic]) or codec.MESSAGE_TYPES[connection.msgtype]
                 message = codec.decode(kind, ros_message, stamp=time)
                 header = codec.header_stamp(ros_message)
-                if header is None:
+                if header is None or isinstance(message, Structured):
                     return message
                 stamp = stamps[connection.topic].next(header, time)
                 return message if stamp == message.stamp else msgspec.structs.replace(message, stamp=stamp)
@@ -236,13 +292,19 @@ class Bag:
     def _read(self, names: Collection[str]) -> Iterator[tuple[Connection, int, bytes]]:
         for name in names:
             self.skipped.pop(name, None)
+        times = Receptions(str(self.path))
+        for _, connection, time, data in self._read_files(names):
+            yield connection, times.next(time), data
+
+    def _read_files(self, names: Collection[str]) -> Iterator[tuple[int, Connection, int, bytes]]:
+        """What the files hold of some topics, in order: with the number of the file, and times as they are there."""
         streams = []
-        for reader in self._readers:
+        for file, reader in enumerate(self._readers):
             wanted = [connection for connection in reader.connections if connection.topic in names]
             if wanted:
-                streams.append(reader.messages(wanted))
+                streams.append(_numbered(file, reader.messages(wanted)))
         try:
-            yield from heapq.merge(*streams, key=lambda item: item[1])
+            yield from heapq.merge(*streams, key=lambda item: item[2])
         except Exception as error:
             raise _broken(self.path, error) from error
 
@@ -269,37 +331,10 @@ class Bag:
         return tuple(topics[name] for name in sorted(topics))
 
 
-class Stamps:
-    """The stamps of one topic: those of the headers as long as they are good, on the clock of the reception.
-
-    With ``set_right``, a sender whose clock is off by more than ``CLOCKS_APART_S`` at its first message is set
-    right by that much. That is for pictures: latched messages are older when they are received.
-    """
-
-    def __init__(self, topic: str, *, set_right: bool) -> None:
-        self._topic = topic
-        self._set_right = set_right
-        self._stamp: int | None = None
-        self._offset = 0
-        self._time = 0
-        self._warned = False
-
-    def next(self, header: int, time: int) -> int:
-        """The stamp (ns) of a message with this ``header`` stamp, received at ``time``."""
-        last = self._stamp
-        if self._set_right and last is None and header > 0 and abs(time - header) > nanoseconds(CLOCKS_APART_S):
-            self._offset = time - header
-            log.warning("%s: the sender's clock is %.1f s off; set right", self._topic, -self._offset / SECOND)
-        if header > 0:
-            header += self._offset
-        good = header > 0 and (last is None or header >= last)
-        if not good and not self._warned:
-            self._warned = True
-            why = "are zero" if not header else "go backwards"
-            log.warning("%s: header stamps %s; the times of reception are used instead", self._topic, why)
-        stamp = header if good else time if last is None else last + max(time - self._time, 0)
-        self._stamp, self._time = stamp, time
-        return stamp
+def _numbered(
+    file: int, messages: Iterator[tuple[Connection, int, bytes]]
+) -> Iterator[tuple[int, Connection, int, bytes]]:
+    return ((file, connection, time, data) for connection, time, data in messages)
 
 
 def _open_folder(path: Path, damage: list[str]) -> list[Reader]:

@@ -13,21 +13,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import msgspec
-
 from socialbot.bridge import environment
-from socialbot.bridge.bags import IMAGE_TYPES, Bag, Stamps
-from socialbot.bridge.codec import ROS_TYPES, STRING, raw_stamp, with_stamp
+from socialbot.bridge.bags import IMAGE_TYPES, Bag, RosbagsTypes
+from socialbot.bridge.codec import MESSAGE_TYPES, ROS_TYPES, STRING, decode, raw_stamp, with_stamp
 from socialbot.bridge.readiness import Connection, await_graph, publisher_connection, subscription_connection
 from socialbot.bridge.reenactment import Played, Reenactment
 from socialbot.bridge.ros_types import message_class
+from socialbot.bridge.stamps import Stamps
 from socialbot.bridge.wire import Inlet, Outlet, wire
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.ending import Ending
 from socialbot.errors import MessageError, NodeError
 from socialbot.graph import Delivery, Graph
 from socialbot.health import HEALTH_TOPIC, ended
-from socialbot.messages import CameraInfo
+from socialbot.messages import CameraInfo, Health, Message
 
 log = logging.getLogger("socialbot.player")
 
@@ -63,29 +62,26 @@ class Playing:
         return self.await_graph.paced_by if self.paced and self.await_graph is not None else ""
 
 
-class _Stamp(msgspec.Struct):
-    stamp: int
-
-
 class _Answers:
     """The latest stamp that the graph has answered."""
 
-    def __init__(self, inlet: Inlet) -> None:
+    def __init__(self, inlet: Inlet, kind: type[Message]) -> None:
         self._inlet = inlet
+        self._kind = kind
         self._changed = threading.Condition()
         self._latest = 0
         self._in_vain = 0
 
     def note(self, ros_message: Any) -> None:
         try:
-            opened = self._inlet.open(ros_message)
-            stamp = msgspec.json.decode(opened.data, type=_Stamp).stamp if opened is not None else 0
-        except (MessageError, msgspec.MsgspecError, UnicodeError, RecursionError) as error:
+            answer = self._inlet.decode(self._kind, ros_message)
+        except MessageError as error:
             log.warning("an answer to a picture is of no use: %s", error)
             return
-        with self._changed:
-            self._latest = max(self._latest, stamp)
-            self._changed.notify()
+        if answer is not None:
+            with self._changed:
+                self._latest = max(self._latest, answer.stamp)
+                self._changed.notify()
 
     def wait(self, stamp: int) -> bool:
         patience = PATIENCE_S if self._in_vain < 3 else IMPATIENCE_S
@@ -100,7 +96,6 @@ class Player:
 
     def __init__(self, ros: Any, bag: Bag, topics: Mapping[str, str], playing: Playing, ending: Ending) -> None:
         from rosgraph_msgs.msg import Clock
-        from std_msgs.msg import String
 
         from socialbot.bridge.qos import publisher_qos
 
@@ -108,25 +103,28 @@ class Player:
         self._topics = topics
         self._playing = playing
         self._ending = ending
-        self._wire = wire()
-        self._answers = _Answers(self._wire.inlet(playing.paced_by))
+        graph = playing.await_graph
+        self._wire = wire(form="json" if graph is None else graph.wire)
         self._stamps: dict[str, Stamps] = {}
         self._clock_type = Clock
         self._clock = ros.create_publisher(Clock, "/clock", 10)
         self._publishers: dict[str, Any] = {}
         self._outlets: dict[str, Outlet] = {}
+        kinds = {} if graph is None else graph.topics()
+        self._types = RosbagsTypes()
         for name, topic in topics.items():
-            ros_type = bag.topic(name).type
-            self._publishers[topic] = ros.create_publisher(
-                message_class(ros_type), topic, publisher_qos(_delivery(ros_type))
-            )
-            if self._wire.sealed and ros_type == STRING:
+            recorded = bag.topic(name).type
+            wanted = self._wire.message_class(kinds[topic]) if topic in kinds else message_class(recorded)
+            self._publishers[topic] = ros.create_publisher(wanted, topic, publisher_qos(_delivery(recorded)))
+            if wanted is not message_class(recorded) or (self._wire.sealed and recorded == STRING):
                 self._outlets[topic] = self._wire.outlet(self._publishers[topic])
-        said = ros.create_publisher(String, HEALTH_TOPIC, publisher_qos(Delivery.EVERY))
+        said = ros.create_publisher(self._wire.message_class(Health), HEALTH_TOPIC, publisher_qos(Delivery.EVERY))
         self._health = self._wire.outlet(said)
         if playing.paced_by:
+            kind = kinds[playing.paced_by]
+            self._answers = _Answers(self._wire.inlet(playing.paced_by), kind)
             self._answering = ros.create_subscription(
-                String, playing.paced_by, self._answers.note, publisher_qos(Delivery.EVERY)
+                self._wire.message_class(kind), playing.paced_by, self._answers.note, publisher_qos(Delivery.EVERY)
             )
         self._pictures = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
         self._now = bag.start
@@ -149,7 +147,7 @@ class Player:
                 return played
             if ros_type in IMAGE_TYPES and self._playing.await_graph is not None:
                 cdr = self._set_right(topic, cdr, at)
-            self._publish(topic, cdr)
+            self._publish(topic, ros_type, cdr, at)
             picture = ros_type in IMAGE_TYPES
             played.sent += picture or not self._pictures
             if picture and self._playing.paced_by and not self._answers.wait(raw_stamp(cdr) or at):
@@ -158,14 +156,21 @@ class Player:
         self._pass_time(self._now + nanoseconds(self._playing.tail_s if self._pictures else 0.0))
         return played
 
-    def _publish(self, topic: str, cdr: bytes) -> None:
-        """Publishes the recorded bytes; of Strings that are to be sealed, what they say."""
-        if topic in self._outlets:
+    def _publish(self, topic: str, name: str, cdr: bytes, at: int) -> None:
+        """Publishes the recorded bytes; what is to be sealed, or has another form than the graph's, is made anew."""
+        if topic not in self._outlets:
+            self._publishers[topic].publish(cdr)
+        elif self._wire.sealed and name == STRING:
             from rclpy.serialization import deserialize_message
 
             self._outlets[topic].forward(deserialize_message(cdr, message_class(STRING)))
         else:
-            self._publishers[topic].publish(cdr)
+            try:
+                message = decode(MESSAGE_TYPES[name], self._types.deserialize(cdr, name), stamp=at)
+            except MessageError as error:
+                log.warning("%s: left out: %s", topic, error)
+                return
+            self._outlets[topic].publish(message)
 
     def _set_right(self, topic: str, cdr: bytes, at: int) -> bytes:
         """The message with the stamp that `Bag.messages` would give it, so that both runners see the same."""

@@ -253,6 +253,39 @@ def test_a_delay_of_the_transport_is_no_other_clock(tmp_path: Path) -> None:
     assert stamps_of(tmp_path / "bag", stamps) == stamps
 
 
+YEAR = 365 * 24 * 3600 * SECOND
+
+
+def test_stamps_that_leap_into_the_future_are_not_followed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    received = times(6)
+    stamps = [stamp + (YEAR if index in (2, 4, 5) else 0) for index, stamp in enumerate(received)]
+    with caplog.at_level(logging.WARNING):
+        assert stamps_of(tmp_path / "bag", stamps) == received
+    assert [record.message for record in caplog.records if "in the future" in record.message]
+
+
+@pytest.mark.parametrize(("senders_too", "tenths"), [(True, [0, 1, 2, 2, 3, 4, 4, 5, 6]), (False, [*range(9)])])
+def test_time_goes_on_where_the_clock_of_a_bag_leaps(
+    tmp_path: Path, senders_too: bool, tenths: list[int], caplog: pytest.LogCaptureFixture
+) -> None:
+    """As when a robot without a clock of its own begins in 1970 and then hears of NTP."""
+    tenth, leaps = SECOND // 10, [index // 3 * YEAR for index in range(9)]
+    pictures = [
+        (RAW, time + leap, picture(time + leap if senders_too else time))
+        for time, leap in zip(times(9), leaps, strict=True)
+    ]
+    with caplog.at_level(logging.WARNING):
+        found = [message.stamp for _, message in contents(make_with_rosbags(tmp_path / "bag", pictures))]
+    assert [round((stamp - START) / tenth) for stamp in found] == tenths
+    assert len([record for record in caplog.records if "leaps ahead" in record.message]) == 2
+
+
+def test_an_hour_without_a_message_is_no_leap(tmp_path: Path) -> None:
+    received = [START, START + 3599 * SECOND]
+    bag = make_with_rosbags(tmp_path / "bag", [(RAW, time, picture(time)) for time in received])
+    assert [message.stamp for _, message in contents(bag)] == received
+
+
 def test_a_single_stamp_that_goes_back_does_not_spoil_the_others(tmp_path: Path) -> None:
     tenth, begin = SECOND // 10, times(1)[0]
     stamps = [begin + stamp for stamp in (1 * tenth, 2 * tenth, 2 * tenth - 1, 4 * tenth, 4 * tenth)]
