@@ -14,7 +14,7 @@ from socialbot.bridge.inbox import Alarm, Inbox, Line
 from socialbot.bridge.readiness import LOOK_AGAIN_S, Connection, unconnected
 from socialbot.bridge.statistics import Statistics, restarts
 from socialbot.bridge.wire import Outlet
-from socialbot.clock import Clock
+from socialbot.clock import SECOND, Clock
 from socialbot.errors import NodeError, SocialbotError
 from socialbot.graph import Node, Output, Placement, outcome
 from socialbot.health import Vitals
@@ -43,14 +43,19 @@ class _Own:
 class _Context:
     """rclpy as one node sees it."""
 
-    def __init__(self, clock: Clock, inbox: Inbox, outlets: Mapping[str, Outlet], vitals: Vitals) -> None:
+    def __init__(
+        self, clock: Clock, inbox: Inbox, outlets: Mapping[str, Outlet], vitals: Vitals, statistics: Statistics
+    ) -> None:
         self.clock = clock
         self.vitals = vitals
         self._inbox = inbox
         self._outlets = outlets
+        self._statistics = statistics
 
     def publish(self, port: Output[Any], message: Message) -> None:
+        begin = time.perf_counter()
         self._outlets[port.name].publish(message)
+        self._statistics.note_publication(time.perf_counter() - begin)
 
     def call_at(self, time: int, callback: Callable[[], None]) -> Alarm:
         return self._inbox.call_at(time, callback)
@@ -90,7 +95,7 @@ class Life:
         self.failure: SocialbotError | None = None
         self.inbox = Inbox(clock.now, simulated=simulated)
         self._vitals = Vitals(placement, clock, say_health)
-        context = _Context(clock, self.inbox, outlets, self._vitals)
+        context = _Context(clock, self.inbox, outlets, self._vitals, statistics)
         self.node: Node = placement.type(placement.name, context, parameters)
         self._clock = clock
         self._simulated = simulated
@@ -185,7 +190,9 @@ class Life:
             return
         seconds = time.perf_counter() - begin
         if not callable(item):
-            item[0].charge(seconds)
+            line, message = item
+            line.charge(seconds)
+            self._statistics.ages.append((self._clock.now() - message.stamp) / SECOND)
         self._statistics.note(seconds)
 
 

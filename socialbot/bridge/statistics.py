@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 import os
 import resource
+import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from socket import gethostname
 from typing import Any
@@ -35,16 +36,26 @@ WINDOW = 600
 """Over how many of the last calls percentiles are taken."""
 
 
+PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
 @dataclass
 class Statistics:
-    """Counts of one node since its start, and the durations (s) of its last calls."""
+    """Counts of one node since its start, the durations (s) of its last calls, and the ages (s) of what it handled.
+
+    The age of a message is the time from its stamp, by the node's clock, until it had been handled.
+    """
 
     calls: int = 0
+    published: int = 0
     failures: int = 0
     refusals: Counter[str] = field(default_factory=Counter)
     """Messages that were refused, by reason."""
     first_failure: str = ""
     durations: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
+    longest_publication: float = 0.0
+    """How long (s) publishing a message has taken at most, since this was asked for last."""
+    ages: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
 
     @property
     def refused(self) -> int:
@@ -56,10 +67,52 @@ class Statistics:
         self.calls += 1
         self.durations.append(seconds)
 
-    def percentile(self, share: float) -> float:
-        """The duration (s) that ``share`` of the last calls did not exceed; 0 before the first."""
-        ordered = sorted(self.durations)
-        return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else 0.0
+    def note_publication(self, seconds: float) -> None:
+        """Counts one message published, which has kept the node for so long."""
+        self.published += 1
+        self.longest_publication = max(self.longest_publication, seconds)
+
+    def take_longest_publication(self) -> float:
+        """The longest (s) since this was called last."""
+        longest, self.longest_publication = self.longest_publication, 0.0
+        return longest
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Mean and percentiles of durations (s); 0 where there are none."""
+
+    mean: float = 0.0
+    p50: float = 0.0
+    p99: float = 0.0
+
+    @staticmethod
+    def of(durations: Collection[float]) -> Spread:
+        """The spread of ``durations``."""
+        ordered = sorted(durations)
+        if not ordered:
+            return Spread()
+        p50, p99 = (ordered[min(len(ordered) - 1, int(share * len(ordered)))] for share in (0.5, 0.99))
+        return Spread(sum(ordered) / len(ordered), p50, p99)
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What was counted up to a time (s): calls, messages published, processor seconds."""
+
+    time: float = 0.0
+    calls: int = 0
+    published: int = 0
+    cpu_s: float = 0.0
+
+    def rates_since(self, before: Usage) -> dict[str, float]:
+        """How often and how much since ``before``: calls and messages a second, percent of one core."""
+        seconds = self.time - before.time
+        return {
+            "call_hz": round((self.calls - before.calls) / seconds, 1),
+            "publish_hz": round((self.published - before.published) / seconds, 1),
+            "cpu_percent": round(100 * (self.cpu_s - before.cpu_s) / seconds, 1),
+        }
 
 
 class Reporter:
@@ -80,20 +133,31 @@ class Reporter:
         self._state = state
         self._ticks = itertools.count()
         self._lacking = ""
+        self._usage = Usage(time.monotonic(), cpu_s=_cpu_s())
+        self._rates: dict[str, float] = {}
         self._publisher = ros.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._timer = ros.create_timer(TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _tick(self) -> None:
         state = self._state()
         lacking = unconnected(self._connections) if state == "active" else state
-        if next(self._ticks) % TICKS_A_REPORT == 0 or lacking != self._lacking:
+        on_time = next(self._ticks) % TICKS_A_REPORT == 0
+        if on_time:
+            self._measure()
+        if on_time or lacking != self._lacking:
             self._lacking = lacking
             array = DiagnosticArray(status=[self._status(state, lacking)])
             array.header.stamp = self._ros.get_clock().now().to_msg()
             self._publisher.publish(array)
 
+    def _measure(self) -> None:
+        before, statistics = self._usage, self._statistics
+        self._usage = Usage(time.monotonic(), statistics.calls, statistics.published, _cpu_s())
+        self._rates = self._usage.rates_since(before)
+
     def _status(self, state: str, lacking: str) -> DiagnosticStatus:
         statistics, lines = self._statistics, self._lines()
+        calls, ages = Spread.of(statistics.durations), Spread.of(statistics.ages)
         values: dict[str, Any] = {
             "machine": machine(),
             "state": state,
@@ -106,10 +170,15 @@ class Reporter:
             "first_failure": statistics.first_failure,
             "received": sum(line.received for line in lines),
             "skipped": sum(line.skipped for line in lines),
-            "call_p50_ms": round(1000 * statistics.percentile(0.5), 3),
-            "call_p99_ms": round(1000 * statistics.percentile(0.99), 3),
+            "call_mean_ms": round(1000 * calls.mean, 3),
+            "call_p50_ms": round(1000 * calls.p50, 3),
+            "call_p99_ms": round(1000 * calls.p99, 3),
+            "age_mean_ms": round(1000 * ages.mean, 1),
+            "age_p99_ms": round(1000 * ages.p99, 1),
+            "publish_max_ms": round(1000 * statistics.take_longest_publication(), 3),
             "pid": os.getpid(),
-            **_process(),
+            **self._rates,
+            **process_costs(),
             UNCONNECTED: lacking,
         }
         failing = statistics.failures or statistics.refused
@@ -133,6 +202,14 @@ def machine() -> str:
     return os.environ.get(MACHINE_VARIABLE) or gethostname()
 
 
-def _process() -> dict[str, float]:
+def _cpu_s() -> float:
     usage = resource.getrusage(resource.RUSAGE_SELF)
-    return {"cpu_s": round(usage.ru_utime + usage.ru_stime, 3), "peak_rss_mb": round(usage.ru_maxrss / 1024, 1)}
+    return usage.ru_utime + usage.ru_stime
+
+
+def process_costs() -> dict[str, float]:
+    """Processor seconds and memory (MB) of this process, now and at most."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    with open("/proc/self/statm", encoding="ascii") as statm:
+        rss = int(statm.read().split()[1]) * PAGE_MB
+    return {"cpu_s": round(_cpu_s(), 3), "rss_mb": round(rss, 1), "peak_rss_mb": round(peak, 1)}

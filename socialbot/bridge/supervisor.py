@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
+import math
 import select
-import subprocess
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
@@ -14,18 +14,18 @@ from socialbot.bridge import environment
 from socialbot.bridge.bring_up import BringUp, sinks_first
 from socialbot.bridge.launch import (
     DOCUMENTED,
-    end_processes,
     failure,
-    how_it_ended,
     log_file,
     node_arguments,
     processes_of,
-    start_process,
     write_graph,
 )
 from socialbot.bridge.lifeline import Lifeline, lifelines
+from socialbot.bridge.nursery import Nursery
+from socialbot.bridge.processes import Process, end_processes, how_it_ended
 from socialbot.bridge.restarting import Patience, RestartPolicy
 from socialbot.bridge.rotation import Rotation
+from socialbot.bridge.stale_memory import remove_stale
 from socialbot.bridge.statistics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE
 from socialbot.errors import NodeError
 from socialbot.graph import Graph
@@ -36,6 +36,9 @@ ACTIVE, INACTIVE = "active", "inactive"
 """What a node says that has started and is well, and one that is ready to start."""
 
 ROTATE_EVERY_S = 5.0
+
+ABSENT_S = 1.0
+"""Whoever attends later than by that was kept from it, as by a machine that slept: then nodes were, too."""
 
 Variables = Callable[[Collection[str]], Mapping[str, str]]
 """Environment variables for a process with the nodes of these names."""
@@ -53,7 +56,7 @@ class Member:
     name: str
     nodes: list[str]
     patience: Patience
-    process: subprocess.Popen[bytes] | None = None
+    process: Process | None = None
     line: Lifeline | None = None
     words: dict[str, str] = field(default_factory=dict)
     heard: dict[str, float] = field(default_factory=dict)
@@ -100,6 +103,8 @@ class Supervisor:
         self._policy = policy or RestartPolicy()
         self._rotation = rotation or Rotation()
         self._rotate_at = 0.0
+        self._attended = math.inf
+        self._nursery = Nursery(graph, folder)
         self._variables = variables
         self._file = folder / "graph.yaml"
         self._bring_up = BringUp((), self._activate, 0.0)
@@ -112,6 +117,7 @@ class Supervisor:
 
     def __enter__(self) -> Supervisor:
         environment.require_ros()
+        remove_stale()
         self._file = write_graph(self._graph, self._folder)
         own = {node for member in self.members.values() for node in member.nodes}
         order = [node for node in sinks_first(self._graph) if node in own]
@@ -135,6 +141,8 @@ class Supervisor:
         """
         self._listen(timeout_s)
         now = time.monotonic()
+        self._excuse(now - self._attended - timeout_s, now)
+        self._attended = now
         if not self._bring_up.done:
             self._go_on_bringing_up(now)
         if now >= self._rotate_at:
@@ -150,7 +158,7 @@ class Supervisor:
                     member.process.kill()
             elif member.due is not None and now >= member.due:
                 self._start(member)
-        if all(member.state == "given up" for member in self.members.values()):
+        if self.members and all(member.state == "given up" for member in self.members.values()):
             raise NodeError(
                 "all processes have died too often",
                 where=self._graph.name,
@@ -159,6 +167,7 @@ class Supervisor:
 
     def stop(self) -> None:
         """Ends all processes."""
+        self._nursery.close()
         end_processes({name: one.process for name, one in self.members.items() if one.process is not None})
         for member in self.members.values():
             self._part(member)
@@ -172,7 +181,7 @@ class Supervisor:
     def _start(self, member: Member) -> None:
         line, theirs = lifelines()
         with theirs:
-            member.process = start_process(
+            member.process = self._nursery.start(
                 node_arguments(self._file, member.nodes),
                 log_file(self._folder, member.name),
                 variables={
@@ -220,6 +229,12 @@ class Supervisor:
                 log.warning("%s is back", member.name)
             member.was_well, member.is_down = True, False
 
+    def _excuse(self, absent_s: float, now: float) -> None:
+        """Does not count as silence what nobody has attended to."""
+        if absent_s > ABSENT_S:
+            for member in self.members.values():
+                member.heard = {node: min(now, heard + absent_s) for node, heard in member.heard.items()}
+
     def _hung(self, member: Member, now: float) -> str:
         """The node that says nothing any more, if there is one."""
         for node, heard in member.heard.items():
@@ -230,6 +245,7 @@ class Supervisor:
 
     def _bury(self, member: Member, code: int, now: float) -> None:
         self._part(member)
+        remove_stale()
         file = log_file(self._folder, member.name)
         if code == 0:
             log.warning("%s has ended", member.name)

@@ -9,14 +9,15 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any
 
 import pytest
 
 from socialbot.bridge.lifeline import LIFELINE_VARIABLE
+from socialbot.bridge.nursery import Nursery
 from socialbot.bridge.restarting import RestartPolicy
-from socialbot.bridge.supervisor import RESTARTS_VARIABLE, Supervisor
+from socialbot.bridge.supervisor import ABSENT_S, RESTARTS_VARIABLE, Supervisor
 from socialbot.errors import NodeError, SocialbotError
 from socialbot.graph import Graph, Node, Placement
 
@@ -47,7 +48,7 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """What the processes do, by the names of their nodes; `WELL` if nothing is said."""
     bodies: dict[str, str] = {}
 
-    def start(arguments: list[str], log: Path, *, variables: dict[str, str], lifeline: int) -> Any:
+    def start(_: Nursery, arguments: list[str], log: Path, *, variables: dict[str, str], lifeline: int) -> Any:
         name = arguments[-1]
         with log.open("ab") as output:
             return subprocess.Popen(
@@ -58,7 +59,7 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
                 pass_fds=(lifeline,),
             )
 
-    monkeypatch.setattr("socialbot.bridge.supervisor.start_process", start)
+    monkeypatch.setattr(Nursery, "start", start)
     return bodies
 
 
@@ -103,6 +104,28 @@ if os.environ["{RESTARTS_VARIABLE}"] == "0":
         assert one.last_error == "hung (one said nothing)"
         assert attended(supervisor, lambda: one.state == "active")
         assert two.restarts == 0
+
+
+def test_what_the_machine_sleeps_through_is_no_silence(scripts: dict[str, str], tmp_path: Path) -> None:
+    """As when a laptop is closed, or a virtual machine is halted: supervisor and nodes stand still together."""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == two.state == "active")
+        before = supervisor.pids
+        for pid in before.values():
+            os.kill(pid, signal.SIGSTOP)
+        supervisor.attend(0.0)
+        sleep(ABSENT_S + POLICY.hung_s)
+        supervisor.attend(0.02)
+        for pid in before.values():
+            os.kill(pid, signal.SIGCONT)
+        assert not attended(supervisor, lambda: bool(one.restarts or two.restarts), timeout_s=POLICY.hung_s)
+        assert supervisor.pids == before
+
+
+def test_a_machine_without_nodes_goes_on(tmp_path: Path) -> None:
+    with Supervisor(GRAPH, tmp_path, nodes=()) as supervisor:
+        supervisor.attend(0.0)
 
 
 def test_one_that_dies_again_and_again_is_given_up_and_the_others_go_on(

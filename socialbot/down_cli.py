@@ -1,0 +1,155 @@
+"""``socialbot down``: ends what ``socialbot up`` has started, here and on other machines; see docs/deploy.md."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from socialbot.completion import graph_names
+from socialbot.deploy_cli import is_deployment
+from socialbot.ending import Ending
+from socialbot.errors import GraphError, ParameterError
+from socialbot.messages import UpStatus
+from socialbot.status import printable
+
+if TYPE_CHECKING:
+    from socialbot.bridge.presence import Runs
+    from socialbot.deployment.deployment import Deployment
+
+NOT_ENDED = 10
+"""The exit code when something was not heard, or has not ended in time."""
+
+LISTEN_S = 3.0
+"""Who is up says so each second."""
+
+SLOW = {
+    "up": "no answer; with keys it obeys known senders only",
+    "ending": "it is about to",
+    "ended": "its nodes are, but its process is still there",
+}
+"""What a run that has not ended in time said last, in words."""
+
+ASK_EVERY_S = 0.5
+LOOK_AGAIN_S = 0.05
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is to end: runs that are ``wanted``, one on each of ``machines``; this is the machine ``own`` of them."""
+
+    wanted: Callable[[UpStatus], bool]
+    machines: tuple[str, ...] = ()
+    own: str = ""
+
+
+def down(
+    file: Annotated[
+        str | None,
+        typer.Argument(
+            help="A deployment file or a graph; default: all that is up on this machine.", autocompletion=graph_names
+        ),
+    ] = None,
+    machine: Annotated[str | None, typer.Option(help="Of a deployment: end only what runs there.")] = None,
+    timeout: Annotated[float, typer.Option(min=0.0, help="How long (s) all may take to end.")] = 20.0,
+) -> None:
+    """End what "socialbot up" has started, as Ctrl-C there would, and wait until it has. Exit code 10 when it has not.
+
+    With keys only who has one can do that.
+    """
+    target = _enter(file, machine)
+    from socialbot.bridge.presence import Runs
+    from socialbot.bridge.session import spinning_node
+
+    with Ending().on_signals() as ending, spinning_node("down") as ros:
+        runs = Runs(ros)
+        found = heard(runs, target, ending)
+        for one in found:
+            typer.echo(f"{_named(one)}: asked to end")
+        left = end(runs, found, ending, timeout)
+    unheard = [name for name in target.machines if name not in {one.machine for one in found}]
+    for name in unheard:
+        # What is up on this machine would be heard.
+        what = "nothing is up" if name == target.own else "nothing is heard of it; what is up there stays up"
+        typer.echo(f"{name}: {what}", err=name != target.own)
+    if not found and not target.machines:
+        typer.echo(f"nothing is up here in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}")
+    for one in left:
+        typer.echo(f"{_named(one)}: not ended after {timeout:g} s: {SLOW[one.state]}", err=True)
+    if left or set(unheard) - {target.own}:
+        raise typer.Exit(NOT_ENDED)
+
+
+def heard(runs: Runs, target: Target, ending: Ending) -> list[UpStatus]:
+    """Those of ``runs`` that are to end: listens until all machines of ``target`` are among them."""
+    until = time.monotonic() + LISTEN_S
+    while True:
+        found = [one for one in tuple(runs.heard.values()) if one.state != "ended" and target.wanted(one)]
+        complete = target.machines and {one.machine for one in found}.issuperset(target.machines)
+        if complete or ending.asked or time.monotonic() > until:
+            return found
+        time.sleep(LOOK_AGAIN_S)
+
+
+def end(runs: Runs, found: Sequence[UpStatus], ending: Ending, timeout_s: float) -> list[UpStatus]:
+    """Asks ``found`` to end, and tells of each that has. Returns those that have not after ``timeout_s``."""
+    from socialbot.bridge.presence import is_gone
+
+    begun = time.monotonic()
+    asked_at = -ASK_EVERY_S
+    left = [one.run for one in found]
+    while left and not ending.asked and time.monotonic() < begun + timeout_s:
+        if time.monotonic() >= asked_at + ASK_EVERY_S:
+            asked_at = time.monotonic()
+            for run in left:
+                if runs.heard[run].state == "up":
+                    runs.ask_to_end(run)
+        for run in [run for run in left if is_gone(runs.heard[run])]:
+            left.remove(run)
+            last = runs.heard[run]
+            error = f", with an error: {printable(last.reason)}" if last.reason else ""
+            typer.echo(f"{_named(last)}: ended after {time.monotonic() - begun:.1f} s{error}")
+        time.sleep(LOOK_AGAIN_S)
+    return [runs.heard[run] for run in left]
+
+
+def _enter(file: str | None, machine: str | None) -> Target:
+    """Joins the graph of ``file``, and says what of it is to end."""
+    if file is not None and is_deployment(file):
+        from socialbot.deployment.deployment_file import load_deployment
+        from socialbot.deployment.entering import enter
+
+        deployment = load_deployment(Path(file))
+        if machine is not None:
+            deployment.address(machine)
+        own = _own(deployment, machine)
+        enter(deployment, own)
+        machines = tuple(name for name in deployment.machines if machine in (None, name) and deployment.half(name))
+        graph = deployment.graph.name
+        return Target(lambda one: one.graph == graph and one.machine in machines, machines, own)
+    if machine is not None:
+        raise ParameterError("without a deployment there are no machines", where="--machine", remedy="give its file")
+    from socialbot.bridge.presence import is_here
+    from socialbot.graph_file import load_graph
+
+    name = None if file is None else load_graph(file).name
+    return Target(lambda one: is_here(one) and name in (None, one.graph))
+
+
+def _own(deployment: Deployment, machine: str | None) -> str:
+    """The machine that this is; ``machine`` where its addresses do not tell."""
+    try:
+        return deployment.this_machine()
+    except GraphError:
+        if machine is None:
+            raise
+        return machine
+
+
+def _named(one: UpStatus) -> str:
+    return printable(f"{one.graph} on {one.machine}")

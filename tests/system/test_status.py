@@ -1,0 +1,102 @@
+"""`socialbot status` and `socialbot down` beside a graph that is up."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from socialbot.security.keys import new_key
+from tests.system.running import eventually, running, socialbot
+from tests.system.test_deployment import ROOT, folder, half  # noqa: F401 - a fixture
+from tests.system.two_hosts import Host, two_hosts
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+GRAPH = """
+name: voice
+inputs: [/speech/say, /head/command, /humans/bodies/detections]
+nodes:
+  speech: {type: speaker, parameters: {playback: 'off'}}
+  head: {type: head}
+"""
+
+
+def status(*arguments: object) -> tuple[int, dict[str, dict[str, Any]]]:
+    """The exit code of `socialbot status`, and what it tells of each node."""
+    done = socialbot("status", *arguments, "--json")
+    assert done.stdout, done.stderr
+    return done.returncode, {one["name"]: one for one in json.loads(done.stdout)["nodes"]}
+
+
+@contextmanager
+def voice(tmp_path: Path) -> Iterator[Any]:
+    (tmp_path / "voice.yaml").write_text(GRAPH)
+    with running("up", tmp_path / "voice.yaml", "--out", tmp_path / "run") as process:
+        yield process
+
+
+def test_nodes_are_shown_as_they_are_and_down_ends_them(tmp_path: Path) -> None:
+    graph = tmp_path / "voice.yaml"
+    with voice(tmp_path) as up:
+        code, nodes = status(graph, "--wait", 60)
+        assert (code, list(nodes)) == (0, ["speech", "head"])
+        head = nodes["head"]
+        assert head["memory_mb"] > 10
+        assert head["cpu_percent"] >= 0
+        os.kill(head["pid"], signal.SIGKILL)
+        assert eventually(lambda: status(graph, "--wait", 60)[1]["head"]["restarts"] == 1, 60)
+        done = socialbot("status", graph, "--wait", 60)
+        assert "head: its process was ended by signal 9" in done.stdout
+        assert "all 2 nodes are well" in done.stdout
+        done = socialbot("down")
+        assert (done.returncode, done.stderr) == (0, "")
+        assert "voice on" in done.stdout
+        assert up.wait(5) == 0
+    code, nodes = status(graph)
+    assert (code, {one["condition"] for one in nodes.values()}) == (10, {"not heard"})
+    assert "nothing is up here" in socialbot("down").stdout
+
+
+def on(host: Host, *arguments: object) -> tuple[int, str]:
+    """Exit code and output of socialbot on ``host``."""
+    process = host.start(
+        *(sys.executable, "-m", "socialbot", *arguments),
+        variables={"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    output, _ = process.communicate(timeout=120)
+    return process.returncode, output
+
+
+def test_either_machine_tells_of_both_and_ends_both(folder: Path) -> None:  # noqa: F811
+    for name in ("robot", "workstation"):
+        new_key(name, folder / "keys")
+    page = folder / "waldo.yaml"
+    with page.open("a") as text:
+        text.write("security: {keys: keys}\n")
+    with two_hosts() as hosts, half(hosts.robot, folder) as robot, half(hosts.workstation, folder) as workstation:
+        code, told = on(hosts.workstation, "status", page, "--wait", 90)
+        assert code == 0, told
+        hosts.cut()
+        code, told = on(hosts.workstation, "status", page, "--json")
+        missing = {one["machine"] for one in json.loads(told)["nodes"] if one["condition"] == "not heard"}
+        assert (code, missing) == (10, {"robot"})
+        assert on(hosts.workstation, "down", page, "--machine", "robot")[0] == 10
+        assert robot.poll() is None
+        hosts.mend()
+        assert on(hosts.robot, "status", page, "--wait", 60)[0] == 0
+        code, told = on(hosts.workstation, "down", page)
+        assert code == 0, told
+        assert "waldo on robot: ended" in told
+        assert "waldo on workstation: ended" in told
+        assert (robot.wait(5), workstation.wait(5)) == (0, 0)

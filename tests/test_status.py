@@ -1,0 +1,181 @@
+"""How nodes fare, as they tell it."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from socialbot.messages import Health, State
+from socialbot.status import RollCall, Spread, all_well, printable
+from socialbot.status_cli import as_text, page
+
+TOLD = {
+    "machine": "robot", "state": "active", "restarts": "0", "last_error": "", "calls": "30", "failures": "0",
+    "refused": "0", "refusals": "", "first_failure": "", "call_mean_ms": "1.5", "call_p99_ms": "3.25",
+    "age_mean_ms": "20.0", "age_p99_ms": "45.0", "call_hz": "10.0", "publish_hz": "30.1", "cpu_percent": "12.5",
+    "rss_mb": "101.5", "pid": "77", "unconnected": "",
+}  # fmt: skip
+
+
+def health(node, state: State = "ok", reason="", silent=()):
+    return Health(stamp=1, node=node, state=state, reason=reason, silent=silent)
+
+
+@pytest.fixture
+def roll():
+    roll = RollCall({"camera": "robot", "detector": "workstation"})
+    roll.note("camera", TOLD, 10.0)
+    roll.note_health(health("camera"), 10.0)
+    roll.note("detector", TOLD | {"machine": "workstation", "pid": "78"}, 10.0)
+    roll.note_health(health("detector"), 10.0)
+    return roll
+
+
+def conditions(roll, now):
+    return [one.condition for one in roll.statuses(now)]
+
+
+def shown(statuses):
+    written = io.StringIO()
+    Console(file=written, width=200).print(page(statuses))
+    return written.getvalue()
+
+
+def test_what_a_node_tells_is_its_status(roll):
+    camera = roll.statuses(10.5)[0]
+    assert (camera.name, camera.machine, camera.condition, camera.heard_s) == ("camera", "robot", "active", 0.5)
+    assert (camera.handled_hz, camera.published_hz, camera.cpu_percent, camera.memory_mb) == (10.0, 30.1, 12.5, 101.5)
+    assert (camera.call, camera.age) == (Spread(1.5, 3.25), Spread(20.0, 45.0))
+    assert all_well(roll.statuses(10.5))
+
+
+def test_who_says_nothing_is_not_heard():
+    roll = RollCall({"camera": "robot"})
+    assert not roll.complete
+    assert conditions(roll, 5.0) == ["not heard"]
+    assert roll.statuses(5.0)[0].machine == "robot"
+
+
+def test_who_has_fallen_silent_is_not_heard_for_that_long(roll):
+    roll.note("camera", TOLD, 20.0)
+    roll.note_health(health("camera"), 20.0)
+    assert conditions(roll, 22.0) == ["active", "not heard for 12 s"]
+    assert not all_well(roll.statuses(22.0))
+
+
+def test_figures_of_who_is_not_heard_any_more_are_not_shown(roll):
+    camera = roll.statuses(20.0)[0]
+    assert (camera.handled_hz, camera.call, camera.memory_mb, camera.state) == (None, None, None, "active")
+
+
+def test_who_is_active_but_gives_no_sign_of_life_hangs(roll):
+    for second in range(11, 16):
+        roll.note("camera", TOLD, float(second))
+        roll.note_health(health("camera"), float(second))
+        roll.note("detector", TOLD, float(second))
+    assert conditions(roll, 15.5) == ["active", "no sign of life"]
+
+
+def test_where_no_health_can_be_heard_no_sign_of_life_is_expected():
+    roll = RollCall({"camera": "robot"})
+    for second in range(6):
+        roll.note("camera", TOLD, float(second))
+    assert conditions(roll, 5.5) == ["active"]
+
+
+@pytest.mark.parametrize("state", ["inactive", "waiting", "given up", "ended"])
+def test_states_other_than_active_are_not_well(roll, state):
+    roll.note("detector", {"machine": "workstation", "state": state, "restarts": "5", "last_error": "was ended"}, 11.0)
+    detector = roll.statuses(11.0)[1]
+    assert (detector.condition, detector.restarts, detector.last_error) == (state, 5, "was ended")
+    assert not detector.is_well
+
+
+@pytest.mark.parametrize(
+    ("state", "condition"),
+    [("ok", "active"), ("ended", "active"), ("failed", "failed"), ("degraded", "input silent")],
+)
+def test_what_a_node_says_of_its_health_counts(roll, state, condition):
+    roll.note_health(health("detector", state, "nothing on /image", ("/image",)), 11.0)
+    detector = roll.statuses(11.0)[1]
+    assert (detector.condition, detector.reason, detector.silent) == (condition, "nothing on /image", ("/image",))
+
+
+def test_it_is_complete_when_everybody_was_heard_with_health():
+    roll = RollCall({"camera": "robot"})
+    roll.note("camera", TOLD, 1.0)
+    assert not roll.complete
+    roll.note_health(health("camera"), 1.1)
+    assert roll.complete
+
+
+def test_without_expectations_all_nodes_are_shown_by_machine_but_no_drivers():
+    roll = RollCall()
+    roll.note("speech", TOLD | {"machine": "b"}, 1.0)
+    roll.note("head", TOLD | {"machine": "b"}, 1.0)
+    roll.note("mind", TOLD | {"machine": "a"}, 1.0)
+    roll.note("battery", {"voltage": "11.9"}, 1.0)
+    roll.note_health(health("player"), 1.0)
+    assert [one.name for one in roll.statuses(1.0)] == ["mind", "head", "speech"]
+    assert not all_well(RollCall().statuses(1.0))
+
+
+def test_strangers_are_not_noted_where_it_is_known_who_there_should_be(roll):
+    roll.note("intruder", TOLD, 10.0)
+    assert len(roll.statuses(10.0)) == 2
+
+
+def test_figures_that_are_none_are_left_out(roll):
+    roll.note("camera", TOLD | {"cpu_percent": "much", "rss_mb": "nan", "restarts": "-", "age_p99_ms": "0"}, 10.0)
+    camera = roll.statuses(10.0)[0]
+    assert (camera.cpu_percent, camera.memory_mb, camera.restarts, camera.age) == (None, None, 0, None)
+
+
+def test_what_comes_from_the_network_does_nothing_to_the_terminal():
+    assert printable("a\x1b[2Jb\nc\u202e") == "a?[2Jb c?"
+    assert len(printable("a" * 10_000)) == 500
+
+
+def test_the_table_shows_each_node_and_what_is_wrong_below(roll):
+    roll.note("camera", TOLD | {"refused": "3", "refusals": "3 forged", "restarts": "2", "last_error": "hung"}, 20.0)
+    roll.note_health(health("camera", "failed", "no device"), 20.0)
+    text = shown(roll.statuses(20.0))
+    lines = text.splitlines()
+    headings = "node machine state in Hz out Hz call ms age ms CPU % MB restarts refused"
+    assert " ".join(lines[0].split()) == headings
+    assert " ".join(lines[1].split()) == "camera robot failed 10 30 1.5/3.2 20/45 12 102 2 3"
+    assert " ".join(lines[2].split()) == "detector workstation not heard for 10 s"
+    assert "camera: its process hung" in lines
+    assert "camera: no device" in lines
+    assert "camera: refused 3 forged" in lines
+    assert lines[-1] == "0 of 2 nodes are well"
+
+
+def test_nodes_of_one_process_show_its_costs_once():
+    roll = RollCall()
+    for name in ("ear", "mouth"):
+        roll.note(name, TOLD, 1.0)
+        roll.note_health(health(name), 1.0)
+    statuses = roll.statuses(1.0)
+    assert [one.shares for one in statuses] == [("mouth",), ("ear",)]
+    lines = shown(statuses).splitlines()
+    assert lines[1].split()[-2:] == ["12", "102"]
+    assert lines[2].split()[-2:] == ['"', '"']
+    assert lines[-1] == "all 2 nodes are well"
+
+
+def test_a_domain_without_nodes_is_said():
+    assert "no node is heard in ROS domain" in shown([])
+
+
+def test_scripts_get_the_same_as_json(roll):
+    report = json.loads(as_text(roll.statuses(20.0)))
+    assert (report["schema"], report["version"], report["well"]) == ("socialbot/status", 1, False)
+    camera = report["nodes"][0]
+    assert (camera["condition"], camera["well"], camera["call"]) == ("not heard for 10 s", False, None)
+    report = json.loads(as_text(roll.statuses(10.5)))
+    assert report["well"]
+    assert report["nodes"][0]["call"] == {"mean_ms": 1.5, "p99_ms": 3.25}
