@@ -8,11 +8,13 @@ from types import TracebackType
 
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import McapWriter
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from socialbot.bridge import codec
-from socialbot.bridge.bag_types import RosbagsTypes, known_types
+from socialbot.bridge.bag_types import RosbagsTypes, types_with
 from socialbot.errors import BagError
-from socialbot.graph import suggestion
+from socialbot.graph import WireForm, suggestion
 from socialbot.messages import CameraInfo, Message, Mind
 
 STORAGES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
@@ -66,37 +68,62 @@ class BagWriter:
         """Has the bag removed, instead of kept, when the block is left."""
         self._discarded = True
 
-    def write(self, topic: str, message: Message, time: int) -> None:
-        """Writes ``message`` as received at ``time`` (ns).
+    def write(self, topic: str, message: Message, time: int, form: WireForm = "json") -> None:
+        """Writes ``message`` as received at ``time`` (ns), in this ``form`` if it is a structured one.
 
         Raises MessageError when it cannot be expressed as its ROS type, BagError when the disk fails.
         """
-        data = self._types.serialize(codec.encode(message, self._types))
-        self.write_raw(topic, codec.ros_type(type(message)), data, time, latched=isinstance(message, _STATE))
+        data = self._types.serialize(codec.encode(message, self._types, form))
+        self.write_raw(topic, codec.ros_type(type(message), form), data, time, latched=isinstance(message, _STATE))
 
     def write_raw(
-        self, topic: str, type_name: str, data: bytes, time: int, *, latched: bool = False, type_hash: str = ""
+        self,
+        topic: str,
+        type_name: str,
+        data: bytes,
+        time: int,
+        *,
+        latched: bool = False,
+        type_hash: str = "",
+        definition: str = "",
     ) -> None:
         """Writes the CDR bytes of a message of ``type_name`` as received at ``time`` (ns).
 
-        A type that ROS 2 Jazzy does not know is written without its definition, with ``type_hash``.
+        A type that neither ROS 2 Jazzy nor socialbot knows is written with its ``definition``, if there is one, and
+        ``type_hash``.
         """
         try:
-            connection = self._connections.get((topic, type_name)) or self._add(topic, type_name, latched, type_hash)
+            connection = self._connections.get((topic, type_name))
+            if connection is None:
+                connection = self._add(topic, type_name, latched, type_hash, definition)
             self._writer.write(connection, time, data)
         except Exception as error:
             raise self._failed(error) from error
         self.counts[topic] = self.counts.get(topic, 0) + 1
 
-    def _add(self, topic: str, type_name: str, latched: bool, type_hash: str) -> Connection:
+    def flush(self) -> None:
+        """Puts all that was written so far into the file, where it can be read even if this process is killed.
+
+        Raises BagError when the disk fails.
+        """
+        storage = self._writer.storage
+        try:
+            if isinstance(storage, McapWriter) and storage.chunk.msgs:
+                storage.close_chunk()
+                storage.bio.flush()
+            elif isinstance(storage, Sqlite3Writer):
+                storage.conn.commit()
+        except Exception as error:
+            raise self._failed(error) from error
+
+    def _add(self, topic: str, type_name: str, latched: bool, type_hash: str, definition: str) -> Connection:
         qos = [_qos(latched)]
-        if type_name in known_types().fielddefs:
-            connection = self._writer.add_connection(
-                topic, type_name, typestore=known_types(), offered_qos_profiles=qos
-            )
+        types = types_with(type_name)
+        if type_name in types.fielddefs:
+            connection = self._writer.add_connection(topic, type_name, typestore=types, offered_qos_profiles=qos)
         else:
             connection = self._writer.add_connection(
-                topic, type_name, msgdef="", rihs01=type_hash or "unknown", offered_qos_profiles=qos
+                topic, type_name, msgdef=definition, rihs01=type_hash or "unknown", offered_qos_profiles=qos
             )
         self._connections[topic, type_name] = connection
         return connection

@@ -26,6 +26,8 @@ from socialbot.errors import InstallationError, MessageError
 log = logging.getLogger("socialbot.recorder")
 
 DISCOVERY_PERIOD_S = 0.2
+FLUSH_PERIOD_S = 0.5
+"""What came longer ago is in the file, whatever happens to this process."""
 _SPIN_S = 0.05
 
 
@@ -66,12 +68,15 @@ def record(
         executor.add_node(node)
         listener = _Listener(node, bag, topics, clock or WallClock())
         began = time.monotonic()
-        looked = -math.inf
+        looked = flushed = -math.inf
         try:
             while not stopped() and (duration_s is None or time.monotonic() - began < duration_s):
                 if time.monotonic() - looked >= DISCOVERY_PERIOD_S:
                     looked = time.monotonic()
                     listener.look()
+                if time.monotonic() - flushed >= FLUSH_PERIOD_S:
+                    flushed = time.monotonic()
+                    bag.flush()
                 executor.spin_once(timeout_sec=_SPIN_S)
         finally:
             executor.shutdown()
