@@ -15,10 +15,11 @@ from statistics import median
 from typing import Any, NamedTuple
 
 from socialbot.clock import SECOND, Clock, nanoseconds
-from socialbot.graph import Input, Node, Placement
+from socialbot.graph import Graph, Input, Node, Placement
 from socialbot.messages import Health, Message, State
 
 HEALTH_TOPIC = "/health"
+"""Where all nodes say how they are; each says it on `own_health_topic` as well if its graph listens there."""
 
 BEAT_S = 0.15
 """How often a node gives a sign of life."""
@@ -192,6 +193,17 @@ class Vitals:
         if again or before is None or (health.state, health.reason) != (before.state, before.reason):
             self._shown = health
             self._publish(health)
+
+
+def own_health_topic(node: str) -> str:
+    """Where the node of this name alone says how it is: little to hear for who needs no other's signs of life."""
+    return f"/{node}{HEALTH_TOPIC}"
+
+
+def health_topics(graph: Graph, node: str) -> list[str]:
+    """The topics on which the node of this name says how it is."""
+    own = own_health_topic(node)
+    return [HEALTH_TOPIC, own] if own in graph.topics() else [HEALTH_TOPIC]
 
 
 def ended(player: str, topics: tuple[str, ...], now: int) -> Health:

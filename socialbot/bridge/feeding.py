@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from socialbot.bridge.bags import IMAGE_TYPES, Bag
-from socialbot.bridge.codec import ros_type
+from socialbot.bridge.codec import carries, ros_type
 from socialbot.errors import GraphError
 from socialbot.graph import Graph
-from socialbot.health import HEALTH_TOPIC
+from socialbot.health import health_topics
 from socialbot.messages import Message
 
 
@@ -22,7 +22,7 @@ def feeding(bag: Bag, graph: Graph, image_topic: str | None) -> dict[str, str]:
     feeds = _pictures(bag, graph, inputs, image_topic) if takes_pictures(graph) else {}
     for topic in bag.topics:
         kind = inputs.get(topic.name)
-        if kind is not None and topic.name not in feeds.values() and ros_type(kind) == topic.type:
+        if kind is not None and topic.name not in feeds.values() and carries(topic.type, kind):
             feeds[topic.name] = topic.name
     if not feeds:
         raise GraphError(
@@ -41,7 +41,8 @@ def takes_pictures(graph: Graph) -> bool:
 
 def _inputs(graph: Graph) -> dict[str, type[Message]]:
     """The topics that no node of the graph publishes, with their types; how they are, all of them say."""
-    published = {topic for placement in graph.placements for topic, _ in placement.publications} | {HEALTH_TOPIC}
+    published = {topic for placement in graph.placements for topic, _ in placement.publications}
+    published.update(topic for placement in graph.placements for topic in health_topics(graph, placement.name))
     return {topic: kind for topic, kind in graph.topics().items() if topic not in published}
 
 

@@ -21,21 +21,19 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from socialbot.bridge.codec import ros_type
 from socialbot.bridge.life import Life, report
 from socialbot.bridge.lifeline import BEAT_S, Lifeline
 from socialbot.bridge.managed import ACTIVE, FINALIZED, INACTIVE, ManagedNode
 from socialbot.bridge.parameters import declare_parameters, parameter_values, watch_parameters
 from socialbot.bridge.qos import DEPTH, publisher_qos, subscription_qos
 from socialbot.bridge.readiness import Connection, publisher_connection, subscription_connection
-from socialbot.bridge.ros_types import message_class
 from socialbot.bridge.statistics import Reporter, Statistics
 from socialbot.bridge.timekeeper import KEPT_TOPIC
 from socialbot.bridge.wire import Inlet, Outlet, reason_of, wire
 from socialbot.clock import SECOND
 from socialbot.errors import MessageError, NodeError, SocialbotError
 from socialbot.graph import Delivery, Graph, Input, Node, Placement
-from socialbot.health import HEALTH_TOPIC
+from socialbot.health import health_topics
 from socialbot.messages import Health, Message
 
 AUTOSTART = "autostart"
@@ -76,7 +74,7 @@ class NodeHost:
         self._graph = graph
         self._placement = placement
         self._lifeline = lifeline
-        self._wire = wire()
+        self._wire = wire(form=self._graph.wire)
         sealed = self._wire.sealed  # then there are no services: anybody could call them
         self._ros = ManagedNode(
             placement.name,
@@ -93,6 +91,7 @@ class NodeHost:
         self._simulated = bool(self._ros.get_parameter("use_sim_time").value)
         self._error: SocialbotError | None = None
         self._outlets: dict[str, Outlet] = {}
+        self._healths: list[tuple[Publisher, Outlet]] = []
         self._connections: list[Connection] = []
         self._latched: dict[Input[Any], Message] = {}
         self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=DEPTH[Delivery.EVERY])
@@ -159,17 +158,17 @@ class NodeHost:
     def configure(self) -> None:
         """Builds the node and what connects it."""
         self._build()
-        self._health = self._ros.create_publisher(
-            message_class(ros_type(Health)), HEALTH_TOPIC, publisher_qos(Delivery.EVERY)
-        )
-        self._health_outlet = self._wire.outlet(self._health)
+        for topic in health_topics(self._graph, self.name):
+            kind = self._wire.message_class(Health)
+            publisher = self._ros.create_publisher(kind, topic, publisher_qos(Delivery.EVERY))
+            self._healths.append((publisher, self._wire.outlet(publisher)))
         for topic, port in self._placement.publications:
-            kind = message_class(ros_type(port.message_type))
+            kind = self._wire.message_class(port.message_type)
             publisher = self._ros.create_publisher(kind, topic, publisher_qos(port.delivery))
             self._outlets[port.name] = self._wire.outlet(publisher, latched=port.delivery is Delivery.LATCHED)
             self._connections.append(publisher_connection(self._graph, topic, publisher))
         for topic, port in self._placement.subscriptions:
-            kind = message_class(ros_type(port.message_type))
+            kind = self._wire.message_class(port.message_type)
             qos = subscription_qos(port.delivery, outside=topic in self._graph.inputs)
             inlet = self._wire.inlet(self._ros.resolve_topic_name(topic), latched=port.delivery is Delivery.LATCHED)
             receive = functools.partial(self._receive, port, inlet)
@@ -198,11 +197,13 @@ class NodeHost:
                 self._ros.destroy_publisher(connection.end)
             else:
                 self._ros.destroy_subscription(connection.end)
-        self._ros.destroy_publisher(self._health)
+        for publisher, _ in self._healths:
+            self._ros.destroy_publisher(publisher)
+        self._healths.clear()
         self._connections.clear()
         self._outlets.clear()
         self._latched.clear()
-        self._wire = wire()
+        self._wire = wire(form=self._graph.wire)
 
     def _build(self) -> Life:
         life = self._life = Life(
@@ -263,8 +264,9 @@ class NodeHost:
 
     def _say_health(self, health: Health) -> None:
         """Says how the node is, if anybody listens."""
-        if self._health.get_subscription_count():
-            self._health_outlet.publish(health)
+        for publisher, outlet in self._healths:
+            if publisher.get_subscription_count():
+                outlet.publish(health)
 
     def _lines(self) -> Any:
         return self._life.inbox.lines if self._life is not None else ()

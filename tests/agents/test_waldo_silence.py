@@ -308,7 +308,7 @@ def test_without_its_engine_the_robot_looks_straight_on_and_says_nothing_that_wa
     robot.until(5.0 + LATE_S + 0.01)
     assert robot.moves[-1][1] == 0.0
     assert [(one.state, one.detail) for one in robot.said[-1:]] == [("expired", "bdi_engine is silent")]
-    assert "nothing on /health" in robot.healths["head"].reason
+    assert "nothing on /bdi_engine/health" in robot.healths["head"].reason
     robot.until(20.0)
     assert robot.moves[-1][1] == 0.0
     robot.runner.restart("bdi_engine")

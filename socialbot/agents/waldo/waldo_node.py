@@ -105,7 +105,7 @@ class WaldoNode(AgentNode):
         self._look_up()
 
     def deadline_s(self, port: Input[Any]) -> float:
-        return self.silent_after_s if port.deadline_s else 0.0
+        return self.silent_after_s if port.deadline_s and not self._healths.over else 0.0
 
     def on_silence(self, port: Input[Any], since: int | None) -> None:
         self._unheard = True
