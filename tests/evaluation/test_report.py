@@ -5,6 +5,7 @@ from rich.console import Console
 
 from evaluation.report import Figure, Report, percentile
 from socialbot.errors import SocialbotError
+from tests.report.pages import headings, read
 
 
 @pytest.mark.parametrize(
@@ -68,3 +69,15 @@ def test_the_table_shows_value_requirement_and_verdict(report):
 def test_a_file_that_cannot_be_written_is_an_error_for_the_user(report, tmp_path):
     with pytest.raises(SocialbotError, match="cannot be written"):
         report.finish(tmp_path / "nowhere" / "figures.json")
+
+
+def test_beside_the_json_there_is_a_page(report, tmp_path, capsys):
+    report.tables["<b>by rate"] = {f"{rate} %": {"seconds": rate / 7, "how": "well"} for rate in (0, 10, 50)}
+    report.finish(tmp_path / "figures.json")
+    html = (tmp_path / "figures.html").read_text("utf-8")
+    words = read(html)
+    assert headings(html) == ["Figures", "nodes", "&lt;b&gt;by rate", "How this was measured"]
+    assert "1 of 2 requirements are met; not met: latency_p99_ms." in words
+    for told in ("latency", "20.5", "at most 15", "80", "python -m", "numpy"):
+        assert told in words
+    assert html.count('class="line"') == 1

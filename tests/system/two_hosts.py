@@ -1,168 +1,22 @@
-"""Two hosts out of one machine: network namespaces with a cable between them that can be slow, lossy and cut.
-
-Each host has an address and a /dev/shm of its own, so that nothing passes from one to the other but by the cable. It
-takes root, and ``ip`` and ``tc`` (iproute2), ``nsenter`` (util-linux) and ``nft`` (nftables).
-"""
+"""Two hosts for a test, which is skipped where they cannot be made."""
 
 from __future__ import annotations
 
-import itertools
-import os
-import re
-import shutil
-import signal
-import subprocess
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
-ROBOT, WORKSTATION = "10.77.0.1", "10.77.0.2"
-TOOLS = ("ip", "tc", "nft", "nsenter", "unshare")
-LOSS = """
-flush ruleset
-add table netdev cable
-add chain netdev cable arriving {{ type filter hook ingress device {device} priority 0; }}
-add rule netdev cable arriving numgen random mod 100 < {percent} drop
-"""
-NAMES = re.compile(r"sbt(\d+)_\d+[ab]")
+from evaluation import two_hosts as hosts
+from evaluation.two_hosts import ROBOT, WORKSTATION, Host, TwoHosts
 
-_numbers = itertools.count()
-
-
-@dataclass(frozen=True)
-class Host:
-    """One of the two hosts; ``keeper`` is the process that keeps its namespaces."""
-
-    name: str
-    address: str
-    device: str
-    keeper: int
-
-    def command(self, *arguments: object) -> list[str]:
-        """The command line that runs ``arguments`` on this host, in the folder of the caller."""
-        inside = ["nsenter", f"--target={self.keeper}", "--net", "--mount", "--"]
-        return [*inside, "sh", "-c", 'cd "$0" && exec "$@"', os.getcwd(), *map(str, arguments)]
-
-    def start(self, *arguments: object, variables: Mapping[str, str] | None = None, **options: Any) -> subprocess.Popen:
-        """Starts a process here, with more environment ``variables``; its pid is that of the command itself."""
-        environment = {**os.environ, **(variables or {})}
-        return subprocess.Popen(self.command(*arguments), env=environment, stdin=subprocess.DEVNULL, **options)
-
-    def run(self, *arguments: object) -> str:
-        """What a command prints. Raises RuntimeError when it fails."""
-        return _run(*self.command(*arguments))
-
-
-@dataclass(frozen=True)
-class TwoHosts:
-    """The hosts ``robot`` and ``workstation``, and the cable between them."""
-
-    robot: Host
-    workstation: Host
-
-    def limit(self, mbit_s: float, *, queue_ms: int = 50) -> None:
-        """Lets each direction carry ``mbit_s`` Mbit/s; what would wait longer than ``queue_ms`` is lost."""
-        for host in self._hosts:
-            host.run("tc", "qdisc", "replace", "dev", host.device, "root", "tbf", "rate", f"{round(mbit_s * 1000)}kbit",
-                     "burst", "4kb", "latency", f"{queue_ms}ms")  # fmt: skip
-
-    def lose(self, percent: int) -> None:
-        """Loses so many of a hundred packets, by chance, in each direction."""
-        for host in self._hosts:
-            host.run("nft", LOSS.format(device=host.device, percent=percent))
-
-    def cut(self) -> None:
-        """Takes the cable down."""
-        self.robot.run("ip", "link", "set", self.robot.device, "down")
-
-    def mend(self) -> None:
-        """Takes the cable up again."""
-        self.robot.run("ip", "link", "set", self.robot.device, "up")
-
-    def clear(self) -> None:
-        """Makes the cable good again: no limit, no loss, up."""
-        for host in self._hosts:
-            host.run("nft", "flush", "ruleset")
-            if "tbf" in host.run("tc", "qdisc", "show", "dev", host.device):
-                host.run("tc", "qdisc", "del", "dev", host.device, "root")
-        self.mend()
-
-    def sent_bytes(self) -> tuple[int, int]:
-        """What robot and workstation have sent over the cable since it was laid."""
-        robot, workstation = (
-            int(host.run("cat", f"/sys/class/net/{host.device}/statistics/tx_bytes")) for host in self._hosts
-        )
-        return robot, workstation
-
-    @property
-    def _hosts(self) -> tuple[Host, Host]:
-        return self.robot, self.workstation
-
-
-def obstacle() -> str:
-    """Why there can be no two hosts here; empty when there can."""
-    if missing := [tool for tool in TOOLS if shutil.which(tool) is None]:
-        return f"not installed: {', '.join(missing)}"
-    if os.geteuid() != 0:
-        return "only root can make network namespaces"
-    try:
-        _run("unshare", "--net", "--mount", "nft", "list", "ruleset")
-    except RuntimeError as error:
-        return f"no right to make network namespaces: {error}"
-    return ""
+__all__ = ["ROBOT", "WORKSTATION", "Host", "TwoHosts", "two_hosts"]
 
 
 @contextmanager
 def two_hosts() -> Iterator[TwoHosts]:
     """Two hosts for as long as the block lasts. Skips the test, with the reason, where they cannot be made."""
-    if reason := obstacle():
+    if reason := hosts.obstacle():
         pytest.skip(f"no two hosts: {reason}")
-    _remove_stale()
-    number = next(_numbers)
-    names = [f"sbt{os.getpid()}_{number}{end}" for end in "ab"]
-    with ExitStack() as undo:
-        hosts = [_host(undo, name, address) for name, address in zip(names, (ROBOT, WORKSTATION), strict=True)]
-        _run("ip", "-n", names[0], "link", "add", names[0], "type", "veth", "peer", names[1], "netns", names[1])
-        for host in hosts:
-            host.run("ip", "address", "add", f"{host.address}/24", "dev", host.device)
-            host.run("ip", "link", "set", "lo", "up")
-            host.run("ip", "link", "set", host.device, "up")
-        yield TwoHosts(*hosts)
-
-
-def _host(undo: ExitStack, name: str, address: str) -> Host:
-    _run("ip", "netns", "add", name)
-    undo.callback(_run, "ip", "netns", "delete", name)
-    keep = "mount -t tmpfs none /dev/shm && echo && exec sleep infinity"
-    keeper = subprocess.Popen(
-        ["ip", "netns", "exec", name, "unshare", "--mount", "sh", "-c", keep], stdout=subprocess.PIPE, text=True
-    )
-    undo.callback(_end, keeper)
-    assert keeper.stdout is not None
-    if not keeper.stdout.readline():
-        raise RuntimeError(f"{name}: cannot have a /dev/shm of its own")
-    return Host(name, address, name, keeper.pid)
-
-
-def _end(keeper: subprocess.Popen[str]) -> None:
-    keeper.send_signal(signal.SIGKILL)
-    keeper.communicate()
-
-
-def _remove_stale() -> None:
-    """Removes the hosts of test runs that were killed."""
-    for path in Path("/run/netns").glob("sbt*"):
-        match = NAMES.fullmatch(path.name)
-        if match and not Path(f"/proc/{match[1]}").exists():
-            _run("ip", "netns", "delete", path.name)
-
-
-def _run(*command: str) -> str:
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(command)}: {done.stderr.strip()}")
-    return done.stdout
+    with hosts.two_hosts() as both:
+        yield both

@@ -1,0 +1,155 @@
+"""Whether the graph keeps working, and says what is wrong, when networks, processes and strangers are bad.
+
+``python -m evaluation.faults`` tries one fault after the other with real processes and the real middleware, and holds
+what it measures against what is required: docs/reliability.md. ``--only lossy,outage`` tries some of them. It takes
+root for the two machines, which are network namespaces; without, these rows are skipped and say why.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from evaluation.faults_plan import Plan, Skipped
+from evaluation.report import DomainOption, JsonOption, Report, Value, run
+from socialbot.errors import ParameterError, SocialbotError
+from socialbot.graph import suggestion
+
+UNMET_EXIT = 1
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the table: a fault, and what is required. ``place`` is the function that tries it.
+
+    It takes the report, to which it adds its figures, and the plan, and returns what it measured in a line.
+    """
+
+    place: str
+    fault: str
+    required: str
+
+    def measure(self, report: Report, plan: Plan) -> str:
+        """Tries the fault. Raises Skipped where it cannot be tried, SocialbotError when it came to nothing."""
+        module, _, function = self.place.partition(":")
+        return getattr(importlib.import_module(module), function)(report, plan)
+
+
+ROWS: Mapping[str, Row] = {
+    "clear": Row(
+        "evaluation.faults_network:clear",
+        "camera, speech, head on the robot, the rest on the workstation, 640x480 at 30 Hz, clear link",
+        "all frames arrive; action within the detector's time + 40 ms (p99); robot <= 30 % of a core",
+    ),
+    "lossy": Row(
+        "evaluation.faults_network:lossy",
+        "20 Mbit/s and 5 % of packets lost",
+        ">= 95 % of frames arrive, p99 <= 250 ms; no publisher blocked > 10 ms",
+    ),
+    "outage": Row(
+        "evaluation.faults_outage:outage",
+        "link down for 5 s and 30 s",
+        "believed within 0.5 s, safe idle; data and behaviour back within 1 s, 3 s; nobody greeted twice",
+    ),
+    "late": Row(
+        "evaluation.faults_late:late",
+        "workstation starts 60 s late, or never",
+        "robot stays safe and says so; joins when it comes",
+    ),
+    "kills": Row(
+        "evaluation.faults_deaths:kills",
+        "kill -9 of each node in turn, 20 times",
+        "back within 2 s; actions as ever apart from the gap",
+    ),
+    "strangers": Row(
+        "evaluation.faults_strangers:strangers",
+        "10 000 forged, replayed, altered or stale commands, keys set",
+        "none executed, all counted",
+    ),
+    "soak": Row(
+        "evaluation.faults_soak:soak",
+        "4 h of bag time through the ROS graph at speed",
+        "no growth of memory, threads, files, shared memory; no action lost",
+    ),
+    "fuzz": Row(
+        "evaluation.faults_fuzz:fuzz",
+        "1 million inputs over all decoders",
+        "no crash, no hang > 1 s, no memory > 200 MB",
+    ),
+    "power": Row(
+        "evaluation.faults_power:power",
+        "power cut (SIGKILL of all) while recording",
+        "bag and trace readable up to the last second",
+    ),
+}
+
+OnlyOption = Annotated[str, typer.Option(metavar="ROW,ROW", help=f"Only these rows: {', '.join(ROWS)}.")]
+QuickOption = Annotated[bool, typer.Option("--quick", help="Shorter and fewer of all: some minutes instead of hours.")]
+OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Where records are kept; default: in runs/.")]
+
+
+def chosen(only: str) -> list[str]:
+    """The rows called ``only``, or all, in their order. Raises ParameterError."""
+    names = [name.strip() for name in only.split(",") if name.strip()]
+    for name in names:
+        if name not in ROWS:
+            raise ParameterError(f"no row {name!r}", where="--only", remedy=suggestion(name, ROWS))
+    return [name for name in ROWS if name in names or not names]
+
+
+def try_all(rows: Mapping[str, Row], report: Report, plan: Plan) -> None:
+    """Tries the faults one after the other, and adds the table to the report; one that comes to nothing is not met."""
+    table = report.tables.setdefault("faults", {})
+    for name, row in rows.items():
+        plan.tell(f"{name}: {row.fault}")
+        begun, unmet, load = time.monotonic(), len(report.unmet), os.getloadavg()[0]
+        met: Value = None
+        try:
+            measured = row.measure(report, plan)
+            met = len(report.unmet) == unmet
+        except Skipped as reason:
+            measured = f"skipped: {reason}"
+        except SocialbotError as error:
+            measured, met = f"came to nothing: {error.where}: {error.what}", False
+            report.add(f"{name}_tried", f"{name}: the fault could be tried", met, True)
+        seconds = round(time.monotonic() - begun)
+        table[row.fault] = {
+            "required": row.required,
+            "measured": measured,
+            "met": met,
+            "load": round(load, 1),
+            "s": seconds,
+        }
+        plan.tell(f"{name}: {measured} ({'skipped' if met is None else 'met' if met else 'NOT met'}, {seconds} s)")
+
+
+def main(
+    only: OnlyOption = "",
+    quick: QuickOption = False,
+    domain: DomainOption = 51,
+    json: JsonOption = None,
+    out: OutOption = None,
+) -> None:
+    """Try what networks, crashes and strangers can do, and hold what happens against what is required."""
+    rows = {name: ROWS[name] for name in chosen(only)}
+    folder = out or Path("runs") / f"faults-{datetime.now(timezone.utc):%Y%m%d-%H%M%S}"
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    report = Report("faults", quick)
+    try_all(rows, report, Plan(folder.resolve(), domain, lambda line: console.print(line, markup=False), quick))
+    report.finish(json)
+    if report.unmet:
+        sys.exit(UNMET_EXIT)
+
+
+if __name__ == "__main__":
+    run(main)

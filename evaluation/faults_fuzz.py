@@ -1,0 +1,45 @@
+"""Whether everything that reads what others wrote survives a million inputs: the command ``evaluation.fuzz``.
+
+It is run as users run it, in processes of its own, which share nothing with those of the other rows.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import msgspec
+
+from evaluation.faults_plan import Plan
+from evaluation.report import Report
+from socialbot.errors import NodeError
+
+INPUTS, QUICK_INPUTS = 1_000_000, 20_000
+HARM = {
+    "crash": "fuzz: exceptions other than SocialbotError, and ends of the process",
+    "hang": "fuzz: inputs that took more than 1 s",
+    "memory": "fuzz: inputs after which memory had grown by more than 200 MB",
+}
+UNMET_EXIT = 1
+
+
+def fuzz(report: Report, plan: Plan) -> str:
+    """Gives all decoders their share of the inputs, and counts what does harm."""
+    folder = plan.records("fuzz")
+    file = folder / "fuzz.json"
+    command = [sys.executable, "-m", "evaluation.fuzz", "--inputs", str(plan.of(INPUTS, QUICK_INPUTS))]
+    command += ["--json", str(file), "--keep", str(folder / "found")]
+    with (folder / "fuzz.log").open("wb") as log:
+        code = subprocess.run(command, check=False, stdin=subprocess.DEVNULL, stdout=log, stderr=log).returncode
+    if code not in (0, UNMET_EXIT) or not file.exists():
+        raise NodeError(f"ended with {code}", where="evaluation.fuzz", remedy=f"see {folder / 'fuzz.log'}")
+    found = msgspec.json.decode(file.read_bytes())
+    report.add("fuzz_inputs", "fuzz: inputs", found["inputs"])
+    report.add("fuzz_decoders", "fuzz: decoders", len(found["decoders"]))
+    for how, text in HARM.items():
+        report.add(f"fuzz_{how}", text, found[how], 0)
+    report.tables["fuzz"] = found["decoders"]
+    return (
+        f"{found['inputs']} inputs for {len(found['decoders'])} decoders: {found['crash']} crashes, "
+        f"{found['hang']} hangs, {found['memory']} too large"
+    )

@@ -1,0 +1,55 @@
+"""Row late: the robot is alone for a while, as if the workstation never came; then it comes."""
+
+from __future__ import annotations
+
+import time
+
+from evaluation.faults_outage import after_s, is_centred
+from evaluation.faults_plan import Plan
+from evaluation.faults_scene import ACTIONS, FRAME_HZ, HEALTH, MOTION, READY_S, TAKEN, scene
+from evaluation.report import Report
+from socialbot.clock import SECOND
+
+SAYS_S = 10.0
+"""So long the robot may take, from its start, to say that it is alone: its nodes start, and wait a while for others."""
+
+JOINED_S = 30.0
+"""So long a workstation may take from its start until the robot acts by it: all of its nodes start in that time."""
+
+
+def late(report: Report, plan: Plan) -> str:
+    """What the robot does alone, and how soon it is led once the workstation is started."""
+    alone_s = plan.of(60.0, 10.0)
+    with scene(plan.records("late")) as here:
+        begin = time.time_ns()
+        with here.up("robot") as robot:
+            here.await_(lambda: len(here.heard("robot", TAKEN)) > FRAME_HZ, READY_S, "the robot took no pictures")
+            time.sleep(max(0.0, alone_s - (time.time_ns() - begin) / SECOND))
+            lives = robot.poll() is None
+            complaints = [one for one in here.heard("robot", HEALTH) if one.said["state"] in ("waiting", "degraded")]
+            says = sorted({f"{one.said['node']}: {one.said['reason']}" for one in complaints})
+            spoken, motions = len(here.spoken()), here.heard("robot", MOTION)
+            came = time.time_ns()
+            with here.up("workstation"):
+                plan.tell(f"late: the workstation is started after {alone_s:g} s")
+                here.await_greeting()
+            joined_s = after_s(here.heard("robot", ACTIONS), came)
+            greeted_s = after_s(here.spoken(), came)
+    says_s = after_s(complaints, begin)
+    for text in says:
+        plan.tell(f"late: the robot said: {text}")
+    away = sum(not is_centred(one) for one in motions)
+    report.add("late_lives", "late: the robot's half goes on alone", lives, True)
+    report.add("late_spoke", "late: sentences begun alone", spoken, 0)
+    report.add("late_moved", "late: turns of the head away from the centre alone", away, 0)
+    report.add("late_says_s", "late: from its start until the robot says that it is alone, s", _r(says_s), SAYS_S)
+    report.add("late_joined_s", "late: from the workstation's start to the first action, s", _r(joined_s), JOINED_S)
+    report.add("late_greeted_s", "late: from the workstation's start to the greeting, s", _r(greeted_s), JOINED_S)
+    return (
+        f"alone for {alone_s:g} s: {spoken} sentences, {away} turns, says so after {_r(says_s)} s; "
+        f"joined {_r(joined_s)} s and greeted {_r(greeted_s)} s after the workstation's start"
+    )
+
+
+def _r(value: float | None) -> float | None:
+    return None if value is None else round(value, 1)

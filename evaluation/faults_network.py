@@ -1,0 +1,194 @@
+"""Rows clear and lossy: what arrives of a camera's pictures, how soon it is acted upon, and what the robot pays."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+
+from evaluation.faults_plan import Plan
+from evaluation.faults_scene import ACTIONS, ARRIVED, DETECTIONS, HEAD, SAY, TAKEN, Scene, scene
+from evaluation.faults_watch import DIAGNOSTICS, Heard
+from evaluation.report import Report, percentile
+
+MS = 1e6
+MOST_OVERHEAD_MS = 40.0
+MOST_ROBOT_SHARE = 0.30
+MOST_LOST_SHARE = 0.05
+MOST_FRAME_P99_MS = 250.0
+MOST_PUBLISH_MS = 10.0
+"""What is required."""
+
+LINK_MBIT_S, LOST_PERCENT = 20.0, 5
+STILL_COMING_S = 1.5
+"""After so long nothing of what was taken before is on its way any more; diagnostics come once a second."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The stamps of the frames that were taken, and when each of them came there (ns), of those that did."""
+
+    taken: tuple[int, ...]
+    came: Mapping[int, int]
+
+    @property
+    def arrived(self) -> int:
+        """How many came."""
+        return len(self.came)
+
+    @property
+    def lost_share(self) -> float:
+        """The share of those taken that did not come."""
+        return 1 - len(self.came) / len(self.taken) if self.taken else 1.0
+
+    def ages_ms(self) -> list[float]:
+        """How old each was when it came."""
+        return [(at - stamp) / MS for stamp, at in self.came.items()]
+
+
+def frames(taken: Iterable[Heard], came: Iterable[Heard], begin: int, end: int) -> Frames:
+    """The frames taken from ``begin`` until ``end`` (ns); of several arrivals of one the first counts."""
+    stamps = tuple(sorted({one.stamp for one in taken if begin <= one.stamp < end}))
+    first: dict[int, int] = {}
+    for one in came:
+        first[one.stamp] = min(one.at, first.get(one.stamp, one.at))
+    return Frames(stamps, {stamp: first[stamp] for stamp in stamps if stamp in first})
+
+
+def overheads_ms(acted: Mapping[int, int], there: Mapping[int, int], seen: Mapping[int, int]) -> list[float]:
+    """What each action took apart from the detector: from frame to picture, and from detection to action.
+
+    All by the stamp of the frame (ns): when it was acted upon, was there for the detector, and was seen (ns).
+    """
+    both = acted.keys() & there.keys() & seen.keys()
+    return [(acted[stamp] - stamp - max(0, seen[stamp] - there[stamp])) / MS for stamp in both]
+
+
+def longest_publications(told: Iterable[Heard], begin: int, end: int, nodes: Collection[str] = ()) -> dict[str, float]:
+    """The longest that each node was kept by publishing (ms), as /diagnostics tells; of ``nodes`` or all."""
+    longest: dict[str, float] = {}
+    for one in told:
+        node = str(one.said.get("node", ""))
+        if begin <= one.at < end and "publish_max_ms" in one.said and (not nodes or node in nodes):
+            longest[node] = max(longest.get(node, 0.0), float(one.said["publish_max_ms"]))
+    return longest
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """What was measured of one stretch of time."""
+
+    frames: Frames
+    answered: Frames
+    overheads_ms: list[float]
+    robot_share: float
+    longest_ms: dict[str, float]
+    detector_p99_ms: float
+
+
+def measure(scene: Scene, seconds: float) -> Stretch:
+    """Measures for so long."""
+    cpu_s, clock_s, begin = scene.cpu_s("robot"), time.monotonic(), time.time_ns()
+    time.sleep(seconds)
+    share = (scene.cpu_s("robot") - cpu_s) / (time.monotonic() - clock_s)
+    end = time.time_ns()
+    time.sleep(STILL_COMING_S)
+    taken, told = scene.heard("robot", TAKEN), scene.heard("robot", DIAGNOSTICS)
+    came = frames(taken, scene.heard("workstation", ARRIVED), begin, end)
+    seen = frames(taken, scene.heard("workstation", DETECTIONS), begin, end)
+    # An answer carries the stamp of its frame as its argument.
+    answers = [Heard(one.at, one.topic, one.said["arguments"][0]) for one in scene.heard("robot", ACTIONS)]
+    acted = frames(taken, answers, begin, end)
+    busy = [one.said["call_p99_ms"] for one in told if one.said.get("node") == "person_detector" and "pid" in one.said]
+    return Stretch(
+        came,
+        acted,
+        overheads_ms(acted.came, came.came, seen.came),
+        share,
+        longest_publications(told, begin, end),
+        float(busy[-1]) if busy else 0.0,
+    )
+
+
+def own_latencies_ms(scene: Scene) -> list[float]:
+    """From a sentence or turn of the head that Waldo decided on until the robot was told (ms)."""
+    return [(one.at - one.stamp) / MS for one in scene.heard("robot", SAY, HEAD)]
+
+
+def clear(report: Report, plan: Plan) -> str:
+    """All on a link that carries everything."""
+    with scene(plan.records("clear")) as here, here.up("robot"), here.up("workstation"):
+        here.await_greeting()
+        plan.tell("clear: the robot has greeted")
+        time.sleep(plan.of(5.0, 2.0))
+        stretch = measure(here, plan.of(60.0, 10.0))
+    frames, answered = stretch.frames, stretch.answered.ages_ms()
+    overhead = percentile(stretch.overheads_ms, 0.99)
+    report.add("clear_frames", "clear: frames taken", len(frames.taken))
+    report.add("clear_frames_lost", "clear: frames that did not arrive", len(frames.taken) - frames.arrived, 0)
+    report.add("clear_frame_p99_ms", "clear: frame to workstation, p99, ms", _round(percentile(frames.ages_ms(), 0.99)))
+    report.add("clear_looked_at", "clear: frames that the detector looked at and that were acted upon", len(answered))
+    report.add("clear_detector_p99_ms", "clear: the detector's work on a frame, p99, ms", stretch.detector_p99_ms)
+    report.add(
+        "clear_action_p50_ms", "clear: frame to action at the robot, median, ms", _round(percentile(answered, 0.5))
+    )
+    report.add(
+        "clear_action_p99_ms", "clear: frame to action at the robot, p99, ms", _round(percentile(answered, 0.99))
+    )
+    report.add(
+        "clear_overhead_p99_ms",
+        "clear: the same without the time at the detector, p99, ms",
+        _round(overhead),
+        MOST_OVERHEAD_MS,
+    )
+    report.add(
+        "clear_robot_share",
+        "clear: processor time of all on the robot, share of a core",
+        round(stretch.robot_share, 3),
+        MOST_ROBOT_SHARE,
+    )
+    return (
+        f"{frames.arrived} of {len(frames.taken)} frames; action within the detector's time + {_text(overhead)} ms "
+        f"(p99); robot {stretch.robot_share:.0%} of a core"
+    )
+
+
+def lossy(report: Report, plan: Plan) -> str:
+    """On a slow link that loses packets."""
+    with scene(plan.records("lossy")) as here, here.up("robot"), here.up("workstation"):
+        here.await_greeting()
+        here.hosts.limit(LINK_MBIT_S)
+        here.hosts.lose(LOST_PERCENT)
+        plan.tell(f"lossy: {LINK_MBIT_S:g} Mbit/s and {LOST_PERCENT} % lost from now on")
+        stretch = measure(here, plan.of(60.0, 10.0))
+    frames = stretch.frames
+    late_ms = percentile(frames.ages_ms(), 0.99)
+    node, longest_ms = max(stretch.longest_ms.items(), key=lambda one: one[1], default=("", 0.0))
+    report.add("lossy_frames", "lossy: frames taken", len(frames.taken))
+    report.add(
+        "lossy_lost_share",
+        "lossy: frames that did not arrive, share",
+        round(frames.lost_share, 4),
+        MOST_LOST_SHARE,
+    )
+    report.add("lossy_frame_p99_ms", "lossy: frame to workstation, p99, ms", _round(late_ms), MOST_FRAME_P99_MS)
+    report.add(
+        "lossy_publish_max_ms",
+        f"lossy: longest that publishing kept a node, ms ({node})",
+        round(longest_ms, 2),
+        MOST_PUBLISH_MS,
+    )
+    action_ms = percentile(stretch.answered.ages_ms(), 0.99)
+    report.add("lossy_action_p99_ms", "lossy: frame to action at the robot, p99, ms", _round(action_ms))
+    return (
+        f"{frames.arrived} of {len(frames.taken)} frames ({1 - frames.lost_share:.1%}), p99 {_text(late_ms)} ms; "
+        f"publishing took {longest_ms:.1f} ms at most ({node})"
+    )
+
+
+def _round(value: float | None) -> float | None:
+    return None if value is None else round(value, 1)
+
+
+def _text(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0f}"

@@ -1,0 +1,126 @@
+"""Row outage: the link between robot and workstation is cut for a while; what both do meanwhile, and afterwards."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from evaluation.faults_plan import Plan
+from evaluation.faults_scene import ACTIONS, ARRIVED, GREETING, HEAD, MOTION, TRACE, Scene, scene
+from evaluation.faults_watch import Heard
+from evaluation.report import Report
+from socialbot.clock import SECOND
+
+BELIEVED_S = 0.5
+"""Within this time the workstation has to believe that it sees nothing."""
+
+AT_REST_S = 1.0
+"""After this time the robot looks straight on and says nothing new; what it had begun to say it ends."""
+
+OUTAGES = ((5.0, 1.0), (30.0, 3.0))
+"""For how long the link is down, and within which time data and behaviour have to be back (s)."""
+
+PATIENCE_S = 20.0
+CALM_S = 8.0
+CENTRED_RAD = 0.01
+
+
+@dataclass(frozen=True)
+class Outage:
+    """One outage: when it began and ended (ns), and what was seen of it; times in s, None where nothing came."""
+
+    begin: int
+    end: int
+    believed_s: float | None
+    centred_s: float | None
+    spoke: int
+    moved: int
+    data_s: float | None
+    acted_s: float | None
+    follows_s: float | None
+
+
+def after_s(heard: Iterable[Heard], begin: int) -> float | None:
+    """How long after ``begin`` (ns) the first of ``heard`` came (s); None when none did."""
+    return min(((one.at - begin) / SECOND for one in heard if one.at >= begin), default=None)
+
+
+def is_centred(motion: Heard) -> bool:
+    """Whether a head told to move so looks straight on."""
+    return all(abs(position) < CENTRED_RAD for position in motion.said["positions"])
+
+
+def judged(scene: Scene, begin: int, end: int) -> Outage:
+    """What is known by now of the outage from ``begin`` to ``end``."""
+    silences = [
+        one.stamp
+        for one in scene.heard("workstation", TRACE)
+        if one.stamp >= begin and one.said["kind"] == "belief" and one.said["what"].startswith("silent(")
+    ]
+    motions = [one for one in scene.heard("robot", MOTION) if one.at >= begin]
+    rest = begin + round(AT_REST_S * SECOND)
+    return Outage(
+        begin,
+        end,
+        believed_s=min(((stamp - begin) / SECOND for stamp in silences), default=None),
+        centred_s=after_s(filter(is_centred, motions), begin),
+        spoke=sum(one.at < end for one in scene.spoken(rest)),
+        moved=sum(rest <= one.at < end and not is_centred(one) for one in motions),
+        # What had been on its way when the link failed tells of nothing new.
+        data_s=after_s((one for one in scene.heard("workstation", ARRIVED) if one.stamp >= end), end),
+        acted_s=after_s((one for one in scene.heard("robot", ACTIONS) if one.said["arguments"][0] >= end), end),
+        follows_s=after_s((one for one in scene.heard("robot", HEAD) if one.said["mode"] == "track"), end),
+    )
+
+
+def suffer(scene: Scene, seconds: float) -> Outage:
+    """Cuts the link for so long, and waits until the head follows people again, but not for ever."""
+    begin = time.time_ns()
+    scene.hosts.cut()
+    time.sleep(max(0.0, seconds - (time.time_ns() - begin) / SECOND))
+    scene.hosts.mend()
+    end = time.time_ns()
+    deadline = time.monotonic() + PATIENCE_S
+    while (outage := judged(scene, begin, end)).follows_s is None and time.monotonic() < deadline:
+        time.sleep(0.2)
+    return outage
+
+
+def outage(report: Report, plan: Plan) -> str:
+    """Two outages, one after the other; somebody is there all the time, and was greeted before."""
+    texts = []
+    with scene(plan.records("outage")) as here, here.up("robot"), here.up("workstation"):
+        here.await_greeting()
+        for down_s, back_s in plan.of(OUTAGES, OUTAGES[:1]):
+            time.sleep(CALM_S)
+            found = suffer(here, down_s)
+            _add(report, found, f"{down_s:g}", back_s)
+            texts.append(
+                f"{down_s:g} s: believed {_text(found.believed_s)}, centred {_text(found.centred_s)}, "
+                f"data back {_text(found.data_s)}, behaviour {_text(found.follows_s)} s"
+            )
+            plan.tell(f"outage: {texts[-1]}")
+        time.sleep(CALM_S)
+        greetings = sum(one.said["text"] == GREETING for one in here.spoken())
+    report.add("outage_greetings", "outage: greetings of the one person who is there", greetings, 1)
+    return f"{'; '.join(texts)}; greeted {greetings} time{'' if greetings == 1 else 's'}"
+
+
+def _add(report: Report, found: Outage, name: str, back_s: float) -> None:
+    key, text = f"outage_{name}s", f"outage of {name} s"
+    report.add(f"{key}_believed_s", f"{text}: until the workstation believes it, s", _r(found.believed_s), BELIEVED_S)
+    report.add(f"{key}_centred_s", f"{text}: until the head looks straight on, s", _r(found.centred_s), AT_REST_S)
+    report.add(f"{key}_spoke", f"{text}: sentences begun meanwhile", found.spoke, 0)
+    report.add(f"{key}_moved", f"{text}: turns of the head away from the centre meanwhile", found.moved, 0)
+    report.add(f"{key}_data_s", f"{text}: until a new picture is there, s", _r(found.data_s), back_s)
+    report.add(f"{key}_acted_s", f"{text}: until the robot hears an action upon one, s", _r(found.acted_s), back_s)
+    report.add(f"{key}_follows_s", f"{text}: until the head follows people again, s", _r(found.follows_s), back_s)
+
+
+def _r(value: float | None) -> float | None:
+    return None if value is None else round(value, 3)
+
+
+def _text(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

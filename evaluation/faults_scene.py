@@ -1,0 +1,212 @@
+"""Waldo on two machines: camera, speech and head on the robot, the rest on the workstation, and somebody is there.
+
+The machines are network namespaces with a cable between them. The camera plays a film, 640x480 at 30 Hz, in which one
+person walks up and down before it and never leaves: whoever is greeted twice was greeted twice for nothing. Beside
+Waldo an agent answers every frame that the detector has looked at, so that the way from frame to action is measured
+thirty times a second and not only when Waldo has something to say.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+
+from evaluation.faults_plan import Skipped
+from evaluation.faults_watch import Heard, heard
+from evaluation.two_hosts import ROBOT, WORKSTATION, Host, NoHostsError, TwoHosts, two_hosts
+from socialbot.bridge.bags import open_bag
+from socialbot.errors import NodeError
+from socialbot.messages import CompressedImage
+from socialbot.security.keys import new_key
+from socialbot.vision.encodings import bgr_from_compressed
+
+ROOT = Path(__file__).parents[1]
+CORRIDOR = ROOT / "data" / "synthetic" / "corridor"
+NEAR_S = (9.5, 12.0)
+"""The part of the corridor in which one person comes from 5 m to 3 m."""
+
+FRAME_HZ, BAG_HZ = 30, 10
+GREETING = "Hallo"
+
+TAKEN, ARRIVED = "/camera/image_raw", "/camera/image_raw/workstation"
+DETECTIONS, TRACE, ACTIONS = "/humans/bodies/detections", "/waldo/trace", "/agent/actions"
+SAY, SPEECH, HEAD, MOTION = "/speech/say", "/speech/status", "/head/command", "/head_controller/joint_trajectory"
+HEALTH = "/health"
+WATCHED = {
+    "robot": (TAKEN, ACTIONS, SAY, SPEECH, HEAD, MOTION, HEALTH),
+    "workstation": (ARRIVED, DETECTIONS, TRACE),
+}
+
+GRAPH = """
+name: waldo
+inputs: [/camera/image_raw/compressed]
+paced_by: /humans/bodies/detections
+nodes:
+  camera:          {type: camera}
+  image_converter: {type: image_converter}
+  person_detector: {type: person_detector}
+  bdi_engine:      {type: waldo}
+  listener:        {type: listener}
+  speech:          {type: speaker, parameters: {engine: bdi_engine}, remap: {health: /bdi_engine/health}}
+  head:            {type: head, parameters: {engine: bdi_engine}, remap: {health: /bdi_engine/health}}
+  answerer:        {type: 'evaluation.transport_nodes:Answerer'}
+"""
+DEPLOYMENT = """
+graph: graph.yaml
+machines:
+  robot: {{address: {robot}}}
+  workstation: {{address: {workstation}}}
+nodes:
+  camera: robot
+  speech: robot
+  head: robot
+  image_converter: workstation
+  person_detector: workstation
+  bdi_engine: workstation
+  listener: workstation
+  answerer: workstation
+security: {{keys: keys}}
+parameters:
+  camera: {{source: '{film}', loop: true}}
+  bdi_engine: {{greeting: {greeting}}}
+  speech: {{playback: 'off'}}
+"""
+
+READY_S = 180.0
+ENDED_S = 20.0
+LOOK_S = 0.02
+TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The two machines, and what is heard on each."""
+
+    hosts: TwoHosts
+    folder: Path
+    watchers: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
+    halves: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
+
+    @contextmanager
+    def up(self, machine: str) -> Iterator[subprocess.Popen[bytes]]:
+        """Brings up the half of ``machine`` as users do, for as long as the block lasts."""
+        command = (sys.executable, "-m", "socialbot", "up", self.folder / "waldo.yaml", "--machine", machine)
+        with self._started(machine, f"{machine}.log", *command, "--out", self.folder / machine) as process:
+            self.halves[machine] = process
+            yield process
+
+    @contextmanager
+    def _started(self, machine: str, log: str, *command: object) -> Iterator[subprocess.Popen[bytes]]:
+        with (self.folder / log).open("w") as output:
+            variables = {"PYTHONPATH": str(ROOT), "SOCIALBOT_FOLDERS": str(self.folder)}
+            process = self.host(machine).start(*command, variables=variables, stdout=output, stderr=output)
+        try:
+            yield process
+        finally:
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(ENDED_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Watches both machines for as long as the block lasts."""
+        with ExitStack() as undo:
+            for machine, topics in WATCHED.items():
+                command = (sys.executable, "-m", "evaluation.faults_watch", self.folder / "waldo.yaml", machine)
+                self.watchers[machine] = undo.enter_context(
+                    self._started(machine, f"{machine}-watch.log", *command, self.file(machine), *topics)
+                )
+            yield
+
+    def host(self, machine: str) -> Host:
+        """The machine of that name."""
+        return self.hosts.robot if machine == "robot" else self.hosts.workstation
+
+    def file(self, machine: str) -> Path:
+        """What is heard on ``machine``."""
+        return self.folder / f"{machine}.jsonl"
+
+    def heard(self, machine: str, *topics: str) -> list[Heard]:
+        """What has been heard of ``topics`` on ``machine`` so far."""
+        return [one for one in heard(self.file(machine)) if one.topic in topics]
+
+    def spoken(self, begin: int = 0) -> list[Heard]:
+        """The sentences that the robot has begun to say since ``begin`` (ns)."""
+        return [one for one in self.heard("robot", SPEECH) if one.said["state"] == "started" and one.at >= begin]
+
+    def await_greeting(self) -> None:
+        """Waits until the robot has greeted and every frame is answered."""
+        self.await_(
+            lambda: len(self.heard("robot", ACTIONS)) > FRAME_HZ and bool(self.spoken()), READY_S, "nobody was greeted"
+        )
+
+    def await_(self, holds: Callable[[], bool], timeout_s: float, lack: str) -> None:
+        """Waits until ``holds`` does. Raises NodeError, with what was lacking, when that takes too long."""
+        deadline = time.monotonic() + timeout_s
+        while not holds():
+            for machine, half in self.halves.items():
+                if half.poll() is not None:
+                    raise NodeError("it has ended", where=machine, remedy=f"see {self.folder / machine}.log")
+            if time.monotonic() > deadline:
+                raise NodeError(f"{lack} within {timeout_s:g} s", where=str(self.folder), remedy="see the logs there")
+            time.sleep(LOOK_S)
+
+    def cpu_s(self, machine: str) -> float:
+        """Processor seconds of all processes of ``machine`` that live, without those that only watch."""
+        host = self.host(machine)
+        pids = subprocess.check_output(["ip", "netns", "pids", host.name], text=True).split()
+        aside = {host.keeper, self.watchers[machine].pid}
+        return sum(_ticks(int(pid)) for pid in pids if int(pid) not in aside) / TICKS_A_SECOND
+
+
+@contextmanager
+def scene(folder: Path) -> Iterator[Scene]:
+    """The two machines, watched, with nothing brought up yet; records go to ``folder``. Raises Skipped without them."""
+    for name in ("robot", "workstation"):
+        new_key(name, folder / "keys")
+    make_film(folder / "film.avi")
+    (folder / "graph.yaml").write_text(GRAPH)
+    page = DEPLOYMENT.format(robot=ROBOT, workstation=WORKSTATION, film=folder / "film.avi", greeting=GREETING)
+    (folder / "waldo.yaml").write_text(page)
+    try:
+        with two_hosts() as hosts:
+            made = Scene(hosts, folder)
+            with made.watched():
+                yield made
+    except NoHostsError as reason:
+        raise Skipped(f"no two machines: {reason}") from reason
+
+
+def make_film(path: Path) -> None:
+    """Somebody comes nearer and goes back: played again and again, it has no cut."""
+    pictures = []
+    begin_s, end_s = NEAR_S
+    with open_bag(CORRIDOR) as bag:
+        for _, message in bag.messages({topic.name: topic.name for topic in bag.image_topics}):
+            if isinstance(message, CompressedImage) and begin_s <= (message.stamp - bag.start) / 1e9 < end_s:
+                pictures.append(bgr_from_compressed(message))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), float(FRAME_HZ), (640, 480))
+    for picture in pictures + pictures[-2:0:-1]:
+        for _ in range(FRAME_HZ // BAG_HZ):
+            writer.write(picture)
+    writer.release()
+
+
+def _ticks(pid: int) -> int:
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0
+    return int(fields[11]) + int(fields[12])

@@ -1,0 +1,237 @@
+"""Whether Waldo's graph over ROS stays what it is for four hours: memory, threads, files, shared memory, and deeds.
+
+A bag of the same lap again and again, 50 s in which people come, stay and go and then nobody is there, goes through
+``socialbot replay`` as fast as the detector looks: every picture is converted and looked at. Once a second each process
+is looked at from outside. The lap has one picture a second, as a detector on one core can look at no more than some ten
+in the same time that four hours are to take 30 minutes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from evaluation.faults_plan import Plan, Skipped
+from evaluation.faults_processes import CORRIDOR, beside, descendants, process_name
+from evaluation.report import Report, Value
+from evaluation.soak import growth
+from socialbot.bridge.bag_writer import BagWriter
+from socialbot.bridge.bags import open_bag
+from socialbot.clock import SECOND
+from socialbot.errors import NodeError
+from socialbot.messages import CameraInfo, CompressedImage
+
+PICTURES, INFO = "/camera/image_raw/compressed", "/camera/camera_info"
+EVERY = 10
+"""Of the bag's pictures, ten a second, each tenth is taken."""
+EMPTY = 8
+"""So many pictures (s) of nobody end a lap, so that each begins as the first."""
+LAPS, QUICK_LAPS = 288, 12
+RATE = 12.0
+"""How much faster than life at most: enough for the time below, and for what was late."""
+WALL_MIN = 30.0
+GROWTH_LIMIT, QUICK_GROWTH_LIMIT = 0.01, 0.1
+"""By what share the memory of a process may grow over the last two thirds of the time. In a quick run processes are
+still warming up."""
+APART_S = 2.0
+"""By so much the same deed may be earlier or later in another lap: two pictures."""
+LOOK_S = 1.0
+PLAYER = {"bag_player", "bag play"}
+"""What `process_name` calls the process that plays the bag: as a fork, and where it was started by itself."""
+SEGMENTS = "/dev/shm/fastrtps_"
+"""What the names of Fast DDS' segments begin with."""
+KIB = 1024
+
+Deed = tuple[float, str, tuple[object, ...]]
+"""When in its lap (s), what, and with which arguments."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one process has at one moment; ``segments`` is the shared memory that it maps: bytes by name."""
+
+    rss_kib: int
+    threads: int
+    files: int
+    segments: Mapping[str, int]
+
+
+@dataclass
+class Course:
+    """What was seen of all processes by name, second by second."""
+
+    looks: dict[str, list[Look]] = field(default_factory=lambda: defaultdict(list))
+    shared: list[tuple[int, float]] = field(default_factory=list)
+    """How many segments of shared memory all of them map, and how large (MiB)."""
+    segments: set[str] = field(default_factory=set)
+
+    def note(self, looks: Mapping[str, Look]) -> None:
+        """Takes one look at each process."""
+        mapped: dict[str, int] = {}
+        for name, look in looks.items():
+            self.looks[name].append(look)
+            mapped |= look.segments
+        self.shared.append((len(mapped), sum(mapped.values()) / KIB / KIB))
+        self.segments |= mapped.keys()
+
+
+def write_laps(path: Path, laps: int) -> float:
+    """Writes the bag of so many laps; returns how long a lap is (s)."""
+    with open_bag(CORRIDOR) as bag:
+        start = bag.start
+        messages = list(bag.messages({PICTURES: PICTURES, INFO: INFO}))
+    pictures = [message for _, message in messages if isinstance(message, CompressedImage)][::EVERY]
+    lap = [*pictures, *[pictures[0]] * EMPTY]
+    info = next(message for _, message in messages if isinstance(message, CameraInfo))
+    with BagWriter(path) as writer:
+        writer.write(INFO, msgspec.structs.replace(info, stamp=start), start)
+        for number in range(laps * len(lap)):
+            at = start + number * SECOND
+            writer.write(PICTURES, msgspec.structs.replace(lap[number % len(lap)], stamp=at), at)
+    return float(len(lap))
+
+
+def look(pid: int) -> Look | None:
+    """What the process has now; None when it has ended."""
+    process = Path(f"/proc/{pid}")
+    try:
+        status = dict(line.split(":", 1) for line in (process / "status").read_text("utf-8").splitlines())
+        files = len(list((process / "fd").iterdir()))
+        lines = (process / "maps").read_text("utf-8", errors="replace").splitlines()
+    except OSError:
+        return None
+    if "VmRSS" not in status:
+        return None
+    segments: dict[str, int] = defaultdict(int)
+    for line in lines:
+        extent, _, path = line.partition(" ")
+        if SEGMENTS in path and "(deleted)" not in path:
+            begin, end = (int(number, 16) for number in extent.split("-"))
+            segments[path[path.index(SEGMENTS) :]] += end - begin
+    return Look(int(status["VmRSS"].split()[0]), int(status["Threads"]), files, segments)
+
+
+def deeds_of_laps(actions: Iterable[Mapping[str, object]], lap_s: float, laps: int) -> list[list[Deed]]:
+    """What was done in each lap, of the ``actions`` of results.json."""
+    found: list[list[Deed]] = [[] for _ in range(laps)]
+    for action in actions:
+        number, within_s = divmod(float(str(action["t_s"])), lap_s)
+        arguments = action["arguments"]
+        assert isinstance(arguments, list)
+        found[min(int(number), laps - 1)].append((within_s, str(action["name"]), tuple(arguments)))
+    return found
+
+
+def same(deeds: Sequence[Deed], others: Sequence[Deed]) -> bool:
+    """Whether the same was done, at the same times as far as pictures tell."""
+    return len(deeds) == len(others) and all(
+        one[1:] == other[1:] and abs(one[0] - other[0]) <= APART_S for one, other in zip(deeds, others, strict=True)
+    )
+
+
+def more(counts: Sequence[float]) -> float:
+    """By how much the most of the last third exceeds the most of the third before."""
+    third = len(counts) // 3
+    return max(counts[2 * third :]) - max(counts[third : 2 * third]) if third else 0.0
+
+
+def soak(report: Report, plan: Plan) -> str:
+    """Replays hours of laps, and looks at what the processes have and the agent does."""
+    if not CORRIDOR.is_dir():
+        raise Skipped(f"there is no {CORRIDOR}")
+    folder = plan.records("soak")
+    laps = plan.of(LAPS, QUICK_LAPS)
+    lap_s = write_laps(folder / "laps", laps)
+    begun = time.monotonic()
+    course = replayed(folder, laps * lap_s, plan)
+    wall_s = time.monotonic() - begun
+    results = msgspec.json.decode((folder / "run" / "results.json").read_bytes())
+    (folder / "laps" / "laps.mcap").unlink()  # it is large, and easily made again
+    report.add("soak_hours", "soak: bag time, h", round(laps * lap_s / 3600, 2))
+    report.add("soak_wall_min", "soak: time it took, min", round(wall_s / 60, 1), plan.of(WALL_MIN, None))
+    judge_deeds(report, deeds_of_laps(results["actions"], lap_s, laps), results["frames"], int(laps * lap_s))
+    judge_course(report, course, plan.of(GROWTH_LIMIT, QUICK_GROWTH_LIMIT))
+    found = {figure.key: figure.value for figure in report.figures}
+    return (
+        f"{found['soak_hours']} h in {found['soak_wall_min']} min; memory {found['soak_memory_growth']:+.2%} at most, "
+        f"threads {found['soak_threads_more']:+.0f}, files {found['soak_files_more']:+.0f}, "
+        f"shared memory {found['soak_shared_more_mib']:+.1f} MiB; {found['soak_lost']} of {found['soak_actions']} "
+        "actions lost"
+    )
+
+
+def replayed(folder: Path, bag_s: float, plan: Plan) -> Course:
+    """The course of a replay of the bag of laps. Raises NodeError when it does not end well."""
+    command = ["replay", folder / "laps", "--rate", RATE, "--no-video", "--out", folder / "run"]
+    settings = ("speech.playback=off", "person_detector.threads=2")
+    command += [word for setting in settings for word in ("--set", setting)]
+    course, told, begun = Course(), 0, time.monotonic()
+    with beside(plan, folder, "replay", *command) as process:
+        while process.poll() is None:
+            looks = {process_name(pid): found for pid in descendants(process.pid) if (found := look(pid))}
+            looks.pop("", None)
+            if looks.keys() & PLAYER:  # all others have started before it
+                course.note(looks)
+            minutes = int((time.monotonic() - begun) / 60)
+            if minutes > told:
+                told = minutes
+                total = sum(one.rss_kib for one in looks.values()) / KIB
+                plan.tell(f"soak: {minutes} min of about {bag_s / RATE / 60:.0f}, {total:.0f} MiB in all")
+            time.sleep(LOOK_S)
+    if process.returncode:
+        where = "socialbot replay"
+        raise NodeError(f"ended with {process.returncode}", where=where, remedy=f"see {folder / 'replay.log'}")
+    return course
+
+
+def judge_deeds(report: Report, laps: Sequence[Sequence[Deed]], frames: int, pictures: int) -> None:
+    """Adds whether all pictures were looked at, and whether each lap had the deeds of the second.
+
+    Before the first it is not known yet that nobody is there.
+    """
+    first, others = laps[1], laps[2:]
+    lost = sum(max(0, len(first) - len(lap)) for lap in others)
+    report.add("soak_pictures", "soak: pictures", pictures)
+    report.add("soak_pictures_lost", "soak: pictures not looked at", pictures - frames, 0)
+    report.add("soak_actions", "soak: actions", sum(map(len, laps)))
+    report.add("soak_lost", "soak: actions of the second lap that later ones lack", lost, 0)
+    differing = sum(not same(first, lap) for lap in others)
+    report.add("soak_laps_differ", f"soak: laps of {len(others)} unlike the second", differing, 0)
+
+
+def judge_course(report: Report, course: Course, limit: float) -> None:
+    """Adds what has grown."""
+    rows: dict[str, dict[str, Value]] = {}
+    for name, looks in course.looks.items():
+        memory = [one.rss_kib / KIB for one in looks]
+        rows[name] = {
+            "MiB begin": round(memory[len(memory) // 3], 1),
+            "MiB end": round(memory[-1], 1),
+            "growth": round(growth(memory), 4),
+            "threads": max(one.threads for one in looks),
+            "more threads": more([one.threads for one in looks]),
+            "files": max(one.files for one in looks),
+            "more files": more([one.files for one in looks]),
+        }
+    # What replays keeps all detections, to score them and draw them.
+    judged = {name: row for name, row in rows.items() if name != "replay"}
+    text = "soak: growth of the memory of a process over the last two thirds, share, at most"
+    report.add("soak_memory_growth", text, _most(judged, "growth"), limit)
+    report.add("soak_threads_more", "soak: threads more in the last third, at most", _most(rows, "more threads"), 0)
+    report.add("soak_files_more", "soak: open files more in the last third, at most", _most(rows, "more files"), 0)
+    segments = more([count for count, _ in course.shared])
+    report.add("soak_segments_more", "soak: segments of shared memory more in the last third", segments, 0)
+    mib = round(more([size for _, size in course.shared]), 2)
+    report.add("soak_shared_more_mib", "soak: shared memory more in the last third, MiB", mib, 0)
+    left = sum(Path(name).exists() for name in course.segments)
+    report.add("soak_segments_left", "soak: segments of shared memory left at the end", left, 0)
+    report.tables["soak"] = rows
+
+
+def _most(rows: Mapping[str, Mapping[str, Value]], column: str) -> float:
+    return max((float(row[column] or 0) for row in rows.values()), default=float("inf"))

@@ -1,0 +1,107 @@
+"""Watches one machine of a deployment from beside it, and writes down what can be heard there, and when.
+
+``python -m evaluation.faults_watch DEPLOYMENT MACHINE FILE TOPIC...`` adds a line of JSON to FILE for each message of
+the topics, of which those of pictures are taken as bytes, for their stamps only, and for what nodes say on
+/diagnostics. It is a process of its own, which no node waits for and whose cost counts for none of them.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from socialbot.bridge import environment
+from socialbot.bridge.codec import ros_type
+from socialbot.bridge.wire import KEYS_VARIABLE
+from socialbot.clock import SECOND
+from socialbot.deployment.deployment import Deployment
+from socialbot.deployment.deployment_file import load_deployment
+from socialbot.graph import Delivery
+from socialbot.health import HEALTH_TOPIC
+from socialbot.messages import Health, Image, Message
+
+DIAGNOSTICS = "/diagnostics"
+STAMP_ENDS = 12
+"""Where in the bytes of a picture the stamp ends, with which it begins after four bytes that tell the encoding."""
+
+
+class Heard(msgspec.Struct, frozen=True):
+    """One message: when it came (ns), its topic, its stamp (ns) and, of all but pictures, what it says."""
+
+    at: int
+    topic: str
+    stamp: int
+    said: dict[str, Any] = {}
+
+
+def heard(file: Path) -> Iterator[Heard]:
+    """All that was written into ``file`` so far; a line that is not complete yet is left out."""
+    if not file.exists():
+        return
+    decoder = msgspec.json.Decoder(Heard)
+    for line in file.read_bytes().split(b"\n")[:-1]:
+        yield decoder.decode(line)
+
+
+def stamp_of(data: bytes) -> int:
+    """The stamp (ns) of a message with a header, in the bytes that DDS carries."""
+    order = "little" if data[1] & 1 else "big"
+    seconds, rest = int.from_bytes(data[4:8], order, signed=True), int.from_bytes(data[8:STAMP_ENDS], order)
+    return seconds * SECOND + rest
+
+
+def watch(deployment: Deployment, topics: list[str], file: Path, end: threading.Event) -> None:
+    """Watches ``topics`` until the ``end``, in an environment that is prepared."""
+    from socialbot.bridge.observing import observing
+    from socialbot.bridge.qos import subscription_qos
+    from socialbot.bridge.ros_types import message_class
+
+    encoder = msgspec.json.Encoder()
+    kinds: dict[str, type[Message]] = {HEALTH_TOPIC: Health, **deployment.graph.topics()}
+    pictures = [topic for topic in topics if kinds[topic] is Image]
+
+    with file.open("ab", buffering=0) as out:
+
+        def write(topic: str, stamp: int, said: dict[str, Any]) -> None:
+            out.write(encoder.encode(Heard(time.time_ns(), topic, stamp, said)) + b"\n")
+
+        def observe(topic: str, message: Message) -> None:
+            write(topic, message.stamp, msgspec.to_builtins(message))
+
+        def note(node: str, values: dict[str, str]) -> None:
+            write(DIAGNOSTICS, 0, {"node": node, **values})
+
+        with observing({topic: kinds[topic] for topic in topics if topic not in pictures}, observe, note) as onlooker:
+            for topic in pictures:
+                onlooker.ros.create_subscription(
+                    message_class(ros_type(Image)),
+                    topic,
+                    lambda data, topic=topic: write(topic, stamp_of(data), {}),
+                    subscription_qos(Delivery.NEWEST, outside=False),
+                    raw=True,
+                )
+            end.wait()
+
+
+def main(deployment: str, machine: str, file: str, *topics: str) -> None:
+    """Watches until SIGINT or SIGTERM."""
+    end = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: end.set())
+    found = load_deployment(Path(deployment))
+    environment.prepare(domain=found.domain, across=found.across(machine), raw_pictures=True)
+    if found.keys is not None:
+        os.environ[KEYS_VARIABLE] = f"{found.keys}:{machine}"
+    watch(found, list(topics), Path(file), end)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
