@@ -8,24 +8,38 @@ from contextlib import contextmanager
 
 from socialbot.bridge import environment
 from socialbot.bridge.wire import warn_if_open
+from socialbot.errors import ParameterError
 
 environment.require_ros()
 
 import rclpy  # noqa: E402 - a missing ROS is to be said in one sentence, before the import fails
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor  # noqa: E402
+from rclpy.impl.implementation_singleton import rclpy_implementation  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from rclpy.utilities import try_shutdown  # noqa: E402
 
+REFUSALS = (
+    rclpy_implementation.RCLError,
+    rclpy_implementation.RCLInvalidROSArgsError,
+    rclpy_implementation.UnknownROSArgsError,
+)
+
 
 @contextmanager
 def ros_context(args: list[str] | None = None) -> Iterator[Context]:
-    """A context of its own, with signals left to the caller."""
+    """A context of its own, with signals left to the caller. Raises ParameterError for ``args`` that ROS refuses."""
     environment.prepare()
     warn_if_open()
     context = Context()
-    rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
+    except REFUSALS as error:
+        if not args:
+            raise
+        remedy = "write -p NAME:=VALUE, -r FROM:=TO or --params-file FILE"
+        raise ParameterError(f"ROS cannot use them: {error}", where="--ros-args", remedy=remedy) from error
     try:
         yield context
     finally:

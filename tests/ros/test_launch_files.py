@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from socialbot.bridge.environment import DATAGRAM_VARIABLE, PACKET_BYTES, UNBOUNDED_BYTES
+from socialbot.bridge.wire import KEYS_VARIABLE
+from socialbot.errors import GraphError, ParameterError
+from socialbot.graph import Graph
+from socialbot.graph_file import GRAPHS, load_graph
+from socialbot.security.paths import FOLDERS_VARIABLE
+from tests.ros.launching import Node, launched
+
+FILES = Path(__file__).parents[2] / "ros" / "launch"
+DEPLOYMENT = """
+graph: waldo
+domain: 42
+machines:
+  robot: {address: 10.77.0.1}
+  workstation: {address: 10.77.0.2}
+nodes:
+  camera: robot
+  speech: robot
+  head: robot
+  image_converter: workstation
+  person_detector: workstation
+  bdi_engine: workstation
+  listener: workstation
+security: {keys: keys}
+"""
+
+
+@pytest.fixture
+def launch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv(FOLDERS_VARIABLE, "")
+    return lambda file, **arguments: launched(FILES / f"{file}.launch.py", tmp_path, monkeypatch, **arguments)
+
+
+def graph_of(nodes: list[Node]) -> Graph:
+    """The graph that they all read."""
+    files = {node.arguments[node.arguments.index("--graph") + 1] for node in nodes}
+    assert len(files) == 1
+    return load_graph(files.pop())
+
+
+def names(nodes: list[Node]) -> set[str]:
+    return {node.name for node in nodes}
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_a_graph_is_launched_with_the_nodes_and_parameters_that_it_comes_up_with(name, launch):
+    nodes = launch("graph", graph=name)
+    graph, launched_graph = load_graph(name), graph_of(nodes)
+    assert names(nodes) == {placement.name for placement in graph.placements}
+    for placement in graph.placements:
+        there = launched_graph.placement(placement.name)
+        assert there.type is placement.type
+        assert there.subscriptions == placement.subscriptions
+        assert {k: v for k, v in there.parameters.items() if "_file" not in k or k in placement.parameters} == dict(
+            placement.parameters
+        )
+
+
+def test_a_node_is_a_process_that_knows_its_name_and_whose_child_it_is(launch):
+    (head,) = [node for node in launch("waldo") if node.name == "head"]
+    assert (head.package, head.executable, head.respawn) == ("socialbot", "node", True)
+    assert head.command[2:] == ["head", "--parent", str(os.getpid()), "--ros-args", "-r", "__node:=head"]
+
+
+def test_waldo_sees_by_the_camera_and_the_detector_that_are_named(launch):
+    nodes = launch("waldo", camera="my film.mp4", detector="hog", set="speech.volume=0.5")
+    graph = graph_of(nodes)
+    assert graph.placement("camera").parameters["source"] == "my film.mp4"
+    assert graph.placement("person_detector").parameters["detector"] == "hog"
+    assert graph.placement("speech").parameters["volume"] == 0.5
+
+
+def test_what_holds_for_all_nodes_reaches_them_through_the_launch_file_of_waldo(launch):
+    nodes = launch("waldo", params_file="mine.yaml", respawn="false", sim_time="true")
+    assert all(node.command[-2:] == ["--params-file", "mine.yaml"] for node in nodes)
+    assert not any(node.respawn for node in nodes)
+    assert all("--sim-time" in node.arguments for node in nodes)
+
+
+def test_a_parameter_that_is_none_is_refused(launch):
+    with pytest.raises(ParameterError, match="no parameter 'sauce'"):
+        launch("graph", set="camera.sauce=0")
+
+
+def test_each_half_of_a_deployment_has_its_nodes_and_what_carries_its_pictures(launch, tmp_path):
+    file = tmp_path / "waldo.yaml"
+    file.write_text(DEPLOYMENT)
+    robot = launch("robot", deployment=str(file))
+    assert names(robot) == {"camera", "speech", "head", "camera_image_raw_to_workstation"}
+    workstation = launch("workstation", deployment=str(file))
+    assert names(robot) | names(workstation) == {placement.name for placement in graph_of(workstation).placements}
+    assert not names(robot) & names(workstation)
+
+
+def test_each_half_knows_the_domain_the_other_machine_and_its_keys(launch, tmp_path):
+    file = tmp_path / "waldo.yaml"
+    file.write_text(DEPLOYMENT)
+    # What is right as it is they inherit.
+    nodes = {node.name: {**os.environ, **node.additional_env} for node in launch("robot", deployment=str(file))}
+    assert {env["ROS_DOMAIN_ID"] for env in nodes.values()} == {"42"}
+    assert {env["ROS_STATIC_PEERS"] for env in nodes.values()} == {"10.77.0.2"}
+    assert {env[KEYS_VARIABLE] for env in nodes.values()} == {f"{tmp_path / 'keys'}:robot"}
+    assert nodes["camera"][DATAGRAM_VARIABLE] == str(UNBOUNDED_BYTES)
+    assert nodes["speech"][DATAGRAM_VARIABLE] == str(PACKET_BYTES)
+
+
+def test_a_machine_that_is_none_is_refused(launch, tmp_path):
+    file = tmp_path / "waldo.yaml"
+    file.write_text(DEPLOYMENT)
+    with pytest.raises(GraphError, match="no machine 'kitchen'"):
+        launch("graph", deployment=str(file), machine="kitchen")
