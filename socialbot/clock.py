@@ -30,6 +30,7 @@ class ManualClock:
         self._now = now
 
     def now(self) -> int:
+        """The time that it was set to (ns)."""
         return self._now
 
     def set(self, now: int) -> None:

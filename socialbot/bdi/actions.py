@@ -56,6 +56,7 @@ class fail(Action):  # noqa: N801 - reads as a step of a plan
     """Fails the goal at hand, for a reason."""
 
     def execute(self, reason: str = "the plan says so") -> None:
+        """Raises PlanFailed."""
         raise PlanFailed(reason)
 
 
@@ -67,4 +68,5 @@ class wait(Action):  # noqa: N801 - reads as a step of a plan
     """Rests the intention for some seconds; the agent goes on with its other intentions."""
 
     def execute(self, seconds: float) -> Any:
+        """Lets the plan rest for so many seconds."""
         return self.engine.sleep(seconds)

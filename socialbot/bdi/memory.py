@@ -117,7 +117,8 @@ class Memory:
             if relation.indexes:
                 relation.leave(found)
         if self.sink is not None:
-            cause = self.record("unbelief", self.text(relation, found), cause)
+            others = {"left": _sources(left)} if found in relation.facts else {}
+            cause = self.record("unbelief", self.text(relation, found), cause, **others)
         if relation.watchers and found not in relation.facts:
             self._tell(relation, found, False, cause)
         if relation.removed is None:

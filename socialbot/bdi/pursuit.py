@@ -398,11 +398,12 @@ class Pursuit(Memory):
             self._atomic = None
 
         def close() -> None:
+            cause = next((goal[4] for _, goal, _ in reversed(intention.frames) if goal is not None), "")
             while intention.frames:
                 body = intention.frames.pop()[0]
                 if body is not None and not getattr(body, "gi_running", False):
                     body.close()
-            self.record("dropped", "intention", "", reason="cancelled")
+            self.record("dropped", "intention", cause, reason="cancelled")
             if intention.ended is not None:
                 intention.ended(Failure("cancelled", REASONS["cancelled"], "", ""))
             if then is not None:

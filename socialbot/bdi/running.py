@@ -172,6 +172,7 @@ class LongAction(Action):
         self._pause.conclude(CANCELLED)
 
     def execute(self, *args: Any) -> Pause:
+        """Lets the plan wait until the action is over."""
         self._pause = _LongRun(self, args)
         return self._pause
 

@@ -117,6 +117,7 @@ class ThreadSensor(Sensor):
         raise EOFError(f"the sensor {type(self).__name__} reads nothing: override read()")
 
     def start(self) -> None:
+        """Starts a thread for it, unless there is one."""
         if not self.running:
             super().start()
             self.ending = threading.Event()
@@ -125,6 +126,7 @@ class ThreadSensor(Sensor):
             ).start()  # fmt: skip
 
     def suspend(self) -> None:
+        """Tells the thread to end."""
         if self.running:
             self.ending.set()
         super().suspend()

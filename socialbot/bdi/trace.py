@@ -14,7 +14,7 @@ from socialbot.errors import RuleError
 
 KINDS = {
     "belief": "a belief was added, or told by one more source; its cause is a percept, or the plan that added it",
-    "unbelief": "a belief was removed",
+    "unbelief": "a belief was removed; detail left: who still tells it, where only one of its sources was taken off",
     "event": "a Reactor came",
     "held": "a belief has been held for the time that a rule asks for",
     "goal": "a goal was adopted",

@@ -64,18 +64,22 @@ class PlanAction(LongAction):
     # As the engine sees it
 
     def done(self) -> None:
+        """Says that the action has done what it is for."""
         self._over = True
         super().done()
 
     def failed(self, reason: str | Exception = "the action failed") -> None:
+        """Says that the action has failed, and why."""
         self._over = True
         super().failed(reason)
 
     def execute(self, *args: Any) -> Any:
+        """Starts the action with its objects as text, and lets the plan wait for it."""
         self.args = tuple(map(str, args))
         return super().execute(*self.args)
 
     def start(self, *args: str) -> None:
+        """Begins the action, as the engine asks. Raises PlanningError when it would never advance."""
         if not self.rate_hz > 0:
             raise PlanningError(f"{self.functor} advances {self.rate_hz} times a second", remedy="give more than 0")
         self._due = self.engine.clock.now()
@@ -83,6 +87,7 @@ class PlanAction(LongAction):
         self._wait()
 
     def cancel(self) -> None:
+        """Stops the action, as the engine asks."""
         self._over = True
         self.stop()
 

@@ -83,6 +83,7 @@ class FactSensor(Sensor):
             deliberator.engine.call(self._expect)
 
     def sense(self, percept: Any) -> None:
+        """Believes what `tell` says of a percept, and no longer what it said before."""
         found = self.tell(percept)
         if found is None:
             return

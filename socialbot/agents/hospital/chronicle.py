@@ -102,6 +102,7 @@ class Chronicle:
             makespan_s=None,
             beside=True,
             mission=view.id,
+            label=view.label,
             team=list(view.team),
             tree=view.tree,
         )
@@ -123,7 +124,15 @@ class Chronicle:
             outcome, reason = "aborted", view.problem
         tree = view.tree if view.status == "finished" else before.tree
         return self._record(
-            stamp, "plan_end", mission.name, mission.desire, plan=number, outcome=outcome, reason=reason, tree=tree
+            stamp,
+            "plan_end",
+            mission.name,
+            mission.desire,
+            plan=number,
+            label=before.label,
+            outcome=outcome,
+            reason=reason,
+            tree=tree,
         )
 
     def _command(self, message: ActionCommand) -> TraceRecord:

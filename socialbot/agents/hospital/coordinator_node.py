@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import cast
 
 import msgspec
@@ -21,6 +20,7 @@ from socialbot.agents.hospital.voice import Voice
 from socialbot.agents.hospital.ward_messages import STATE, WardState
 from socialbot.errors import ParameterError
 from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter
+from socialbot.security import paths
 
 MISSIONS = "/hospital/missions"
 
@@ -45,8 +45,11 @@ class HospitalCoordinator(Node):
     memory_file = Parameter("", "the file in which it remembers missions and agents; empty: none", fixed=True)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        """Raises ParameterError for a file that cannot be read."""
+        """Raises ParameterError for a file that cannot be read, or is where none may be kept."""
         super().__init__(name, context, parameters)
+        self._memory_file = (
+            paths.in_workspace(self.memory_file, where=f"{name}.memory_file") if self.memory_file else None
+        )
         voice = Voice(COORDINATOR, self.clock, self.said.publish)
         self.coordinator = Coordinator(voice.say, Conduct(), self._recall())
         self._saved = b""
@@ -84,12 +87,12 @@ class HospitalCoordinator(Node):
         self._save()
 
     def _save(self) -> None:
-        if not self.memory_file:
+        path = self._memory_file
+        if path is None:
             return
         data = msgspec.json.encode(self.coordinator.memory)
         if data == self._saved:
             return
-        path = Path(self.memory_file)
         new = path.with_name(f"{path.name}.new")
         try:
             new.write_bytes(data)
@@ -100,8 +103,8 @@ class HospitalCoordinator(Node):
         self._saved = data
 
     def _recall(self) -> Memory:
-        path = Path(self.memory_file)
-        if not self.memory_file or not path.exists():
+        path = self._memory_file
+        if path is None or not path.exists():
             return Memory()
         try:
             return msgspec.json.decode(path.read_bytes(), type=Memory)

@@ -88,13 +88,13 @@ class Deed(LongAction):
         """Says that it is done."""
         self.done()
         if not self.own:
-            _happens(self.engine, literal(f"success_{self.action}", tuple(map(Atom, self.args_given))))
+            _happens(self.engine, literal(f"success_{self.action}", tuple(map(Atom, self.args_given))), self.id)
 
     def fail(self, reason: str) -> None:
         """Says that it could not be done, and why."""
         self.failed(reason)
         if not self.own:
-            _happens(self.engine, literal("failure", (as_literal(self.action, self.args_given), reason)))
+            _happens(self.engine, literal("failure", (as_literal(self.action, self.args_given), reason)), self.id)
 
 
 class again(Deed):  # noqa: N801 - its name in AgentSpeak
@@ -131,8 +131,8 @@ class end(Action):  # noqa: N801
         self.engine.robot.finish()
 
 
-def _happens(engine: Engine, event: Literal) -> None:
-    engine.call(lambda: engine.raise_event(Event(Change.ADDED, event), ""))
+def _happens(engine: Engine, event: Literal, cause: str) -> None:
+    engine.call(lambda: engine.raise_event(Event(Change.ADDED, event), cause))
 
 
 class Senses(Sensor):
