@@ -8,7 +8,7 @@ The command line prints one of these as a single message and ends with its
 | 0 | finished, or ended by SIGINT or SIGTERM |
 | 1 | a defect of socialbot (traceback) |
 | 2 | the command line was wrong |
-| 3 | input data cannot be used (bag, image, video, ground truth) |
+| 3 | input data cannot be used (bag, image, video, ground truth, record of a run) |
 | 4 | configuration cannot be used (graph file, topic, parameter, rule, planning domain) |
 | 5 | a part of the installation is missing (ROS wheels, speech library, ...) |
 | 6 | a node failed while running |
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 __all__ = [
     "BagError", "DeviceError", "GraphError", "ImageError", "InstallationError", "MessageError", "NodeError",
-    "ParameterError", "PlanningError", "RuleError", "SocialbotError", "TruthError",
+    "ParameterError", "PlanningError", "RuleError", "RunError", "SocialbotError", "TruthError",
 ]  # fmt: skip
 
 
@@ -61,6 +61,12 @@ class ImageError(SocialbotError):
 
 class TruthError(SocialbotError):
     """A ground truth file that does not fit its schema."""
+
+    exit_code = 3
+
+
+class RunError(SocialbotError):
+    """A folder that holds no run, or something in a run that is not there."""
 
     exit_code = 3
 

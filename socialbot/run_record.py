@@ -1,17 +1,25 @@
-"""The record of a run: a folder with trace.jsonl, written as things happen, and results.json at the end."""
+"""The record of a run: a folder with trace.jsonl, written as things happen, and results.json at the end.
+
+``graph.yaml`` says what ran, ``seen.jsonl`` what a world showed and how the nodes were.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, BinaryIO, Protocol, TypeVar
 
 import msgspec
+from msgspec.structs import replace
 
 from socialbot.errors import SocialbotError
+from socialbot.graph import Graph
+from socialbot.graph_file import dump_graph
 from socialbot.messages import (
     ActionRequest,
     HeadCommand,
+    Health,
     JointTrajectory,
     Message,
     PersonDetections,
@@ -19,25 +27,66 @@ from socialbot.messages import (
     TraceRecord,
     Utterance,
 )
+from socialbot.security import paths
+
+T = TypeVar("T", bound="RunTrace")
 
 RECORDED: tuple[type[Message], ...] = (
     PersonDetections, TraceRecord, ActionRequest, Utterance, SpeechStatus, HeadCommand, JointTrajectory,
 )  # fmt: skip
 """The messages that a run is made of."""
 
+WELL = "well"
+NOTHING_WANTED = "nobody wants anything more"
+NOTHING_SHOWN = "there is nothing more to see"
+TIME_UP = "the time was up"
+STOPPED = "stopped by a signal"
+"""Why a run ended, as results.json says under ``ended``; the last when somebody did not want to wait.
 
-class RunRecord:
-    """Takes the messages of a run in order; each line of the trace is a TraceRecord as JSON.
+Of a run that failed the error is there.
+"""
 
-    Every line is on disk before the next message is looked at, so that nothing is lost when a run breaks off.
+DIAGNOSTICS = "/diagnostics"
+"""The topic on which nodes tell how they fare."""
+
+
+class SeenLine(msgspec.Struct, frozen=True):
+    """A line of seen.jsonl: a message of a topic."""
+
+    topic: str
+    message: Any
+
+
+class NodeTold(msgspec.Struct, frozen=True):
+    """What a node tells of itself on /diagnostics at ``stamp`` (ns)."""
+
+    stamp: int
+    name: str
+    values: Mapping[str, str]
+
+
+class Listener(Protocol):
+    """Somebody who looks on while a run is recorded."""
+
+    def observe(self, topic: str, message: Message) -> None:
+        """Takes one message of the run."""
+        ...
+
+    def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None:
+        """Takes what a node tells on /diagnostics."""
+        ...
+
+
+class RunTrace:
+    """The trace of a run: takes its messages in order; each line is a TraceRecord as JSON.
+
+    Every line is on disk before the next message is looked at, so that nothing is lost when a run breaks off. Nodes may
+    keep files in its folder.
     """
 
     def __init__(self, folder: Path) -> None:
         """Raises SocialbotError when the folder cannot be made, or holds a run already."""
         self.folder = folder
-        self.detections: list[PersonDetections] = []
-        self.actions: list[ActionRequest] = []
-        self.utterances: list[Utterance] = []
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._trace = (folder / "trace.jsonl").open("xb")
@@ -45,13 +94,82 @@ class RunRecord:
             raise _unusable("holds a run already", folder, "give another folder with --out") from error
         except OSError as error:
             raise _unusable(f"cannot be written: {error.strerror}", folder, "give another --out") from error
+        paths.allow(folder)
         self._encoder = msgspec.json.Encoder()
+        self._seen: BinaryIO | None = None
+        self._worldly: frozenset[str] = frozenset()
+        self._last: dict[str, Message] = {}
+        self._listeners: tuple[Listener, ...] = ()
 
-    def __enter__(self) -> RunRecord:
+    def __enter__(self: T) -> T:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self._trace.close()
+        if self._seen is not None:
+            self._seen.close()
+
+    @property
+    def size(self) -> int:
+        """So many bytes the trace has."""
+        return (self.folder / "trace.jsonl").stat().st_size
+
+    def tell(self, listener: Listener) -> None:
+        """Lets ``listener`` look on from now on."""
+        self._listeners = (*self._listeners, listener)
+
+    def describe(self, graph: Graph) -> None:
+        """Keeps ``graph`` in graph.yaml, and from now on in seen.jsonl what its world shows and how its nodes are."""
+        worlds = (placement for placement in graph.placements if placement.type.stands_for_world)
+        self._worldly = frozenset(topic for world in worlds for topic, _ in world.publications)
+        self._seen = (self.folder / "seen.jsonl").open("xb")
+        (self.folder / "graph.yaml").write_text(dump_graph(graph), encoding="utf-8")
+
+    def observe(self, topic: str, message: Message) -> None:
+        """Takes one message."""
+        for listener in self._listeners:
+            listener.observe(topic, message)
+        record = trace_record(topic, message)
+        if record is not None:
+            self._trace.write(self._encoder.encode(record) + b"\n")
+            self._trace.flush()
+        elif topic in self._worldly or isinstance(message, Health):
+            self._see(topic, message)
+
+    def write_results(self, results: dict[str, Any]) -> Path:
+        """Writes results.json."""
+        path = self.folder / "results.json"
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(results), indent=2) + b"\n")
+        return path
+
+    def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None:
+        """Takes what a node tells on /diagnostics at ``stamp`` (ns)."""
+        for listener in self._listeners:
+            listener.note_node(stamp, name, values)
+        self._write_seen(DIAGNOSTICS, NodeTold(stamp, name, values))
+
+    def _see(self, topic: str, message: Message) -> None:
+        """Keeps a message that tells something new: worlds and nodes say the same again and again."""
+        sender = f"{topic} {message.node}" if isinstance(message, Health) else topic
+        last = self._last.get(sender)
+        if last is None or replace(last, stamp=message.stamp) != message:
+            self._last[sender] = message
+            self._write_seen(topic, message)
+
+    def _write_seen(self, topic: str, message: Message | NodeTold) -> None:
+        if self._seen is not None:
+            self._seen.write(self._encoder.encode(SeenLine(topic, message)) + b"\n")
+            self._seen.flush()
+
+
+class RunRecord(RunTrace):
+    """A trace, and what was seen, done and said, to be scored and shown at the end. For runs that do end."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.detections: list[PersonDetections] = []
+        self.actions: list[ActionRequest] = []
+        self.utterances: list[Utterance] = []
 
     def observe(self, topic: str, message: Message) -> None:
         """Takes one message."""
@@ -61,16 +179,7 @@ class RunRecord:
             self.actions.append(message)
         elif isinstance(message, Utterance):
             self.utterances.append(message)
-        record = trace_record(topic, message)
-        if record is not None:
-            self._trace.write(self._encoder.encode(record) + b"\n")
-            self._trace.flush()
-
-    def write_results(self, results: dict[str, Any]) -> Path:
-        """Writes results.json."""
-        path = self.folder / "results.json"
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(results), indent=2) + b"\n")
-        return path
+        super().observe(topic, message)
 
 
 def trace_record(topic: str, message: Message) -> TraceRecord | None:
@@ -87,7 +196,7 @@ def trace_record(topic: str, message: Message) -> TraceRecord | None:
                 kind="detection",
                 what=f"{len(persons)} {'person' if len(persons) == 1 else 'persons'}",
                 cause=f"frame-{message.stamp}",
-                detail={"persons": msgspec.to_builtins(persons)} if persons else {},
+                detail=_people(message) if persons else {},
             )
         case Utterance():
             return TraceRecord(
@@ -130,6 +239,10 @@ def trace_record(topic: str, message: Message) -> TraceRecord | None:
                 detail={"duration_s": message.duration_s},
             )
     return None
+
+
+def _people(message: PersonDetections) -> dict[str, Any]:
+    return {"persons": msgspec.to_builtins(message.persons), "width": message.width, "height": message.height}
 
 
 def _unusable(what: str, folder: Path, remedy: str) -> SocialbotError:

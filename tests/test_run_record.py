@@ -19,7 +19,7 @@ from socialbot.messages import (
     TraceRecord,
     Utterance,
 )
-from socialbot.run_record import RECORDED, RunRecord, trace_record
+from socialbot.run_record import RECORDED, RunRecord, RunTrace, trace_record
 
 PERSON = PersonDetection(x=1, y=2, w=3, h=4, score=0.9, distance_m=2.5)
 DETECTIONS = PersonDetections(stamp=SECOND, frame_id="camera", width=640, height=480, persons=(PERSON,))
@@ -82,7 +82,7 @@ def test_detections_actions_and_utterances_are_at_hand(tmp_path):
 @pytest.mark.parametrize(
     ("message", "what", "detail"),
     [
-        (DETECTIONS, "1 person", {"persons": (msgspec.to_builtins(PERSON),)}),
+        (DETECTIONS, "1 person", {"persons": (msgspec.to_builtins(PERSON),), "width": 640, "height": 480}),
         (msgspec.structs.replace(DETECTIONS, persons=()), "0 persons", {}),
         (msgspec.structs.replace(DETECTIONS, persons=(PERSON, PERSON)), "2 persons", None),
         (UTTERANCE, "Hello!", {}),
@@ -161,3 +161,12 @@ def test_results_are_written_to_be_read(tmp_path):
     assert path == tmp_path / "results.json"
     assert json.loads(path.read_text("utf-8")) == {"actions": [{"t_s": 1.5}], "graph": "waldo", "text": "è"}
     assert "\n  " in path.read_text("utf-8")
+
+
+def test_a_trace_alone_keeps_nothing_in_memory(tmp_path):
+    with RunRecord(tmp_path / "record") as record, RunTrace(tmp_path / "trace") as trace:
+        for taker in (record, trace):
+            taker.observe("/humans/bodies/detections", DETECTIONS)
+            taker.observe("/speech/say", UTTERANCE)
+    assert (tmp_path / "trace" / "trace.jsonl").read_bytes() == (tmp_path / "record" / "trace.jsonl").read_bytes()
+    assert not [kept for kept in vars(trace).values() if isinstance(kept, list)]
