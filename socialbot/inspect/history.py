@@ -1,0 +1,144 @@
+"""The records of a run in the order of time, and what led to what."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator, Sequence
+
+from socialbot.clock import SECOND, nanoseconds
+from socialbot.inspect.hints import Hints
+from socialbot.messages import TraceRecord
+
+OF_TOPICS = frozenset({"detection", "utterance", "speech", "head", "motion"})
+"""Kinds of records whose source is a topic; that of all others is an agent."""
+
+
+class History:
+    """The records of a run by time, those of the same stamp in the order in which they came. It may grow.
+
+    ``start`` is the stamp (ns) that times in seconds are counted from; by default that of the first record.
+    """
+
+    def __init__(self, records: Iterable[TraceRecord] = (), *, start: int | None = None) -> None:
+        self._start = start
+        self._records: list[TraceRecord] = []
+        self._stamps: list[int] = []
+        self._by_id: dict[str, list[TraceRecord]] = {}
+        self._by_cause: dict[str, list[TraceRecord]] = {}
+        self._agents: dict[str, None] = {}
+        self._hints = Hints(self)
+        self._late: list[int] = []
+        for record in records:
+            self.append(record)
+
+    def append(self, record: TraceRecord) -> None:
+        """Takes one more record: the next one, or one that comes late."""
+        if self._start is None:
+            self._start = record.stamp
+        if not self._stamps or record.stamp >= self._stamps[-1]:
+            self._records.append(record)
+            self._stamps.append(record.stamp)
+        else:
+            place = bisect_right(self._stamps, record.stamp)
+            self._records.insert(place, record)
+            self._stamps.insert(place, record.stamp)
+            self._late.append(place)
+        for name in names_of(record):
+            self._by_id.setdefault(name, []).append(record)
+        self._by_cause.setdefault(record.cause, []).append(record)
+        if record.kind not in OF_TOPICS:
+            self._agents[record.source] = None
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def __iter__(self) -> Iterator[TraceRecord]:
+        return iter(self._records)
+
+    def __getitem__(self, place: int) -> TraceRecord:
+        return self._records[place]
+
+    @property
+    def agents(self) -> tuple[str, ...]:
+        """The agents, in the order in which they appear."""
+        return tuple(self._agents)
+
+    @property
+    def start(self) -> int:
+        """The stamp (ns) at which time begins."""
+        return self._start or 0
+
+    @property
+    def end(self) -> int:
+        """The stamp (ns) of the last record."""
+        return self._stamps[-1] if self._stamps else self.start
+
+    @property
+    def duration_s(self) -> float:
+        """From the start to the last record (s)."""
+        return self.seconds(self.end)
+
+    def seconds(self, stamp: int) -> float:
+        """A stamp (ns) as s from the start, to the microsecond."""
+        return round((stamp - self.start) / SECOND, 6)
+
+    def stamp(self, seconds: float) -> int:
+        """A time in s from the start as a stamp (ns)."""
+        return self.start + nanoseconds(seconds)
+
+    def until(self, stamp: int) -> int:
+        """How many records are not later than ``stamp`` (ns)."""
+        return bisect_right(self._stamps, stamp)
+
+    def between(self, begin: int, end: int) -> Sequence[TraceRecord]:
+        """The records from ``begin`` to ``end`` (ns), both included."""
+        return self._records[bisect_left(self._stamps, begin) : bisect_right(self._stamps, end)]
+
+    def part(self, begin: int, end: int) -> Sequence[TraceRecord]:
+        """The records from one place to another, which is not included."""
+        return self._records[begin:end]
+
+    def late(self, since: int) -> Sequence[int]:
+        """The places at which records came late, but for the first ``since`` of those."""
+        return self._late[since:]
+
+    def find(self, id: str) -> TraceRecord | None:
+        """The record with this id; the last one of several; None when there is none."""
+        found = self._by_id.get(id)
+        return found[-1] if found else None
+
+    def cause(self, record: TraceRecord) -> TraceRecord | None:
+        """The record that led to ``record``; None when that is no record.
+
+        Where the record does not name it, what can be told from the others counts (`Hints`).
+        """
+        hint = self._hints.cause(record)
+        if hint is not None:
+            return hint
+        found = self._by_id.get(record.cause, ()) if record.cause else ()
+        return next((each for each in reversed(found) if each.stamp <= record.stamp and each is not record), None)
+
+    def chain(self, record: TraceRecord) -> list[TraceRecord]:
+        """``record``, what led to it, what led to that and so on. None of them comes twice."""
+        return [record, *self.before(record)]
+
+    def before(self, record: TraceRecord) -> Iterator[TraceRecord]:
+        """What led to ``record``, what led to that and so on, one by one: there may be much of that."""
+        seen = {id(record)}
+        cause = self.cause(record)
+        while cause is not None and id(cause) not in seen:
+            yield cause
+            seen.add(id(cause))
+            cause = self.cause(cause)
+
+    def effects(self, record: TraceRecord) -> list[TraceRecord]:
+        """The records that name ``record`` as what led to them."""
+        named = (effect for name in names_of(record) for effect in self._by_cause.get(name, ()))
+        return [effect for effect in named if self.cause(effect) is record]
+
+
+def names_of(record: TraceRecord) -> tuple[str, ...]:
+    """The ids by which others refer to a record; a request has a second one, by which its receiver knows it."""
+    if record.kind == "request" and isinstance(record.detail.get("id"), str):
+        return record.id, record.detail["id"]
+    return (record.id,)
