@@ -137,6 +137,57 @@ class Health(Structured, frozen=True, kw_only=True):
     outputs: tuple[str, ...] = ()
 
 
+UpState = Literal["up", "ending", "ended"]
+
+
+class UpStatus(Structured, frozen=True, kw_only=True):
+    """That ``socialbot up`` runs the nodes of ``graph`` on ``machine``, said again and again, and how it ends.
+
+    ``run`` is an id of its own, ``pid`` that of its process, and ``boot`` that of the start of the computer, by which
+    others on the same computer know that. ``reason`` is the error that it has ended with, if any.
+    """
+
+    run: str
+    graph: str
+    machine: str
+    boot: str
+    pid: int
+    state: UpState
+    reason: str = ""
+
+
+class DownRequest(Structured, frozen=True, kw_only=True):
+    """Asks the ``socialbot up`` whose ``run`` has this id to end."""
+
+    run: str
+
+
+Command = Literal["believe", "forget", "achieve", "drop", "pause", "resume", "step"]
+"""What a person may ask of an agent."""
+
+
+class AgentCommand(Structured, frozen=True, kw_only=True):
+    """What a person asks of ``agent``, under an ``id`` of its own.
+
+    ``text`` is what to believe, forget, achieve or drop, as the agent writes it. An agent that pauses takes in what
+    comes, but neither thinks nor acts until it is to resume; meanwhile each step is one turn of its reasoning.
+    """
+
+    id: str
+    agent: str
+    command: Command
+    text: str = ""
+
+
+class AgentAnswer(Structured, frozen=True, kw_only=True):
+    """Whether an agent does what the command with this ``id`` asks for; the ``reason`` if not."""
+
+    id: str
+    agent: str
+    accepted: bool
+    reason: str = ""
+
+
 class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
     """One person in one frame.
 

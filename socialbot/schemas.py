@@ -8,6 +8,9 @@ from socialbot.agents.hospital.ward_messages import WARD_MESSAGES
 from socialbot.agents.warehouse.messages import WAREHOUSE_MESSAGES
 from socialbot.messages import (
     ActionRequest,
+    AgentAnswer,
+    AgentCommand,
+    DownRequest,
     HeadCommand,
     Health,
     Mind,
@@ -16,10 +19,12 @@ from socialbot.messages import (
     SpeechStatus,
     Structured,
     TraceRecord,
+    UpStatus,
     Utterance,
 )
 
 STRUCTURED: tuple[type[Structured], ...] = (
     PersonDetections, ActionRequest, Utterance, SpeechStatus, HeadCommand, TraceRecord, Mind, PictureAck, Health,
+    UpStatus, DownRequest, AgentCommand, AgentAnswer,
     *AGENT_MESSAGES, *WAREHOUSE_MESSAGES, *MISSION_MESSAGES, *WARD_MESSAGES,
 )  # fmt: skip

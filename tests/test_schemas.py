@@ -6,7 +6,7 @@ import pytest
 
 from socialbot.messages import Structured
 from socialbot.schemas import STRUCTURED
-from tools.schemas import FOLDER, schema_file, schema_text
+from tools.schemas import FOLDER, INDEX, index_text, schema_file, schema_text
 
 
 @pytest.mark.parametrize("message_type", STRUCTURED, ids=lambda kind: kind.__name__)
@@ -16,3 +16,7 @@ def test_the_schema_in_docs_is_up_to_date(message_type: type[Structured]) -> Non
 
 def test_docs_hold_no_schema_of_the_past() -> None:
     assert {file.stem for file in FOLDER.glob("*.json")} == {kind.__name__ for kind in STRUCTURED}
+
+
+def test_the_list_of_schemas_in_docs_is_up_to_date() -> None:
+    assert INDEX.read_text() == index_text(), "run python tools/schemas.py"

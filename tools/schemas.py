@@ -1,4 +1,4 @@
-"""Writes the JSON Schema of every structured message to docs/schemas: ``python tools/schemas.py``."""
+"""Writes the JSON Schema of every structured message, and a list of them: ``python tools/schemas.py``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,16 @@ from socialbot.messages import Structured
 from socialbot.schemas import STRUCTURED
 
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
+INDEX = FOLDER / "README.md"
+HEADING = (
+    "# Schemas",
+    "",
+    "The JSON Schemas of the messages that nodes send as text, and that `socialbot topic pub` takes;"
+    " made by `python tools/schemas.py`.",
+    "",
+    "| message | what it says |",
+    "|---|---|",
+)
 
 
 def schema_text(message_type: type[Structured]) -> str:
@@ -22,7 +32,19 @@ def schema_file(message_type: type[Structured]) -> Path:
     return FOLDER / f"{message_type.__name__}.json"
 
 
+def index_text() -> str:
+    """The page that lists the schemas."""
+    rows = [f"| [{kind.__name__}]({kind.__name__}.json) | {summary(kind)} |" for kind in STRUCTURED]
+    return "\n".join([*HEADING, *rows, ""])
+
+
+def summary(message_type: type[Structured]) -> str:
+    """The beginning of the docstring of ``message_type``."""
+    return (message_type.__doc__ or "").partition("\n")[0].replace("``", "`")
+
+
 if __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     for structured in STRUCTURED:
         schema_file(structured).write_text(schema_text(structured), encoding="utf-8")
+    INDEX.write_text(index_text(), encoding="utf-8")

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import ClassVar
 
 from socialbot.agents.mind_file import MindFile
+from socialbot.agents.obliging import Obliging, ObligingEngine, RefusedError
 from socialbot.bdi import Action, Engine, Record
-from socialbot.graph import Context, Delivery, Node, Output, Parameter, Timer
-from socialbot.messages import ActionRequest, Mind, MindBelief, TraceRecord
+from socialbot.errors import SocialbotError
+from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter, Timer
+from socialbot.messages import (
+    ActionRequest,
+    AgentAnswer,
+    AgentCommand,
+    Mind,
+    MindBelief,
+    State,
+    TraceRecord,
+)
+from socialbot.security import paths
+
+AGENT_COMMANDS, AGENT_ANSWERS = "/agents/commands", "/agents/answers"
+"""The topics by which people ask agents for something, and these answer; all agents share them."""
 
 
 class AgentNode(Node):
@@ -24,6 +37,8 @@ class AgentNode(Node):
     actions = Output(ActionRequest, "/agent/actions")
     mind = Output(Mind, "/agent/mind", Delivery.LATCHED)
     trace = Output(TraceRecord, "/agent/trace")
+    people_ask = Input(AgentCommand, AGENT_COMMANDS, optional=True)
+    people_told = Output(AgentAnswer, AGENT_ANSWERS)
 
     mind_file = Parameter("", "where to keep what it believes and wants; it goes on from there", fixed=True)
 
@@ -34,6 +49,8 @@ class AgentNode(Node):
         self._shown: Mind | None = None
         self._beliefs: tuple[MindBelief, ...] | None = None
         self._mind_file: MindFile | None = None
+        self._paused = False
+        self._health: tuple[State, str] = ("ok", "")
         self.engine = self.build()
 
     def build(self) -> Engine:
@@ -51,7 +68,8 @@ class AgentNode(Node):
     def recall(self) -> None:
         """Goes on where the mind in ``mind_file`` was left, and keeps it there from now on."""
         if self.mind_file and self.keeps_mind:
-            self._mind_file = MindFile(self.engine, Path(self.mind_file), self.context, self.log)
+            path = paths.in_workspace(self.mind_file, where=f"{self.name}.mind_file")
+            self._mind_file = MindFile(self.engine, path, self.context, self.log)
             if self._mind_file.recall():
                 self._beliefs = None
                 self.on_recalled()
@@ -65,10 +83,64 @@ class AgentNode(Node):
 
     def think(self) -> None:
         """Lets the engine do what there is to do, and sees to it that it is called when there is more."""
+        if self._paused:
+            return
         if self.engine.run_until_idle():
             self.wake()
         self._set_alarm(self.engine.next_wakeup())
         self._show_mind()
+
+    # What people ask for
+
+    @people_ask
+    def on_people_ask(self, message: AgentCommand) -> None:
+        """Does what a person asks for, or says why not; both are in the trace."""
+        if message.agent != self.name:
+            return
+        text = f"{message.command} {message.text}".strip()
+        try:
+            self._obey(message, text)
+            reason = ""
+        except SocialbotError as error:
+            reason = error.what if isinstance(error, RefusedError) else str(error)
+            self.engine.record("refused", text, message.id, reason=reason)
+        answer = AgentAnswer(stamp=self.clock.now(), id=message.id, agent=self.name, accepted=not reason, reason=reason)
+        self.people_told.publish(answer)
+
+    def asked(self) -> Obliging:
+        """What people may ask for."""
+        return ObligingEngine(self.engine)
+
+    def _obey(self, message: AgentCommand, text: str) -> None:
+        if message.command in ("pause", "resume", "step"):
+            if self._paused == (message.command == "pause"):
+                raise RefusedError("it is paused already" if self._paused else "it is not paused")
+            self.engine.record("command", text, message.id)
+            self._halt(message.command)
+        else:
+            do = getattr(self.asked(), message.command)(message.text)
+            do(self.engine.record("command", text, message.id))
+
+    def _halt(self, command: str) -> None:
+        """Pauses; goes on; or, between these, lets the engine have one turn."""
+        if command == "step":
+            self.engine.run_until_idle(1)
+            self._show_mind()
+            return
+        self._paused = command == "pause"
+        self.say_health(*self._health)
+        if not self._paused:
+            self.wake()
+
+    def say_health(self, state: State, reason: str = "") -> None:
+        """Says how the node is; while it is paused, that."""
+        self._health = (state, reason)
+        if self._paused:
+            super().say_health("degraded", "paused by a person")
+        else:
+            super().say_health(state, reason)
+
+    # Time
 
     def _set_alarm(self, due: int | None) -> None:
         if due == self._due:

@@ -41,6 +41,7 @@ from socialbot.agent_messages import (
     PlanExecutionInfo,
 )
 from socialbot.agents.agent_node import AgentNode
+from socialbot.agents.obliging import Obliging, ObligingDeliberator
 from socialbot.bdi import Engine
 from socialbot.deliberation import keeping
 from socialbot.deliberation.actions import PlanAction, register
@@ -59,6 +60,7 @@ from socialbot.planning.domain import Domain
 from socialbot.planning.planner import Limits
 from socialbot.planning.planners import make_planner
 from socialbot.planning.reader import read_domain
+from socialbot.security import paths
 
 
 def _seconds(default: float, doc: str) -> Parameter[float]:
@@ -132,6 +134,9 @@ class Deliberating(AgentNode):
     request_timeout_s = Parameter(2.0, "how long to wait for the answer of another agent (s)", minimum=0.1, fixed=True)
     mind_file = Parameter("", "where to keep what it believes and desires; it goes on from there", fixed=True)
 
+    _kept_in: Path | None = None
+    """The full path of ``mind_file``."""
+
     def build(self) -> Engine:
         engine = Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
         domain = self._domain()
@@ -202,16 +207,24 @@ class Deliberating(AgentNode):
     def stop(self) -> None:
         self.deliberator.stop()
 
+    def asked(self) -> Obliging:
+        return ObligingDeliberator(self.deliberator)
+
     # What it is made of
 
-    def path(self, name: str) -> Path:
-        """The file of that name: in the agent's `folder`, unless it says where it is."""
-        return (self.folder or Path()) / name
+    def path(self, parameter: str) -> Path:
+        """The file that a parameter names: in the agent's `folder`, unless it says where it is.
+
+        Raises ParameterError when it is neither there nor in a folder in which nodes may keep files.
+        """
+        name = str(self.parameter_values[parameter])
+        folders = (self.folder or Path.cwd(), *paths.workspace())
+        return paths.within(name, folders, where=f"{self.name}.{parameter}")
 
     def _domain(self) -> Domain:
-        path = self.path(self.pddl_file)
         if not self.pddl_file:
             raise PlanningError("it has no domain", where=self.name, remedy="set its parameter pddl_file")
+        path = self.path("pddl_file")
         try:
             return read_domain(path.read_text("utf-8"), where=str(path))
         except (OSError, UnicodeDecodeError) as error:
@@ -254,20 +267,22 @@ class Deliberating(AgentNode):
 
     def beliefs_at_first(self) -> Sequence[Fact]:
         """What it believes at first: by default what the file of its parameter says."""
-        return load_beliefs(self.path(self.init_bset), self.deliberator.domain) if self.init_bset else ()
+        return load_beliefs(self.path("init_bset"), self.deliberator.domain) if self.init_bset else ()
 
     def desires_at_first(self) -> Sequence[Desire]:
         """What it desires at first: by default what the file of its parameter says."""
-        return load_desires(self.path(self.init_dset), self.deliberator.domain) if self.init_dset else ()
+        return load_desires(self.path("init_dset"), self.deliberator.domain) if self.init_dset else ()
 
     def _load(self) -> None:
         """Takes up what was kept, or else what it believes and desires at first."""
         deliberator = self.deliberator
         if self.init_reactive_rules_set:
-            for rule in load_rules(self.path(self.init_reactive_rules_set), deliberator.domain):
+            for rule in load_rules(self.path("init_reactive_rules_set"), deliberator.domain):
                 deliberator.rules.add(rule)
-        if self.mind_file and keeping.recall(deliberator, Path(self.mind_file)):
-            return
+        if self.mind_file:
+            self._kept_in = paths.in_workspace(self.mind_file, where=f"{self.name}.mind_file")
+            if keeping.recall(deliberator, self._kept_in):
+                return
         for fact in self.beliefs_at_first():
             deliberator.facts.add(fact, cause=self.init_bset or "at first")
         for desire in self.desires_at_first():
@@ -374,5 +389,5 @@ class Deliberating(AgentNode):
         )
 
     def _keep(self) -> None:
-        if self.mind_file:
-            keeping.keep(self.deliberator, Path(self.mind_file))
+        if self._kept_in is not None:
+            keeping.keep(self.deliberator, self._kept_in)

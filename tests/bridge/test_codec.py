@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
@@ -45,9 +45,13 @@ from socialbot.bridge.ros_types import RclpyTypes, message_class
 from socialbot.errors import InstallationError, MessageError
 from socialbot.messages import (
     ActionRequest,
+    AgentAnswer,
+    AgentCommand,
     BoxMarkers,
     CameraInfo,
+    Command,
     CompressedImage,
+    DownRequest,
     HeadCommand,
     Health,
     Image,
@@ -61,6 +65,8 @@ from socialbot.messages import (
     SpeechStatus,
     Structured,
     TraceRecord,
+    UpState,
+    UpStatus,
     Utterance,
 )
 from socialbot.schemas import STRUCTURED
@@ -225,6 +231,17 @@ messages: dict[type[Message], st.SearchStrategy[Any]] = {
     LifecycleStatus: st.builds(
         LifecycleStatus, stamp=stamps, agent_id=texts, reason=texts,
         status=st.sampled_from(["BOOTING", "SCHEDULING", "PLANNING", "EXECUTING", "ABORTING", "PAUSED"]),
+    ),
+    UpStatus: st.builds(
+        UpStatus, stamp=stamps, run=texts, graph=texts, machine=texts, boot=texts, pid=sides, reason=texts,
+        state=st.sampled_from(get_args(UpState)),
+    ),
+    DownRequest: st.builds(DownRequest, stamp=stamps, run=texts),
+    AgentCommand: st.builds(
+        AgentCommand, stamp=stamps, id=texts, agent=texts, command=st.sampled_from(get_args(Command)), text=texts
+    ),
+    AgentAnswer: st.builds(
+        AgentAnswer, stamp=stamps, id=texts, agent=texts, accepted=st.booleans(), reason=texts
     ),
     hospital.AclMessage: st.builds(
         hospital.AclMessage, stamp=stamps, id=texts, sender=texts, receiver=texts,
