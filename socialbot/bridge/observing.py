@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialbot.bridge import environment
-from socialbot.bridge.codec import ros_type
 from socialbot.bridge.readiness import Connection, subscription_connection
 from socialbot.bridge.wire import Inlet, wire
 from socialbot.errors import MessageError
-from socialbot.graph import Delivery, Graph
+from socialbot.graph import Delivery, Graph, WireForm
 from socialbot.messages import Message
 
 log = logging.getLogger("socialbot.observer")
@@ -56,13 +55,16 @@ def observing(
     topics: Mapping[str, type[Message]],
     observe: Callable[[str, Message], None],
     note: Callable[[str, dict[str, str]], None],
+    form: WireForm = "json",
 ) -> Iterator[Onlooker]:
-    """Calls ``observe`` with each message of ``topics``, and ``note`` with each node's statistics, from one thread."""
+    """Calls ``observe`` with each message of ``topics``, and ``note`` with each node's statistics, from one thread.
+
+    ``form`` is that of the graph's messages. Raises InstallationError when there is no ROS, or not that form.
+    """
     environment.require_ros()
     from diagnostic_msgs.msg import DiagnosticArray
 
     from socialbot.bridge.qos import subscription_qos
-    from socialbot.bridge.ros_types import message_class
     from socialbot.bridge.session import spinning_node
 
     def receive(topic: str, kind: type[Message], inlet: Inlet, ros_message: Any) -> None:
@@ -81,11 +83,11 @@ def observing(
             note(status.name, {pair.key: pair.value for pair in status.values})
 
     refused: Counter[str] = Counter()
-    own = wire()
+    own = wire(form=form)
     with spinning_node("observer") as ros:
         subscriptions = {
             topic: ros.create_subscription(
-                message_class(ros_type(kind)),
+                own.message_class(kind),
                 topic,
                 functools.partial(receive, topic, kind, own.inlet(topic)),
                 subscription_qos(Delivery.EVERY, outside=False),

@@ -1,0 +1,236 @@
+"""What the inspector costs, and how fast its page is served: ``python -m evaluation.inspect``.
+
+100 agents are up in one process, and recorded. What a decision costs them is measured without the inspector and with a
+page that listens to it, in turns. Then ten minutes of a run are scrubbed through, and the
+first picture of a page is waited for. Exit code 10 when something is not as required.
+"""
+
+from __future__ import annotations
+
+import json as json_text
+import os
+import random
+import re
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import httpx
+import msgspec
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from socialbot.bridge.bags import BagWriter
+from socialbot.bridge.observing import observing
+from socialbot.clock import SECOND
+from socialbot.errors import NodeError
+from socialbot.graph_file import load_graph
+from socialbot.inspect.serving import Address, serving
+from socialbot.inspect_cli import recorded
+from socialbot.messages import CompressedImage, TraceRecord
+from socialbot.run_record import RunRecord
+
+AS_REQUIRED, NOT_AS_REQUIRED = 0, 10
+START = 1_700_000_000 * SECOND
+AGENTS = 100
+PICTURES = "/camera/image_raw/compressed"
+BEGINS_WITHIN_S = 120.0
+SETTLE_S = 5.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """A figure, and the most it may be."""
+
+    what: str
+    value: float
+    most: float
+    unit: str
+
+    @property
+    def well(self) -> bool:
+        """Whether it is as required."""
+        return self.value < self.most
+
+
+# What looking costs
+
+
+@contextmanager
+def crowd(folder: Path, agents: int, *, inspected: bool) -> Iterator[tuple[Path, int, str]]:
+    """Agents that never rest, up in one process: the record, that process, and the address of the page, if any."""
+    file, out = folder / "crowd.yaml", folder / f"run{time.monotonic_ns()}"
+    names = [f"agent{number}" for number in range(agents)]
+    nodes = "".join(f"  {name}: {{type: 'evaluation.inspect_agents:Walker'}}\n" for name in names)
+    file.write_text(f"name: crowd\nnodes:\n{nodes}", encoding="utf-8")
+    options = ["--composed", "--out", str(out), *(["--inspect", "--port", "0"] if inspected else [])]
+    log = folder / "up.log"
+    with log.open("w") as told:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "socialbot", "up", str(file), *options], stdout=told, stderr=told
+        )
+    try:
+        pid = host_of(names)
+        found = re.search(r"Inspector: (\S+)", log.read_text())
+        yield out, pid, found[1] if found else ""
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(60)
+
+
+def host_of(names: Sequence[str]) -> int:
+    """The process of some nodes, as soon as all of them are active."""
+    hosts: dict[str, int] = {}
+
+    def note(node: str, values: dict[str, str]) -> None:
+        if node in names and values.get("state") == "active":
+            hosts[node] = int(values["pid"])
+
+    with observing({}, lambda topic, message: None, note):
+        until = time.monotonic() + BEGINS_WITHIN_S
+        while len(hosts) < len(names) or len(set(hosts.values())) > 1:
+            if time.monotonic() > until:
+                raise NodeError(f"{len(hosts)} of {len(names)} agents are active after {BEGINS_WITHIN_S:g} s")
+            time.sleep(0.1)
+    return next(iter(hosts.values()))
+
+
+def cpu_s(pid: int) -> float:
+    """The processor time (s) that a process has taken."""
+    fields = Path(f"/proc/{pid}/stat").read_text("utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def listen(address: str, got: list[int]) -> None:
+    """Is a page that takes the news of a live run, and counts their bytes."""
+    try:
+        with httpx.stream("GET", f"{address}api/live", timeout=None) as events:
+            for chunk in events.iter_bytes():
+                got[0] += len(chunk)
+    except httpx.HTTPError:
+        pass  # it has ended
+
+
+def turn(folder: Path, agents: int, seconds: float, *, inspected: bool) -> tuple[float, float]:
+    """Processor time (ms) that a record of the agents costs them, and records a second, for a while."""
+    with crowd(folder, agents, inspected=inspected) as (out, pid, address):
+        got = [0]
+        if inspected:
+            threading.Thread(target=listen, args=(address, got), daemon=True).start()
+        time.sleep(SETTLE_S)
+        trace = out / "trace.jsonl"
+        before, cpu, heard, begun = got[0], cpu_s(pid), trace.read_bytes().count(b"\n"), time.monotonic()
+        time.sleep(seconds)
+        spent, passed = cpu_s(pid) - cpu, time.monotonic() - begun
+        records = trace.read_bytes().count(b"\n") - heard
+        if inspected and got[0] == before:
+            raise NodeError("the page heard nothing", where=address)
+    return 1e3 * spent / max(1, records), records / passed
+
+
+def cost(folder: Path, agents: int, seconds: float, turns: int) -> list[Row]:
+    """What a record costs the agents with a page that listens, beside that without."""
+    alone, watched = [], []
+    for _ in range(turns):
+        alone.append(turn(folder, agents, seconds, inspected=False))
+        watched.append(turn(folder, agents, seconds, inspected=True))
+    (cpu, hz), (cpu_watched, hz_watched) = (
+        [statistics.median(column) for column in zip(*figures, strict=True)] for figures in (alone, watched)
+    )
+    return [
+        Row(f"{agents} agents: more processor time a decision", 100 * (cpu_watched / cpu - 1.0), 3.0, "%"),
+        Row(f"{agents} agents: fewer decisions a second", 100 * (1.0 - hz_watched / hz), 3.0, "%"),
+    ]
+
+
+# How fast it is
+
+
+def long_run(folder: Path, seconds: int) -> Path:
+    """A run of Waldo's graph of so many seconds, with a bag of its pictures, ten of each a second."""
+    bag, stamps = folder / "bag", [START + tenth * SECOND // 10 for tenth in range(seconds * 10)]
+    shades = np.add.outer(np.arange(480), np.arange(640)).astype(np.uint8)
+    with BagWriter(bag) as writer:
+        for stamp in stamps:
+            data = cv2.imencode(".jpg", np.roll(shades, stamp // SECOND % 640, axis=1))[1].reshape(-1)
+            picture = CompressedImage(stamp=stamp, frame_id="camera", format="jpeg", data=data)
+            writer.write(PICTURES, picture, stamp)
+    with RunRecord(folder / "run") as record:
+        record.describe(load_graph("waldo"))
+        for number, stamp in enumerate(stamps):
+            for kind, what, cause in (("belief", f"seen({number})", ""), ("unbelief", f"seen({number - 1})", "")):
+                id = f"bdi_engine-{kind}-{number}"
+                told = TraceRecord(stamp=stamp, id=id, source="bdi_engine", kind=kind, what=what, cause=cause)
+                record.observe("/waldo/trace", told)
+            if number % 20 == 0:
+                goal = TraceRecord(stamp=stamp, id=f"g{number}", source="bdi_engine", kind="goal", what=f"g({number})")
+                record.observe("/waldo/trace", goal)
+        record.write_results(
+            {"graph": "waldo", "bag": {"path": str(bag), "start": START, "topics": {PICTURES: PICTURES}}}
+        )
+    return folder / "run"
+
+
+def speed(folder: Path, seconds: int, steps: int) -> list[Row]:
+    """How long a page waits for its first picture, and for each step through the run."""
+    run_folder = long_run(folder, seconds)
+    with recorded(run_folder) as run, serving(run, Address(port=0)) as served, httpx.Client() as client:
+
+        def timed(*paths: str) -> float:
+            begun = time.perf_counter()
+            for path in paths:
+                client.get(served.url + path, timeout=60).raise_for_status()
+            return 1e3 * (time.perf_counter() - begun)
+
+        first = timed("", "api/run", "api/moment?t=0", "api/picture?t=0")
+        timed(f"api/picture?t={seconds}")  # all places of the bag are known from here on
+        chance = random.Random(7)
+        times = [chance.uniform(0.0, seconds) for _ in range(steps)]
+        moments = sorted(timed(f"api/moment?t={at}") for at in times)
+        pictures = sorted(timed(f"api/picture?t={at}") for at in times)
+        both = sorted(timed(f"api/moment?t={at + 0.05}", f"api/picture?t={at + 0.05}") for at in times)
+
+    def p99(found: list[float]) -> float:
+        return found[min(len(found) - 1, int(0.99 * len(found)))]
+
+    return [
+        Row("page to first picture", first, 1000.0, "ms"),
+        Row(f"a moment of {seconds / 60:g} min, p99", p99(moments), 20.0, "ms"),
+        Row(f"a picture of {seconds / 60:g} min, p99", p99(pictures), 50.0, "ms"),
+        Row("a step of the scrubber, p99", p99(both), 100.0, "ms"),
+    ]
+
+
+def main(
+    json: Annotated[Path | None, typer.Option(help="Write the figures there.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Few agents, a short run: whether it works at all.")] = False,
+) -> None:
+    """Measure what the inspector costs the agents, and how fast its page is."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        rows = speed(folder, 20 if quick else 600, 20 if quick else 200)
+        rows += cost(folder, 5 if quick else AGENTS, 2.0 if quick else 15.0, 1 if quick else 3)
+    table = Table("", "measured", "required", "")
+    for row in rows:
+        figures = f"{row.value:.1f} {row.unit}", f"< {row.most:g} {row.unit}"
+        table.add_row(row.what, *figures, "ok" if row.well else "above")
+    Console().print(table)
+    if json is not None:
+        json.write_text(json_text.dumps(msgspec.to_builtins(rows), indent=2) + "\n", encoding="utf-8")
+    raise typer.Exit(AS_REQUIRED if quick or all(row.well for row in rows) else NOT_AS_REQUIRED)
+
+
+if __name__ == "__main__":
+    typer.run(main)

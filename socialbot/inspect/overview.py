@@ -1,0 +1,91 @@
+"""What a page needs to know of a run before it shows anything."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import msgspec
+
+from socialbot.inspect.commands import Office
+from socialbot.inspect.run import GraphView, Run
+from socialbot.inspect.wording import plan_name
+
+
+class PlanView(msgspec.Struct, frozen=True):
+    """A plan that an agent has considered for an event, and how often it was chosen."""
+
+    label: str
+    chosen: int
+    rejected: int
+
+
+class AgentView(msgspec.Struct, frozen=True):
+    """An agent: the name in the records, what people call it, and its plans."""
+
+    name: str
+    called: str
+    plans: tuple[PlanView, ...]
+
+
+class Has(msgspec.Struct, frozen=True):
+    """What there is to show; ``commands``: whether agents may be asked for something, and ``why_not``."""
+
+    pictures: bool
+    world: bool
+    trees: bool
+    commands: bool
+    why_not: str
+
+
+class Overview(msgspec.Struct, frozen=True):
+    """A run in short."""
+
+    title: str
+    live: bool
+    duration_s: float
+    agents: tuple[AgentView, ...]
+    graph: GraphView
+    has: Has
+    results: Mapping[str, Any]
+
+
+def overview(run: Run, office: Office) -> Overview:
+    """``run`` in short; ``office`` takes what people ask of agents."""
+    end = run.end
+    return Overview(
+        title=run.title,
+        live=run.live,
+        duration_s=run.history.seconds(end),
+        agents=tuple(_agents(run)),
+        graph=run.graph(),
+        has=Has(
+            pictures=run.sees,
+            world=run.world(end) is not None,
+            trees=any(record.kind == "plan_start" for record in run.history),
+            commands=not office.shut,
+            why_not=office.shut,
+        ),
+        results=run.results,
+    )
+
+
+def _agents(run: Run) -> Iterator[AgentView]:
+    chosen: dict[tuple[str, str], int] = {}
+    rejected: dict[tuple[str, str], int] = {}
+    for record in run.history:
+        if record.kind == "plan":
+            key = (record.source, plan_name(record))
+            chosen[key] = chosen.get(key, 0) + 1
+        found = record.detail.get("rejected")
+        for each in found if isinstance(found, (list, tuple)) else ():
+            key = (record.source, str(each.get("plan", "")))
+            rejected[key] = rejected.get(key, 0) + 1
+    known = dict.fromkeys([*chosen, *rejected])
+    for name in run.history.agents:
+        plans = (
+            PlanView(label, chosen.get((agent, label), 0), rejected.get((agent, label), 0))
+            for agent, label in known
+            if agent == name
+        )
+        yield AgentView(name, run.wording.name(name), tuple(plans))

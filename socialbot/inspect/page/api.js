@@ -1,0 +1,61 @@
+// What the server is asked for. Times are seconds from the start of the run.
+
+/** An answer of the server that says what is wrong. */
+export class Refusal extends Error {}
+
+async function ask(name, query = {}) {
+  const response = await fetch(`/api/${name}?${new URLSearchParams(query)}`);
+  if (!response.ok) throw new Refusal(await fault(response));
+  return response;
+}
+
+async function fault(response) {
+  try {
+    return (await response.json()).error;
+  } catch {
+    return `${response.status} ${response.statusText}`;
+  }
+}
+
+async function told(name, query) {
+  return (await ask(name, query)).json();
+}
+
+export const run = () => told('run');
+export const moment = (t, agent) => told('moment', agent ? { t, agent } : { t });
+export const timeline = async () => (await told('timeline')).lanes;
+export const trees = t => told('trees', { t });
+export const nodes = t => told('nodes', { t });
+export const why = id => told('why', { id });
+export const whyNot = plan => told('why', { plan });
+export const worldAt = t => `/api/world?${new URLSearchParams({ t })}`;
+
+/** What the camera saw, as an address for an `<img>` and the time of it; null when there was nothing yet. */
+export async function picture(t) {
+  const response = await ask('picture', { t });
+  if (response.status === 204) return null;
+  return { t: Number(response.headers.get('X-Time')), address: URL.createObjectURL(await response.blob()) };
+}
+
+/** All lines of the log until `to`, in chunks from the newest to the oldest; each line once. */
+export async function* log(to) {
+  const known = new Set();
+  for (;;) {
+    const lines = (await told('log', { from: 0, to })).filter(line => !known.has(line.id));
+    if (!lines.length) return;
+    for (const line of lines) known.add(line.id);
+    yield lines;
+    to = lines[0].t;
+  }
+}
+
+/** Asks an agent for something, and says whether it does it, or why not. */
+export async function command(agent, name, text) {
+  const response = await fetch('/api/command', {
+    method: 'POST',
+    headers: { 'Content-Type': 'application/json' },
+    body: JSON.stringify({ agent, command: name, text }),
+  });
+  if (!response.ok) throw new Refusal(await fault(response));
+  return response.json();
+}

@@ -1,0 +1,17 @@
+// What keys do anywhere on the page, but in fields that are written in.
+
+const WRITTEN = 'input:not([type=range]):not([type=checkbox]), textarea, select';
+const PRESSED = 'button, summary, a, [type=checkbox]';
+
+/** `deeds` are called by keys; `Shift+` comes before those that are held with it. */
+export function startKeys(deeds) {
+  document.addEventListener('keydown', event => {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest(`${WRITTEN}, dialog`)) return;
+    if (event.key === ' ' && event.target.closest(PRESSED)) return;
+    const arrow = event.key.startsWith('Arrow');
+    const deed = deeds[(arrow && event.shiftKey ? 'Shift+' : '') + event.key];
+    if (!deed) return;
+    event.preventDefault();
+    deed();
+  });
+}

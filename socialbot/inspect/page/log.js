@@ -1,0 +1,118 @@
+// What happened, line by line, around the time that is shown.
+
+import { element, find, say, seconds, sync } from './dom.js';
+
+const BEFORE = 40;
+const AFTER = 24;
+const DECISIONS = new Set([
+  'utterance', 'head', 'action', 'step', 'goal', 'desire', 'desire_fulfilled', 'desire_dropped', 'desire_refused',
+  'plan_start', 'plan_end', 'command', 'request', 'refused', 'dropped',
+]);
+const FAULTS = new Set(['failure', 'dropped', 'desire_dropped', 'desire_refused', 'refused', 'silent']);
+
+export class Log {
+  #lines = [];
+  #own = null;
+  #shown = [];
+  #now = -1;
+  #due = 0;
+
+  /** `pick` is called with a line that somebody clicks. */
+  constructor(pick) {
+    this.pick = pick;
+  }
+
+  /** Takes lines that are older or newer than all before. */
+  add(lines) {
+    const older = this.#lines.length && lines.length && lines[0].t < this.#lines[0].t;
+    this.#lines = older ? [...lines, ...this.#lines] : [...this.#lines, ...lines];
+    this.#choose();
+  }
+
+  clear() {
+    this.#lines = [];
+    this.#choose();
+  }
+
+  /** Shows what one agent did only; null: what all did. */
+  only(agent) {
+    this.#own = agent;
+    this.#choose();
+  }
+
+  #choose() {
+    this.#shown = this.#own === null ? this.#lines : this.#lines.filter(line => line.source === this.#own);
+    this.#now = -1;
+  }
+
+  /** Shows the lines around a time; gives the last one until then. */
+  show(t) {
+    const now = this.#until(t);
+    if (now !== this.#now && !find('pane-log').hidden) {
+      this.#now = now;
+      cancelAnimationFrame(this.#due);
+      this.#due = requestAnimationFrame(() => this.#draw(t));
+    }
+    return this.#shown[now - 1];
+  }
+
+  /** The time of the decision before (-1) or after (1) a time; null when there is none. */
+  decision(t, way) {
+    const lines = this.#shown;
+    let n = this.#until(t);
+    if (way > 0) {
+      while (n < lines.length && !DECISIONS.has(lines[n].kind)) n += 1;
+      return lines[n]?.t ?? null;
+    }
+    n -= 1;
+    while (n >= 0 && (lines[n].t > t - 1e-4 || !DECISIONS.has(lines[n].kind))) n -= 1;
+    return lines[n]?.t ?? null;
+  }
+
+  /** What was decided last until a time. */
+  decided(t) {
+    const lines = this.#shown;
+    let n = this.#until(t) - 1;
+    while (n >= 0 && !DECISIONS.has(lines[n].kind)) n -= 1;
+    return lines[n] ?? null;
+  }
+
+  /** So many lines are not later than a time. */
+  #until(t) {
+    let low = 0;
+    let high = this.#shown.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.#shown[middle].t <= t + 1e-6) low = middle + 1;
+      else high = middle;
+    }
+    return low;
+  }
+
+  #draw(t) {
+    const list = find('log');
+    const part = this.#shown.slice(Math.max(0, this.#now - BEFORE), this.#now + AFTER);
+    const last = this.#shown[this.#now - 1];
+    const lines = part.length ? part : [null];
+    sync(list, lines, line => line?.id ?? '', line => this.#row(line), (row, line) => {
+      if (!line) return;
+      const place = line.t > t + 1e-6 ? 'later' : line.t === last?.t ? 'now' : '';
+      row.className = `${place}${FAULTS.has(line.kind) ? ' bad' : ''}${DECISIONS.has(line.kind) ? ' deed' : ''}`;
+    });
+    const row = last ? list.known.get(last.id) : null;
+    const pane = list.parentNode;
+    if (row && pane.clientHeight) pane.scrollTop = row.offsetTop + row.offsetHeight - pane.clientHeight * 0.7;
+  }
+
+  #row(line) {
+    if (!line) return element('li', { class: 'empty', text: 'Nothing has happened yet.' });
+    const button = element('button', { type: 'button', onclick: () => this.pick(line) },
+      element('time', { text: seconds(line.t) }), element('span', { text: line.text }));
+    return element('li', { 'data-id': line.id }, button);
+  }
+}
+
+/** Says the last line in the head of the page, for those who listen to it, too. */
+export function tellNow(line) {
+  say(find('now'), line ? `${line.text} (${seconds(line.t)})` : '');
+}

@@ -1,0 +1,289 @@
+// The page of the inspector: a run, recorded or live, at one time.
+
+import { Agents } from './agents.js';
+import * as api from './api.js';
+import { Asking } from './asking.js';
+import { find, say, seconds } from './dom.js';
+import { startKeys } from './keys.js';
+import { Latest } from './latest.js';
+import { listen } from './live.js';
+import { Log, tellNow } from './log.js';
+import { Mind } from './mind.js';
+import { Nodes } from './nodes.js';
+import { listPlans } from './plans.js';
+import { Playhead } from './playhead.js';
+import { Sight } from './sight.js';
+import { openTab, startTabs } from './tabs.js';
+import { Timeline } from './timeline.js';
+import { showTrees } from './trees.js';
+import { Why } from './why.js';
+import { fetchMap, showMap } from './world.js';
+
+const FEW_AGENTS = 12;
+const FRAME_MS = 50;
+const TREES_MS = 300;
+const NODES_MS = 1000;
+
+class Page {
+  #live = null;
+  #told = '';
+
+  constructor(run) {
+    this.run = run;
+    this.agent = this.#wished('agent') ?? run.agents[0]?.name ?? '';
+    this.playhead = new Playhead(run.duration_s, run.live);
+    const pick = record => this.pick(record.id, record.from ?? record.t);
+    this.timeline = new Timeline(this.playhead, { seek: t => this.playhead.seek(t), pick, called: name => this.called(name) });
+    this.log = new Log(pick);
+    this.why = new Why({ seek: (t, id) => this.#jump(t, id), open: () => openTab('why') });
+    this.mind = new Mind(id => this.pick(id));
+    this.agents = new Agents(run.agents, name => this.choose(name));
+    this.asking = new Asking();
+    this.nodes = new Nodes(run.graph);
+    this.sight = run.has.pictures || run.live ? new Sight() : null;
+    this.frames = new Latest(t => this.#fetch(t), found => this.#show(found), FRAME_MS);
+    this.trees = new Latest(api.trees, trees => showTrees(trees, this.agent, name => this.called(name)), TREES_MS);
+    this.statuses = new Latest(api.nodes, found => this.nodes.show(found), NODES_MS);
+  }
+
+  async start() {
+    this.#describe();
+    this.#wire();
+    this.playhead.watch(() => this.#moved());
+    this.choose(this.agent);
+    const wished = Number(this.#wished('t'));
+    if (wished) this.playhead.seek(wished);
+    else this.#moved();
+    if (this.run.live) this.#listen();
+    else await this.#load();
+  }
+
+  /** What people call an agent. */
+  called(name) {
+    return this.run.agents.find(agent => agent.name === name)?.called ?? name;
+  }
+
+  choose(name) {
+    this.agent = name;
+    this.timeline.show(name, this.run.agents.length > FEW_AGENTS);
+    this.log.only(find('log-own').checked ? name : null);
+    listPlans(this.run.agents.find(agent => agent.name === name), label => this.why.explainPlan(label));
+    this.#moved();
+  }
+
+  /** Explains a record, at its time where that is given. */
+  pick(id, t) {
+    if (t !== undefined) this.playhead.seek(t);
+    this.timeline.select(id);
+    this.why.explain(id);
+  }
+
+  #jump(t, id) {
+    this.playhead.seek(t);
+    if (id) this.timeline.select(id);
+  }
+
+  // What is shown at a time
+
+  #moved() {
+    const { time, end, following, playing, live } = this.playhead;
+    const slider = find('scrubber');
+    slider.max = end;
+    slider.value = time;
+    slider.setAttribute('aria-valuetext', seconds(time));
+    slider.style.setProperty('--share', end ? time / end : 0);
+    say(find('clock'), seconds(time));
+    say(find('play'), playing || following ? 'Pause' : 'Play');
+    find('live').hidden = !live || following;
+    find('now').ariaLive = playing && this.playhead.speed > 1 ? 'off' : 'polite';
+    this.#tell();
+    this.frames.ask(time);
+    if (this.run.has.trees) this.trees.ask(time);
+    if (this.run.graph.nodes.length && !following) this.statuses.ask(time);
+    clearTimeout(this.noting);
+    this.noting = setTimeout(() => this.#note(), 400);
+  }
+
+  /** Says what happened last. */
+  #tell() {
+    const line = this.log.show(this.playhead.time);
+    if (line?.id !== this.#told) {
+      this.#told = line?.id;
+      tellNow(line);
+    }
+  }
+
+  /** What holds at a time, and what there is to see of it: all of the same moment. */
+  async #fetch(t) {
+    const { has, agents } = this.run;
+    const one = agents.length > FEW_AGENTS ? this.agent : '';
+    const known = this.playhead.following && this.#live;
+    const [moment, picture, map] = await Promise.all([
+      known || api.moment(t, one),
+      has.pictures ? api.picture(t) : null,
+      has.world ? fetchMap(t) : null,
+    ]);
+    return { t, moment, picture, map };
+  }
+
+  async #show({ t, moment, picture, map }) {
+    const mind = moment.agents.find(agent => agent.name === this.agent);
+    await this.sight?.show(picture, moment.sight, moment.head);
+    if (map) showMap(map, t);
+    this.mind.show(mind, moment.at_s, this.called(this.agent));
+    this.agents.show(this.agent, moment);
+    this.asking.show(this.agent, this.called(this.agent), mind?.paused);
+    this.#speak(moment);
+    document.body.dataset.shown = moment.at_s;
+  }
+
+  #speak({ speech, at_s: at }) {
+    const said = speech.at(-1);
+    const fresh = said && (['started', 'waiting'].includes(said.state) || at - said.since_s < 3);
+    find('speech').hidden = !this.#talks;
+    find('speech').classList.toggle('past', !fresh);
+    say(find('speech'), said ? `“${said.text}”` : '');
+    this.#talks ||= Boolean(said);
+  }
+
+  #talks = false;
+
+  // The run as a whole
+
+  #describe() {
+    const { run } = this;
+    document.title = `${run.title} · socialbot inspect`;
+    say(find('title'), run.title);
+    const state = find('state');
+    state.hidden = false;
+    say(state, run.live ? 'live' : 'recorded');
+    state.classList.toggle('live', run.live);
+    this.asking.allow(run.has);
+    this.#talks = run.has.pictures || run.live;
+    find('trees').hidden = !run.has.trees;
+    find('unseen-world').hidden = run.has.pictures || run.has.world || run.live;
+    find('log-choice').hidden = run.agents.length < 2;
+    document.body.classList.toggle('many', run.agents.length > 1);
+    document.body.classList.toggle('mapped', run.has.world && !run.has.pictures);
+    if (run.damage?.length) notice(`Not all of this run could be read: ${run.damage.join('; ')}.`);
+  }
+
+  async #load() {
+    this.timeline.load(await api.timeline());
+    for await (const lines of api.log(this.playhead.end)) {
+      this.log.add(lines);
+      this.#tell();
+    }
+    document.body.dataset.loaded = true;
+  }
+
+  #listen() {
+    listen({
+      begin: async moment => {
+        notice('');
+        this.#live = moment;
+        this.playhead.extend(moment.at_s);
+        await this.#refresh();
+        this.log.clear();
+        await this.#load();
+      },
+      news: ({ t, moment, bars, log }) => {
+        const minds = new Map((this.#live?.agents ?? []).map(agent => [agent.name, agent]));
+        for (const agent of moment.agents) minds.set(agent.name, agent);
+        this.#live = { ...moment, agents: [...minds.values()] };
+        if (minds.size !== this.run.agents.length) this.#refresh();
+        this.timeline.take(bars);
+        if (log.length) this.log.add(log);
+        this.playhead.extend(t);
+      },
+      nodes: found => { if (this.playhead.following) this.nodes.show(found); },
+      ended: async () => {
+        this.#live = null;
+        await this.#refresh();
+        this.playhead.finish();
+        this.#describe();
+        notice('The run has ended; this is its record.');
+      },
+      lost: () => notice('The connection is lost; trying again …'),
+    });
+  }
+
+  /** Asks anew what the run is, as a live one may have come to something new. */
+  async #refresh() {
+    const graph = this.run.graph.nodes.length;
+    this.run = await api.run();
+    this.agents.take(this.run.agents);
+    if (this.run.graph.nodes.length !== graph) this.nodes = new Nodes(this.run.graph);
+    this.#describe();
+    if (!this.agent && this.run.agents.length) this.choose(this.run.agents[0].name);
+  }
+
+  // What people do
+
+  #wire() {
+    const { playhead, timeline } = this;
+    const step = by => playhead.seek(playhead.time + by);
+    const decide = way => {
+      const t = this.log.decision(playhead.time, way);
+      if (t !== null) playhead.seek(t);
+    };
+    const why = () => {
+      const line = this.log.decided(playhead.time);
+      if (line) this.pick(line.id);
+    };
+    find('scrubber').addEventListener('input', event => playhead.seek(Number(event.target.value)));
+    find('play').addEventListener('click', () => playhead.toggle());
+    find('live').addEventListener('click', () => playhead.follow());
+    find('back').addEventListener('click', () => decide(-1));
+    find('forth').addEventListener('click', () => decide(1));
+    find('speed').addEventListener('change', event => { playhead.speed = Number(event.target.value); });
+    find('closer').addEventListener('click', () => timeline.zoom(0.5));
+    find('wider').addEventListener('click', () => timeline.zoom(2));
+    find('whole').addEventListener('click', () => timeline.whole());
+    find('help').addEventListener('click', () => find('keys').showModal());
+    find('log-own').addEventListener('change', () => this.choose(this.agent));
+    find('side').addEventListener('opened', event => { if (event.detail === 'log') this.#scrollLog(); });
+    startTabs();
+    startKeys({
+      ' ': () => playhead.toggle(),
+      ArrowLeft: () => step(-1), ArrowRight: () => step(1), ',': () => step(-0.1), '.': () => step(0.1),
+      'Shift+ArrowLeft': () => decide(-1), 'Shift+ArrowRight': () => decide(1),
+      Home: () => playhead.seek(0), End: () => playhead.follow(),
+      '+': () => timeline.zoom(0.5), '-': () => timeline.zoom(2), 0: () => timeline.whole(),
+      w: why, 1: () => openTab('log'), 2: () => openTab('why'), 3: () => openTab('plans'), 4: () => openTab('ask'),
+      '?': () => find('keys').showModal(),
+    });
+  }
+
+  #scrollLog() {
+    this.log.only(find('log-own').checked ? this.agent : null);
+    this.log.show(this.playhead.time);
+  }
+
+  // The address of the page, by which others come to the same moment
+
+  #wished(name) {
+    return new URLSearchParams(location.hash.slice(1)).get(name);
+  }
+
+  #note() {
+    if (this.playhead.playing || this.playhead.following) return;
+    const where = new URLSearchParams({ t: this.playhead.time.toFixed(2) });
+    if (this.run.agents.length > 1) where.set('agent', this.agent);
+    history.replaceState(null, '', `#${where}`);
+  }
+}
+
+function notice(text) {
+  find('notice').hidden = !text;
+  say(find('notice'), text);
+}
+
+document.addEventListener('fault', ({ detail }) => notice(`The server does not answer: ${detail.message}`));
+
+try {
+  await new Page(await api.run()).start();
+} catch (error) {
+  say(find('title'), 'This run cannot be shown');
+  notice(error.message);
+}

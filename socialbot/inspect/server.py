@@ -1,0 +1,245 @@
+"""The server of the inspector: a run, recorded or live, by HTTP; docs/inspect.md lists what can be asked."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import AsyncIterator, Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response, StreamingResponse
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from socialbot.errors import RunError
+from socialbot.inspect.broadcast import Broadcast
+from socialbot.inspect.commands import Office, Shut
+from socialbot.inspect.guard import Guard
+from socialbot.inspect.log import LogLine, told_between
+from socialbot.inspect.overview import overview
+from socialbot.inspect.replies import FRESH, reply, reply_error
+from socialbot.inspect.run import Run, node_views
+from socialbot.inspect.why import explain, why_not
+from socialbot.messages import Command
+
+T = TypeVar("T")
+
+PAGE = Path(str(files("socialbot.inspect"))) / "page"
+MOST_LINES = 500
+"""So many lines of the log are given at once."""
+
+LARGEST_COMMAND = 65_536
+"""So many bytes somebody may ask for at once."""
+
+SMALLEST_PACKED = 2048
+"""Answers of fewer bytes are not worth packing."""
+
+DRAWING_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
+"""A drawing is styled in place and loads nothing."""
+
+
+class Asked(msgspec.Struct, frozen=True):
+    """What a person asks of an agent."""
+
+    agent: str
+    command: Command
+    text: str = ""
+
+
+class Server:
+    """Answers what the page asks of ``run``; ``office`` takes what people ask of agents.
+
+    The run is looked at in one thread of its own, in which alone a live one takes in what has happened, and pictures
+    are made in another; so neither waits for the other, nor the loop for any of them.
+    """
+
+    def __init__(self, run: Run, office: Office | None = None) -> None:
+        self.run = run
+        self.office: Office = office or Shut("this run is not live")
+        self._desk = ThreadPoolExecutor(1, "inspect")
+        self._darkroom = ThreadPoolExecutor(1, "pictures")
+        self._broadcast = Broadcast(lambda: self.run, self._look)
+
+    def application(self, token: str = "") -> Starlette:
+        """The application; see `Guard` for the ``token``."""
+
+        @asynccontextmanager
+        async def lifespan(_: Starlette) -> AsyncIterator[None]:
+            yield
+            await self.close()
+            self._desk.shutdown(wait=False)
+            self._darkroom.shutdown(wait=False)
+
+        routes = [
+            Route("/", self._index),
+            Route("/favicon.ico", self._icon),
+            *(Route(f"/api/{name}", _answered(ask)) for name, ask in self._questions().items()),
+            Route("/api/live", self._live),
+            Route("/api/command", self._command, methods=["POST"]),
+            Mount("/page", StaticFiles(directory=PAGE, check_dir=False)),
+        ]
+        middleware = [
+            Middleware(Guard, token=token),
+            Middleware(GZipMiddleware, minimum_size=SMALLEST_PACKED, compresslevel=1),
+        ]
+        handlers: dict[Any, Any] = {HTTPException: _refused, RunError: _not_there}
+        return Starlette(routes=routes, middleware=middleware, exception_handlers=handlers, lifespan=lifespan)
+
+    async def show(self, run: Run, office: Office | None = None) -> None:
+        """From now on shows another run: what was live has ended."""
+        self.run, self.office = run, office or Shut("this run has ended")
+        self._broadcast.change()
+
+    async def close(self) -> None:
+        """Sends every page away that listens to what happens."""
+        await self._broadcast.close()
+
+    async def _look(self, look: Callable[[], T]) -> T:
+        return await asyncio.get_running_loop().run_in_executor(self._desk, look)
+
+    # The page
+
+    async def _index(self, request: Request) -> Response:
+        path = PAGE / "index.html"
+        if not path.is_file():
+            raise HTTPException(404, "the page is not installed: index.html is missing")
+        return FileResponse(path, headers={"Cache-Control": "no-cache"})
+
+    async def _icon(self, request: Request) -> Response:
+        path = PAGE / "icon.svg"
+        return FileResponse(path) if path.is_file() else Response(status_code=204)
+
+    # What can be asked
+
+    def _questions(self) -> dict[str, Callable[[Request], Awaitable[Response]]]:
+        return {
+            "run": self._overview,
+            "moment": self._moment,
+            "picture": self._picture,
+            "world": self._world,
+            "trees": self._trees,
+            "nodes": self._nodes,
+            "timeline": self._timeline,
+            "log": self._log,
+            "why": self._why,
+        }
+
+    async def _overview(self, request: Request) -> Response:
+        run, office = self.run, self.office
+        return reply(await self._look(lambda: overview(run, office)))
+
+    async def _moment(self, request: Request) -> Response:
+        run = self.run
+        return reply(await self._look(lambda: run.course.at(_stamp(request, run))))
+
+    async def _picture(self, request: Request) -> Response:
+        run = self.run
+        stamp = await self._look(lambda: _stamp(request, run))
+        picture = await asyncio.get_running_loop().run_in_executor(self._darkroom, run.picture, stamp)
+        if picture is None:
+            return Response(status_code=204, headers=FRESH)  # no fault: browsers put each of those on the console
+        at_s = await self._look(lambda: run.history.seconds(picture.stamp) if len(run.history) else 0.0)
+        headers = {**FRESH, "X-Time": f"{at_s:.6f}"}
+        return Response(picture.jpeg, headers=headers, media_type="image/jpeg")
+
+    async def _world(self, request: Request) -> Response:
+        run = self.run
+        drawing = await self._look(lambda: run.world(_stamp(request, run)))
+        if drawing is None:
+            raise HTTPException(404, "this run has no world to draw")
+        headers = {**FRESH, "Content-Security-Policy": DRAWING_POLICY}
+        return Response(drawing, headers=headers, media_type="image/svg+xml")
+
+    async def _trees(self, request: Request) -> Response:
+        run = self.run
+        return reply(await self._look(lambda: run.trees(_stamp(request, run))))
+
+    async def _nodes(self, request: Request) -> Response:
+        run = self.run
+        return reply(await self._look(lambda: node_views(run, _stamp(request, run))))
+
+    async def _timeline(self, request: Request) -> Response:
+        run = self.run
+        return reply({"lanes": await self._look(lambda: run.timeline.lanes())})
+
+    async def _log(self, request: Request) -> Response:
+        run = self.run
+
+        def lines() -> list[LogLine]:
+            return told_between(run, _stamp(request, run, "from", 0.0), _stamp(request, run, "to"), MOST_LINES)
+
+        return reply(await self._look(lines))
+
+    async def _why(self, request: Request) -> Response:
+        run = self.run
+        if plan := request.query_params.get("plan"):
+            return reply(await self._look(lambda: why_not(run.history, plan)))
+        name = request.query_params.get("id", "").rpartition("@")[2]
+        record = await self._look(lambda: run.history.find(name))
+        if record is None:
+            raise HTTPException(404, f"there is no record {name!r}")
+        return reply(await self._look(lambda: explain(run.history, run.wording, record)))
+
+    async def _live(self, request: Request) -> Response:
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        return StreamingResponse(self._broadcast.listen(), media_type="text/event-stream", headers=headers)
+
+    # What people ask of agents
+
+    async def _command(self, request: Request) -> Response:
+        if self.office.shut:
+            raise HTTPException(403, self.office.shut)
+        body = b""
+        async for chunk in request.stream():
+            body += chunk
+            if len(body) > LARGEST_COMMAND:
+                raise HTTPException(413, "that is too long")
+        try:
+            asked = msgspec.json.decode(body, type=Asked)
+        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+            raise HTTPException(400, f"that cannot be read: {error}") from error
+        answer = await self.office.ask(asked.agent, asked.command, asked.text)
+        if answer is None:
+            raise HTTPException(504, f"{asked.agent} does not answer: it is not there, or does not know this key")
+        return reply({"accepted": answer.accepted, "reason": answer.reason})
+
+
+def _stamp(request: Request, run: Run, name: str = "t", default: float | None = None) -> int:
+    """A time of the query as a stamp (ns); by default the end."""
+    text = request.query_params.get(name)
+    if text is None:
+        return run.end if default is None else run.history.stamp(default)
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not math.isfinite(seconds) or abs(seconds) > 1e9:
+        raise HTTPException(400, f"{name} is to be a time in seconds")
+    return run.history.stamp(seconds)
+
+
+def _answered(ask: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+    """``ask`` as an endpoint of Starlette, which takes functions."""
+
+    async def answer(request: Request) -> Response:
+        return await ask(request)
+
+    return answer
+
+
+async def _refused(request: Request, error: HTTPException) -> Response:
+    return reply_error(error.status_code, str(error.detail))
+
+
+async def _not_there(request: Request, error: RunError) -> Response:
+    return reply_error(404, f"{error.what}: {error.remedy}" if error.remedy else error.what)

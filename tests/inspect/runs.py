@@ -1,0 +1,41 @@
+"""Small runs, recorded by the real parts: Waldo, who sees somebody come; and agents with plans, written by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from socialbot.clock import SECOND
+from socialbot.graph_file import load_graph
+from socialbot.inline import InlineRunner
+from socialbot.messages import PersonDetection, PersonDetections
+from socialbot.replay import observed_topics
+from socialbot.run_record import RunRecord
+
+START = 1_700_000_000 * SECOND
+
+
+def frame(tenth: int, *distances_m: float) -> PersonDetections:
+    """What is seen ``tenth`` tenths of a second after the start."""
+    persons = tuple(
+        PersonDetection(x=100.0 * n, y=50, w=80, h=200, score=0.9, track_id=f"t{n}", distance_m=distance_m)
+        for n, distance_m in enumerate(distances_m, start=1)
+    )
+    return PersonDetections(
+        stamp=START + tenth * SECOND // 10, frame_id="camera", width=640, height=480, persons=persons
+    )
+
+
+def greeting(folder: Path, *, comes: int = 5, tenths: int = 20) -> Path:
+    """A run of Waldo, shorter than he waits for a camera: until ``comes`` (tenths of a second) nobody is there."""
+    graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
+    runner = InlineRunner(graph, start=START)
+    with RunRecord(folder) as record:
+        record.describe(graph)
+        for topic in observed_topics(graph):
+            runner.tap(topic, record.observe)
+        runner.start()
+        for tenth in range(tenths):
+            runner.feed("/humans/bodies/detections", frame(tenth, *([4.0] if tenth >= comes else [])))
+        runner.close()
+        record.write_results({"graph": "waldo", "runner": "inline", "parameters": {"bdi_engine": {"range_m": 6.0}}})
+    return folder

@@ -1,0 +1,93 @@
+"""The inspector beside a graph that is up: what it shows, and what agents do that people ask for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from socialbot.security.keys import new_key
+from tests.system.running import eventually, running
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+GRAPH = """
+name: waldo
+inputs: [/humans/bodies/detections]
+nodes:
+  bdi_engine: {type: waldo, parameters: {vanish_s: 0.5}}
+"""
+
+
+@contextmanager
+def keyed(name: str, keys: Path | None, *arguments: object) -> Iterator[Any]:
+    """``socialbot`` with a key of that name, if there are ``keys``."""
+    with pytest.MonkeyPatch.context() as environment:
+        if keys is not None:
+            environment.setenv("SOCIALBOT_KEYS", f"{keys}:{name}")
+        with running(*arguments) as started:
+            yield started
+
+
+@contextmanager
+def page(*arguments: object, keys: Path | None = None) -> Iterator[httpx.Client]:
+    """A client of the inspector that a command serves."""
+    with keyed("desk", keys, *arguments, "--port", 0) as process:
+        said = []
+        for line in process.stdout:
+            said.append(line)
+            if found := re.search(r"Inspector: (\S+)", line):
+                with httpx.Client(base_url=found[1], timeout=20) as client:
+                    yield client
+                return
+        pytest.fail("".join(said))
+
+
+def ask(client: httpx.Client, command: str, text: str = "") -> dict[str, Any]:
+    answer = client.post("/api/command", json={"agent": "bdi_engine", "command": command, "text": text})
+    return answer.json()
+
+
+def beliefs(client: httpx.Client) -> list[str]:
+    agents = client.get("/api/moment").json()["agents"]
+    return [belief["text"] for agent in agents for belief in agent["beliefs"]]
+
+
+def says_that_it_is_paused(client: httpx.Client) -> bool:
+    return any("paused by a person" in node["reason"] for node in client.get("/api/nodes").json())
+
+
+def does_what_it_is_asked_for(client: httpx.Client) -> None:
+    assert eventually(lambda: ask(client, "believe", "present(1)").get("accepted") is True, 60)
+    assert eventually(lambda: "present(1)" in beliefs(client), 20)
+    assert ask(client, "pause") == {"accepted": True, "reason": ""}
+    assert eventually(lambda: client.get("/api/moment").json()["agents"][0]["paused"], 20)
+    assert eventually(lambda: says_that_it_is_paused(client), 20)
+    assert ask(client, "step")["accepted"] is True
+    assert ask(client, "resume")["accepted"] is True
+    assert "is not paused" in ask(client, "step")["reason"]
+
+
+def test_up_shows_a_page_and_takes_commands(tmp_path: Path) -> None:
+    (tmp_path / "waldo.yaml").write_text(GRAPH)
+    with page("up", tmp_path / "waldo.yaml", "--out", tmp_path / "run", "--inspect") as client:
+        assert client.get("/api/run").json()["live"] is True
+        does_what_it_is_asked_for(client)
+        assert "person: believe present(1)" in str(client.get("/api/log").json())
+
+
+def test_it_attaches_to_what_runs_with_a_key_of_its_own(tmp_path: Path) -> None:
+    (tmp_path / "waldo.yaml").write_text(GRAPH)
+    keys = tmp_path / "keys"
+    new_key("robot", keys)
+    new_key("desk", keys)
+    with (
+        keyed("robot", keys, "up", tmp_path / "waldo.yaml", "--out", tmp_path / "run"),
+        page("inspect", tmp_path / "waldo.yaml", keys=keys) as client,
+    ):
+        does_what_it_is_asked_for(client)
