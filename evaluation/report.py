@@ -18,8 +18,14 @@ from rich.table import Table
 
 from socialbot.errors import SocialbotError
 from socialbot.replay import versions
+from socialbot.report.page import Page, Section, settings
+from socialbot.report.page import table as html_table
+from socialbot.report.series import series_charts
 
-JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the figures here, too.")]
+JsonOption = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="FILE", help="Write the figures here, too, and a page beside: FILE.html."),
+]
 QuickOption = Annotated[bool, typer.Option("--quick", help="A shorter run: under a minute.")]
 DomainOption = Annotated[int, typer.Option(min=0, max=101, help="The ROS domain to use; nobody else should.")]
 
@@ -111,13 +117,60 @@ class Report:
         }
 
     def finish(self, file: Path | None) -> None:
-        """Prints the report and, where a ``file`` is given, writes it as JSON. Raises SocialbotError if it cannot."""
+        """Prints the report and, where a ``file`` is given, writes it as JSON, and beside that as a page (.html).
+
+        Raises SocialbotError if it cannot.
+        """
         if file is not None:
             try:
                 file.write_bytes(msgspec.json.format(msgspec.json.encode(self.content()), indent=2) + b"\n")
             except OSError as error:
                 raise SocialbotError(f"cannot be written: {error.strerror}", where=str(file)) from error
+            self.page().write(file.with_suffix(".html"))
         self.show(Console(highlight=False, width=None if sys.stdout.isatty() else PAGE_WIDTH))
+
+    def page(self) -> Page:
+        """The report as a page."""
+        required = [figure for figure in self.figures if figure.ok is not None]
+        missed = f"; not met: {', '.join(self.unmet)}" if self.unmet else ""
+        return Page(
+            title=f"{self.title}{' (quick)' if self.quick else ''}",
+            lead=f"{len(required) - len(self.unmet)} of {len(required)} requirements are met{missed}."
+            if required
+            else "",
+            verdict="" if not required else "requirements not met" if self.unmet else "requirements met",
+            good=not self.unmet,
+            sections=[
+                Section("Figures", self._figures_html()),
+                *(Section(name, series_charts(rows) + _table_html(rows)) for name, rows in self.tables.items()),
+                Section("How this was measured", settings(self._setting())),
+            ],
+        )
+
+    def _figures_html(self) -> str:
+        others = any(figure.others for figure in self.figures)
+        rows = [
+            [
+                (figure.text, ""),
+                (_plain(figure.value), "r"),
+                (_limit(figure.required), "r"),
+                {None: ("", ""), True: ("ok", "good"), False: ("no", "bad")}[figure.ok],
+                *([(figure.others, "")] if others else []),
+            ]
+            for figure in self.figures
+        ]
+        heads = ("figure", "value", "required", "ok", *(["others"] if others else []))
+        return html_table(heads, rows, right=(1, 2)) if rows else ""
+
+    def _setting(self) -> dict[str, object]:
+        machine = self.machine
+        return {
+            "command": " ".join(["python", "-m", _module(), *sys.argv[1:]]),
+            "processor": f"{machine.processor}, {machine.cores} cores",
+            "system": machine.system,
+            "load before": machine.load_before,
+            **machine.versions,
+        }
 
     def show(self, console: Console) -> None:
         """Prints the tables."""
@@ -132,8 +185,7 @@ class Report:
         titles = ["figure", "value", "required", "ok", *(["others"] if others else [])]
         table = Table(*titles, box=None, pad_edge=False, header_style="dim")
         for figure in self.figures:
-            required = figure.required
-            limit = "" if required is None else "yes" if required is True else f"at most {_text(required)}"
+            limit = _limit(figure.required)
             ok = {None: "", True: "[green]ok[/]", False: "[bold red]no[/]"}[figure.ok]
             table.add_row(
                 escape(figure.text), _text(figure.value), limit, ok, *([escape(figure.others)] if others else [])
@@ -164,13 +216,40 @@ def _table(name: str, rows: dict[str, dict[str, Value]]) -> Table:
     columns = list(dict.fromkeys(column for row in rows.values() for column in row))
     table = Table(name, box=None, pad_edge=False, header_style="dim")
     for column in columns:
-        table.add_column(column, justify="right")
+        is_text = any(isinstance(row.get(column), str) for row in rows.values())
+        table.add_column(column, justify="left" if is_text else "right")
     for row_name, row in rows.items():
         table.add_row(escape(row_name), *(_text(row.get(column)) for column in columns))
     return table
 
 
+def _table_html(rows: dict[str, dict[str, Value]]) -> str:
+    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
+    texts = {column for column in columns if any(isinstance(row.get(column), str) for row in rows.values())}
+    cells = [
+        [(name, ""), *((_plain(row.get(column)), "" if column in texts else "r") for column in columns)]
+        for name, row in rows.items()
+    ]
+    right = [number for number, column in enumerate(columns, 1) if column not in texts]
+    return html_table(("", *columns), cells, right=right) if rows else ""
+
+
+def _module() -> str:
+    """The module that was started, as ``python -m`` names it."""
+    spec = getattr(sys.modules["__main__"], "__spec__", None)
+    return Path(sys.argv[0]).stem if spec is None else spec.name.removesuffix(".__main__")
+
+
+def _limit(required: float | bool | None) -> str:
+    return "" if required is None else "yes" if required is True else f"at most {_plain(required)}"
+
+
 def _text(value: Value) -> str:
+    """A value for the terminal."""
+    return escape(_plain(value))
+
+
+def _plain(value: Value) -> str:
     match value:
         case None:
             return "-"
@@ -179,7 +258,7 @@ def _text(value: Value) -> str:
         case float():
             return f"{value:.4g}" if abs(value) < 100 else f"{value:.6g}"
         case _:
-            return escape(str(value))
+            return str(value)
 
 
 def _processor() -> str:

@@ -59,7 +59,8 @@ def curves_chart(title: str, lines: Sequence[Line], paper: Point | None) -> str:
         )
     width, height = _LEFT + _SIZE + _RIGHT, _TOP + _SIZE + _BOTTOM
     size = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
-    return f'<svg class="chart" {size} role="img">{"".join(parts)}</svg>'
+    label = f"Precision over recall: {title}"
+    return f'<svg class="chart" {size} role="img" aria-label="{escape(label)}">{"".join(parts)}</svg>'
 
 
 def sheet(charts: Sequence[str], colours: Sequence[tuple[str, str]], columns: int) -> str:
@@ -157,4 +158,5 @@ def timeline(seconds: float, tracks: Sequence[Track]) -> str:
                 f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="8" fill="{mark.colour}"/><text x="{x:.1f}" '
                 f'y="{middle + 4:.1f}" text-anchor="middle" class="letter">{escape(mark.letter)}</text></g>'
             )
-    return f'<svg class="timeline" viewBox="0 0 {left + width} {height}" role="img">{"".join(parts)}</svg>'
+    size = f'viewBox="0 0 {left + width} {height}"'
+    return f'<svg class="timeline" {size} role="img" aria-label="What happened when">{"".join(parts)}</svg>'

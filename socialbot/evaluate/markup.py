@@ -6,6 +6,7 @@ from collections.abc import Container, Iterable
 from html import escape
 
 from socialbot.evaluate.scores import Interval
+from socialbot.report.page import wide
 
 __all__ = ["STYLE", "bar", "cell", "interval", "key", "row", "table"]
 
@@ -43,6 +44,13 @@ td small{color:#6a737d}
 .wide table{font-size:13px}
 .wide th,.wide td{padding:.18rem .42rem}
 .wide td.n{padding-left:1.5rem}
+@media(prefers-color-scheme:dark){:root{color-scheme:dark}body{color:#e6e9ec;background:#14181c}
+p.note,li,th,td small,tr.paper td,.shots figcaption{color:#a9b3bd}h2{border-color:#3a434c}
+th,td{border-color:#2c343c}tr.first td{border-color:#55606b}
+.chart,.timeline{background:#fff;border-radius:4px}}
+@media(max-width:600px){body{margin:1rem auto}.chart{max-width:100%;height:auto}
+.shots figure{width:100%}}
+@media print{.wide{overflow:visible}tr,figure,.chart{break-inside:avoid}}
 """
 
 
@@ -62,9 +70,8 @@ def table(
     cells = "".join(
         f'<th class="{"l" if number in left else ""}">{escape(head)}</th>' for number, head in enumerate(heads)
     )
-    return (
-        f"<table><thead>{above and f'<tr>{above}</tr>'}<tr>{cells}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-    )
+    head = f"<thead>{above and f'<tr>{above}</tr>'}<tr>{cells}</tr></thead>"
+    return wide(f"<table>{head}<tbody>{''.join(rows)}</tbody></table>")
 
 
 def row(cells: Iterable[str], kind: str = "") -> str:

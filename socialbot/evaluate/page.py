@@ -73,9 +73,9 @@ def page(evaluation: Evaluation) -> str:
     ]
     head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>Seeing people</title>'
     return (
-        f'<!doctype html>\n<html lang="en"><head>{head}<style>{STYLE}</style></head>\n<body>\n'
+        f'<!doctype html>\n<html lang="en"><head>{head}<style>{STYLE}</style></head>\n<body><main>\n'
         + "\n".join(parts)
-        + "\n</body></html>\n"
+        + "\n</main></body></html>\n"
     )
 
 
@@ -150,7 +150,7 @@ def _paper(evaluation: Evaluation) -> str:
         "The paper's rows are its Tables 2 and 3: other people, other pictures, and another rule for what is a hit. "
         "Compare the detectors with each other; the paper's rows show where its detector was weak."
     )
-    return f'<p class="note">{note}</p><div class="wide">{table(heads, rows, left=range(2), groups=groups)}</div>'
+    return f'<p class="note">{note}</p>{table(heads, rows, left=range(2), groups=groups)}'
 
 
 def _full(evaluation: Evaluation, name: str) -> str:
@@ -244,7 +244,7 @@ def _behaviour(evaluation: Evaluation) -> list[str]:
     return [
         "<h2>What Waldo does with it</h2>",
         f'<p class="note">{note}</p>',
-        f'<div class="wide">{table(heads, rows, left=range(2), groups=groups)}</div>',
+        table(heads, rows, left=range(2), groups=groups),
         *lines,
     ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 STYLE = """
 :root{--ink:#1b1f23;--soft:#57606a;--paper:#fff;--card:#f6f8fa;--line:#dde2e6;--lane:#f4f6f8;--band:#dbe6f2;
---bandink:#24405e;--good:#2f8f4e;--bad:#c8372d;--warn:#a86a00;--badband:#f7dcd9;--goodband:#dcefe1;--accent:#0b6e99}
+--bandink:#24405e;--good:#1c6e37;--bad:#b42a20;--warn:#8a5600;--badband:#f7dcd9;--goodband:#dcefe1;--accent:#0b6e99}
 @media(prefers-color-scheme:dark){:root{--ink:#e6e9ec;--soft:#9aa4ae;--paper:#14181c;--card:#1c2228;--line:#323a42;
 --lane:#1a1f25;--band:#22374d;--bandink:#bcd6f0;--good:#58b877;--bad:#ff7b6f;--warn:#e0a84a;--badband:#4a2522;
 --goodband:#1d3b28;--accent:#5fb4dc}}
@@ -91,7 +91,7 @@ ul.tree b{width:1em;flex:none;text-align:center}ul.tree i{color:var(--soft)}
 ul.tree .task span{font-weight:600}ul.tree .task i{font-weight:400}
 ul.tree .done b{color:var(--good)}ul.tree .done span{color:var(--soft)}
 ul.tree .failed b,ul.tree .failed span{color:var(--bad);font-weight:700}
-ul.tree .new b,ul.tree .new span{color:var(--accent)}ul.tree .former span{text-decoration:line-through;opacity:.75}
+ul.tree .new b,ul.tree .new span{color:var(--accent)}ul.tree .former span{text-decoration:line-through}
 .shots{display:grid;grid-template-columns:repeat(auto-fill,minmax(19rem,1fr));gap:.9rem}
 .shots svg{width:100%}
 table{border-collapse:collapse;font-size:14px;width:100%}
@@ -104,7 +104,43 @@ summary{cursor:pointer;color:var(--accent);margin:.5rem 0}
 code{font:13px ui-monospace,monospace;overflow-wrap:anywhere}
 @media(max-width:820px){.stage{grid-template-columns:minmax(0,1fr)}body{padding:1rem .8rem 2rem}
 ol.told li{grid-template-columns:3.6rem minmax(0,1fr)}ol.told li span{grid-column:2}.names{font-size:11px}}
-@media print{.controls,.now{display:none}.stage{grid-template-columns:1fr}}
+.warning{background:var(--badband);color:var(--bad);border-radius:8px;padding:.5rem .8rem;font-weight:600;
+overflow-wrap:anywhere}
+nav{display:flex;flex-wrap:wrap;gap:.2rem 1rem;font-size:13.5px;margin:1rem 0 0}
+a{color:var(--accent)}
+.lanes{display:block;font:11px system-ui,sans-serif}
+.lanes .lane{fill:var(--lane)}.lanes .tick{stroke:var(--line)}.lanes text{fill:#fff;pointer-events:none}
+.lanes .axis{fill:var(--soft)}.lanes .name{fill:var(--ink);font-weight:600}.lanes .beside{fill:var(--ink)}
+.s-person{fill:#2e7d68}.s-belief{fill:#6b7886}.s-desire,.s-goal{fill:#7c4fa0}.s-plan{fill:#4f63ad}
+.s-step,.s-action{fill:#9c5e12}.s-speech{fill:#2f6fa8}.s-head{fill:#8a4a68}
+.lanes .failed rect,.lanes .failed circle{stroke:var(--bad);stroke-width:2}
+.lanes .marked line{stroke:var(--bad);stroke-width:1.6;stroke-dasharray:5 3}
+.frames{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,17rem),1fr));gap:.9rem}
+figure{margin:0}
+figcaption{font-size:13px;color:var(--soft)}
+.frame{width:100%;display:block;border-radius:6px}
+.deed{border-bottom:1px solid var(--line);font-size:14px}
+.deed summary{color:var(--ink);margin:.3rem 0;overflow-wrap:anywhere}
+.deed summary::marker{color:var(--accent)}
+.deed p{margin:.4rem 0 .2rem;color:var(--soft)}
+.deed ul,ol.chain{margin:.2rem 0 .6rem;padding-left:1.4rem}
+.chain .at,.deed .at{color:var(--soft);font-variant-numeric:tabular-nums}
+.rates{width:36rem;max-width:100%}
+.rates text{font:12px system-ui,sans-serif;fill:var(--soft)}.rates .tick{stroke:var(--line)}
+.rates path{fill:none;stroke-width:2}
+.r0 path{stroke:#0b7fb0}.r0 circle{fill:#0b7fb0}.rates .r0 text{fill:var(--accent)}
+.r1 path{stroke:#c06a10}.r1 circle{fill:#c06a10}.rates .r1 text{fill:var(--warn)}
+.r2 path{stroke:#2f8f4e}.r2 circle{fill:#2f8f4e}.rates .r2 text{fill:var(--good)}
+.series{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,16rem),1fr));gap:1rem;margin:.6rem 0}
+.series text{font:11px system-ui,sans-serif;fill:var(--soft)}
+.series .head{font-size:12.5px;font-weight:600;fill:var(--ink)}
+.series .axes{fill:none;stroke:var(--line)}.series .line{fill:none;stroke:var(--accent);stroke-width:2}
+.series circle{fill:var(--accent)}
+.sides{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,24rem),1fr));gap:1rem}
+.sides>div{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:.6rem .9rem;min-width:0}
+.sides h3{margin:0 0 .4rem}
+@media print{.controls,.now,nav{display:none}.stage{grid-template-columns:1fr}body{max-width:none;padding:0}
+.wide,.scroll{overflow:visible}.lanes,.gantt{max-width:100%;height:auto}figure,.deed,.tile,tr{break-inside:avoid}}
 """
 
 SCRIPT = r"""

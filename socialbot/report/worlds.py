@@ -13,7 +13,7 @@ from socialbot.agents.warehouse.film import Film
 from socialbot.agents.warehouse.gripper import GripperAgent
 from socialbot.graph import Graph
 from socialbot.messages import Message
-from socialbot.report.page import Scene
+from socialbot.report.deliberated import Scene
 from socialbot.report.story import Story
 
 

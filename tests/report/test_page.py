@@ -1,130 +1,58 @@
 from __future__ import annotations
 
-import json
-import re
-from html.parser import HTMLParser
-from typing import Any
+import pytest
 
-from socialbot.messages import TraceRecord
-from socialbot.report.page import Page, Scene, lead_of
-from socialbot.report.story import story_of
-from tests.report.runs import DETOUR, PHRASES, desire, record
+from socialbot.errors import SocialbotError
+from socialbot.report.page import Page, Section, folded, settings, table
+from tests.report.pages import headings, read
 
-STORY = story_of(DETOUR, PHRASES)
+HOSTILE = "</script><img onerror=x>\"'&"
 
 
-class Reader(HTMLParser):
-    """Collects the words of a page, and whether all that is opened is closed."""
-
-    VOID = frozenset({"meta", "input", "br"})
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.words: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: Any) -> None:
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.words.append(data)
-
-
-def page(**changes: Any) -> str:
-    values = {"title": "A run", "lead": lead_of(STORY), "good": True, "verdict": "goal reached", "story": STORY}
-    return Page(**{**values, **changes}).html()
-
-
-def read(html: str) -> str:
-    reader = Reader()
-    reader.feed(html)
-    assert reader.open == []
-    return " ".join(reader.words)
-
-
-def test_the_page_tells_all_of_the_run():
-    words = read(page(tiles=[("7.0 s", "for be_home")], setting={"seed": 4}))
-    for told in (
-        "A run",
-        "goal reached",
-        "7.0 s",
-        "gives up plan 1 for be_home",
-        "asks bob for open_door",
-        "seed",
-        "be_home",
-    ):
+def test_what_is_there_is_told():
+    words = read(
+        Page(
+            "A run",
+            lead="It went.",
+            verdict="ended well",
+            warnings=["The camera died."],
+            tiles=[("7", "lives")],
+            sections=[Section("One", "<p>first</p>", "a note"), Section("Two", settings({"seed": 4}))],
+        ).html()
+    )
+    for told in ("A run", "It went.", "ended well", "The camera died.", "7", "lives", "first", "a note", "seed", "4"):
         assert told in words
 
 
-def test_it_needs_nothing_else():
-    html = page()
-    assert not re.search(r"(src|href)\s*=", html)
-    assert "http" not in html.replace("http://www.w3.org/2000/svg", "")
-
-
-def test_it_is_for_light_and_dark():
-    assert "prefers-color-scheme:dark" in page()
+def test_sections_without_content_are_left_out():
+    html = Page("A run", sections=[Section("One", ""), Section("Two", "<p>x</p>"), Section("Three", "<p>y</p>")]).html()
+    assert headings(html) == ["Two", "Three"]
+    assert html.count("<a href=") == 2
 
 
 def test_what_people_wrote_is_text():
-    odd = story_of((desire(0, "a", "</script><u>x"), record(1, "a", "desire_dropped", "</script><u>x", reason="<s>")))
-    html = page(story=odd, title="<u>")
-    assert "<u>" not in html.split("<script")[0]
-    assert "<s>" not in html.split("<script")[0]
-    data = re.search(r'id="data">(.*?)</script>', html, re.DOTALL)
-    assert data is not None
-    assert json.loads(data[1])["turns"][0][2].startswith("wants </script><u>x")
-
-
-def test_the_film_is_with_it():
-    scene = Scene('<svg class="floor"></svg>', {"robots": {}, "boxes": {}, "holding": []}, "crane", ["<svg><g/></svg>"])
-    html = page(scene=scene)
-    assert '<div class="shots"><svg><g/></svg></div>' in html
-    assert '"crane":"crane"' in html
-
-
-def test_the_lead_says_what_came_of_it():
-    assert lead_of(STORY) == (
-        "ann wanted be_home and reached it after 7.0 s; its first plan said 5.0 s. "
-        "One plan was given up, at 3.0 s: ann goes from yard to hall, the door is locked."
+    page = Page(
+        HOSTILE,
+        lead=HOSTILE,
+        verdict=HOSTILE,
+        warnings=[HOSTILE],
+        tiles=[(HOSTILE, HOSTILE)],
+        sections=[
+            Section(HOSTILE, table((HOSTILE,), [[(HOSTILE, "")], [(HOSTILE, "code")]])),
+            Section("two", folded(HOSTILE, settings({HOSTILE: HOSTILE}))),
+        ],
     )
-    assert lead_of(story_of(DETOUR[:3])).startswith("ann wanted be_home and was still at it")
-    dropped = story_of((desire(0, "a", "x"), record(1, "a", "desire_dropped", "x", reason="deleted")))
-    assert lead_of(dropped) == "a wanted x, which was dropped: deleted. No plan was given up."
-    assert lead_of(story_of([])) == "Nobody wanted anything."
+    html = page.html()
+    assert "<img" not in html
+    assert "</script>" not in html
+    assert read(html).count(HOSTILE) == 15
 
 
-def test_what_was_said_is_a_table_of_its_own():
-    def said(text: str, weight: str) -> TraceRecord:
-        more = {"receiver": "bob", "performative": "inform", "content": "Problem", "mission": "m_1", "weight": weight}
-        return record(1, "ann", "said", text, **more)
-
-    html = page(story=story_of((desire(0, "ann", "x"), said("reports <smoke>", "problem"), said("hums", ""))))
-    read(html)
-    assert html.count('<td class="bad">reports &lt;smoke&gt;</td>') == 2, "at once, and among all"
-    assert html.count('<td class="">hums</td>') == 1
-    assert "What was asked of each other" not in html
-    assert "What was asked of each other" in page()
+def test_it_is_for_light_and_dark():
+    assert "prefers-color-scheme:dark" in Page("A run").html()
 
 
-def test_the_film_of_a_long_run_is_faster():
-    def usual(seconds: float) -> str:
-        story = story_of((desire(0, "ann", "x"), record(seconds, "ann", "desire_dropped", "x", reason="")))
-        found = re.search(r"selected>(.*?)x<", page(story=story))
-        assert found is not None
-        return found[1]
-
-    assert [usual(seconds) for seconds in (1.0, 5.0, 30.0, 126.0, 9999.0)] == ["0.1", "0.2", "1", "5", "20"]
-
-
-def test_what_groups_look_like_is_with_the_film():
-    film = {"robots": {}, "faces": {"room": [(0.0, 0)]}, "drawings": ["</script>"]}
-    html = page(scene=Scene('<svg class="ward"></svg>', film, shots=["<svg/>"], shots_title="The ward"))
-    data = re.search(r'id="data">(.*?)</script>', html, re.DOTALL)
-    assert data is not None
-    assert json.loads(data[1])["film"] == json.loads(json.dumps(film))
-    assert "<h2>The ward</h2>" in html
+def test_where_it_cannot_be_written_that_is_said(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SocialbotError, match="cannot be written"):
+        Page("A run").write(tmp_path / "file" / "page.html")

@@ -1,0 +1,58 @@
+"""The pages as browsers show them: light, dark, and on a phone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser
+
+from evaluation.report import Report
+from socialbot.inspect.difference import difference
+from socialbot.inspect.run_folder import open_run
+from socialbot.report.difference_page import difference_page
+from socialbot.run_report import write_report
+from tests.inspect.browsing import chromium, waldo_with_pictures
+from tests.inspect.runs import greeting
+
+pytestmark = pytest.mark.slow
+
+SERIOUS = ("serious", "critical")
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("pages")
+    run, later = waldo_with_pictures(folder), greeting(folder / "later", comes=15, tenths=40)
+    report = Report("Some figures", quick=True)
+    report.add("late", "longest delay (ms)", 12.5, 10.0)
+    report.tables["by rate"] = {f"{rate} %": {"seconds": rate / 7} for rate in (0, 10, 50)}
+    first, second = open_run(run), open_run(later)
+    return [
+        write_report(run),
+        difference_page(first, second, difference(first, second)).write(folder / "difference.html"),
+        report.page().write(folder / "figures.html"),
+    ]
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (390, "light")])
+def test_pages_can_be_read(pages, width, scheme):
+    with chromium() as browser:
+        for path in pages:
+            _look(browser, path, width, scheme)
+
+
+def _look(browser: Browser, path: Path, width: int, scheme: Literal["light", "dark"]) -> None:
+    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    said: list[str] = []
+    page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.goto(path.as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.emulate_media(media="print")
+    page.emulate_media(media="screen")
+    faults = [each for each in Axe().run(page).response["violations"] if each["impact"] in SERIOUS]
+    assert (faults, said) == ([], [])
+    page.close()
