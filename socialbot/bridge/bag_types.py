@@ -11,6 +11,7 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from socialbot.bridge import interfaces, standard_types
 from socialbot.errors import MessageError
 
 _HEADER = "std_msgs/msg/Header"
@@ -22,12 +23,28 @@ def known_types(release: Stores = Stores.ROS2_JAZZY) -> Typestore:
     return get_typestore(release)
 
 
+@functools.cache
+def _with_own_types() -> Typestore:
+    """The types of ROS 2 Jazzy, and those of `interfaces` and `standard_types`."""
+    types = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in {**standard_types.DEFINITIONS, **interfaces.definitions()}.items():
+        # Comments make the parser fifty times slower.
+        types.register(get_types_from_msg("\n".join(line.partition("#")[0] for line in text.splitlines()), name))
+    return types
+
+
+def types_with(type_name: str) -> Typestore:
+    """The types of ROS 2 Jazzy, with more where ``type_name`` is none of these packages. They are shared."""
+    package = type_name.partition("/")[0]
+    return _with_own_types() if package in (interfaces.PACKAGE, *standard_types.PACKAGES) else known_types()
+
+
 class RosbagsTypes:
-    """A `codec.TypeFactory` that makes messages for rosbags, with the types of ROS 2 Jazzy."""
+    """A `codec.TypeFactory` that makes messages for rosbags, with the types of ROS 2 Jazzy and socialbot's own."""
 
     def make(self, type_name: str, /, **fields: Any) -> Any:
-        """A message of ``type_name``. Raises MessageError when ROS 2 Jazzy has no such type."""
-        types = known_types().types
+        """A message of ``type_name``. Raises MessageError when there is no such type."""
+        types = types_with(type_name).types
         if type_name not in types:
             raise MessageError(f"ROS 2 Jazzy has no type {type_name}")
         return types[type_name](**fields)
@@ -36,14 +53,14 @@ class RosbagsTypes:
         """``ros_message`` as CDR bytes. Raises MessageError when a field does not fit its type."""
         name = ros_message.__msgtype__
         try:
-            return bytes(known_types().serialize_cdr(ros_message, name))
+            return bytes(types_with(name).serialize_cdr(ros_message, name))
         except Exception as error:
             raise MessageError(f"cannot be written as {name}: {error}") from error
 
     def deserialize(self, data: bytes, type_name: str) -> Any:
         """The message of ``type_name`` in CDR bytes. Raises MessageError when there is none in them."""
         try:
-            return _read_cdr(known_types(), data, type_name)
+            return _read_cdr(types_with(type_name), data, type_name)
         except Exception as error:
             raise MessageError(f"{len(data)} bytes are no {type_name}: {error}") from error
 
@@ -89,7 +106,7 @@ def _check_cdr(data: bytes) -> None:
 @functools.lru_cache(maxsize=512)
 def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
     # Each connection is read with its own definition: types have changed between releases of ROS.
-    known = known_types(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
+    known = known_types(Stores.ROS1_NOETIC) if ros1 else types_with(name)
     if definition.format is MessageDefinitionFormat.NONE or not definition.data:
         return known
     types = get_typestore(Stores.EMPTY)

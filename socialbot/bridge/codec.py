@@ -3,6 +3,9 @@
 `decode` takes any object with the fields of the ROS type, whether rclpy or rosbags made it;
 `encode` builds one with a `TypeFactory` (`ros_types.RclpyTypes`, `bags.RosbagsTypes`).
 
+Structured messages travel in one of two forms: as JSON in a String, or as ROS messages of their own types
+(`typed`); what comes in is told apart by what it is.
+
 What carries no stamp of its own (a zero header stamp, plain text) gets the time that the caller
 gives, which is the time of arrival.
 """
@@ -18,8 +21,11 @@ from typing import Any, Protocol, TypeVar, Union, cast
 import msgspec
 import numpy as np
 
+from socialbot.bridge.interfaces import TYPED, type_name
+from socialbot.bridge.typed import from_typed, to_typed
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.errors import MessageError
+from socialbot.graph import WireForm
 from socialbot.messages import (
     BoxMarkers,
     CameraInfo,
@@ -50,8 +56,11 @@ ROS_TYPES: Mapping[type[Message], str] = MappingProxyType(
 """The ROS type of each message; `ros_type` also knows structured messages defined elsewhere."""
 
 MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
-    {name: message_type for message_type, name in ROS_TYPES.items() if not issubclass(message_type, Structured)}
-    | {STRING: Structured}
+    {
+        **{name: message_type for message_type, name in ROS_TYPES.items() if not issubclass(message_type, Structured)},
+        STRING: Structured,
+        **TYPED,
+    }
 )
 """What to `decode` a ROS type to; `Structured` stands for whichever schema the JSON names."""
 
@@ -71,13 +80,22 @@ class TypeFactory(Protocol):
         ...
 
 
-def ros_type(message_type: type[Message]) -> str:
-    """The name of the ROS type that carries ``message_type``. Raises MessageError when there is none."""
+def ros_type(message_type: type[Message], form: WireForm = "json") -> str:
+    """The name of the ROS type that carries ``message_type``. Raises MessageError when there is none.
+
+    Structured messages that do not come with socialbot are JSON in either ``form``.
+    """
     if issubclass(message_type, Structured):
-        return STRING
+        name = type_name(message_type)
+        return name if form == "typed" and TYPED.get(name) is message_type else STRING
     if message_type not in ROS_TYPES:
         raise MessageError(f"{message_type.__name__} has no ROS type", remedy="derive it from Structured")
     return ROS_TYPES[message_type]
+
+
+def carries(ros_name: str, message_type: type[Message]) -> bool:
+    """Whether messages of the ROS type called ``ros_name`` carry ``message_type``, in one form or the other."""
+    return ros_name in (ros_type(message_type), ros_type(message_type, "typed"))
 
 
 def header_stamp(ros_message: Any) -> int | None:
@@ -106,6 +124,8 @@ def decode(message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M:
     content does not fit, or ``ros_message`` is of another type.
     """
     if issubclass(message_type, Structured):
+        if hasattr(ros_message, "header"):
+            return cast(M, _decode_typed(message_type, ros_message, stamp))
         return cast(M, _decode_structured(message_type, _text(ros_message), stamp))
     name = ros_type(message_type)
     try:
@@ -114,10 +134,12 @@ def decode(message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M:
         raise MessageError(f"not a valid {name}: {error}") from error
 
 
-def encode(message: Message, types: TypeFactory) -> Any:
+def encode(message: Message, types: TypeFactory, form: WireForm = "json") -> Any:
     """``message`` as a ROS message that ``types`` makes. Raises MessageError when it cannot be expressed."""
     if isinstance(message, Structured):
-        return types.make(STRING, data=_json(message))
+        if ros_type(type(message), form) == STRING:
+            return types.make(STRING, data=_json(message))
+        return to_typed(message, types)
     name = ros_type(type(message))
     return _ENCODERS[type(message)](message, name, types)
 
@@ -139,6 +161,14 @@ def _text(ros_message: Any) -> str:
     if not isinstance(text, str):
         raise MessageError(f"not a valid {STRING}: {type(ros_message).__name__} holds no text")
     return text
+
+
+def _decode_typed(message_type: type[Structured], ros_message: Any, stamp: int) -> Structured:
+    message = from_typed(message_type, ros_message)
+    if isinstance(message, Utterance) and not message.id and not message.stamp:
+        # Somebody said no more than a text.
+        return msgspec.structs.replace(message, stamp=stamp, id=f"text-{stamp}")
+    return message
 
 
 def _decode_structured(message_type: type[Structured], text: str, stamp: int) -> Structured:

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from socialbot.bridge.interfaces import PACKAGE
 from socialbot.errors import InstallationError
 
 _REMEDY = (
     "install the ROS wheels (pip install ros-jazzy-rclpy ros-jazzy-common-interfaces ros-jazzy-rmw-fastrtps-cpp) "
     "or source a ROS 2 Jazzy installation"
 )
+_REMEDY_TYPED = "pip install ./interfaces/socialbot_msgs (see docs/interfaces.md), or write wire: json in the graph"
 
 
 class RclpyTypes:
@@ -41,7 +43,8 @@ def message_class(type_name: str) -> Any:
     try:
         return getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
-        raise InstallationError(f"the ROS type {type_name} is not installed: {error}", remedy=_REMEDY) from error
+        remedy = _REMEDY_TYPED if type_name.startswith(f"{PACKAGE}/") else _REMEDY
+        raise InstallationError(f"the ROS type {type_name} is not installed: {error}", remedy=remedy) from error
 
 
 def _fill(message: Any, name: str, numbers: np.ndarray) -> None:
