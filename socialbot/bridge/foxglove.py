@@ -1,0 +1,229 @@
+"""A run as an .mcap file that Foxglove shows: pictures with boxes, people, minds, the log, the head, diagnostics.
+
+All topics are ROS 2 messages with their definitions inside, so other tools that read bags take the file, too.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+import tempfile
+from collections.abc import Iterator
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+from socialbot.bridge.bags import Bag, BagWriter, RosbagsTypes
+from socialbot.clock import SECOND
+from socialbot.errors import BagError
+from socialbot.inspect.run import Run
+from socialbot.inspect.streams import Pose, Sentence, detections_of, minds_of, poses_of, sentences_of
+from socialbot.messages import Message, PersonDetections
+from socialbot.status import NodeStatus
+
+ANNOTATIONS = "/humans/bodies/image_annotations"
+DETECTIONS = "/humans/bodies/detections"
+DIAGNOSTICS_EVERY = SECOND
+BASE, PAN, TILT, CAMERA, OPTICAL = "base_link", "head_pan_link", "head_tilt_link", "camera_link", "camera_optical_frame"
+"""Frames, from the foot of the robot to its camera (REP-105); the last looks along z (REP-103)."""
+
+HEAD_HEIGHT_M = 1.2
+_LINE_LOOP = 2
+_INFO, _WARN = 20, 30
+_OK, _WARNING, _ERROR = 0, 1, 2
+_LEVELS = {"ok": _OK, "": _OK, "waiting": _WARNING, "degraded": _WARNING, "ended": _WARNING}
+
+Item = tuple[int, str, Any]
+"""A time (ns), a topic and a ROS message or one of socialbot."""
+
+
+def export_foxglove(run: Run, bag: Bag | None, out: Path) -> dict[str, int]:
+    """Writes ``run``, with the pictures of its ``bag``, to the new file ``out``; returns the messages by topic.
+
+    Raises BagError when the file exists or cannot be written, or the bag is broken.
+    """
+    if out.exists():
+        raise BagError("already exists", where=str(out), remedy="give another name, or remove it first")
+    show = _Show()
+    streams = [
+        sorted(stream, key=itemgetter(0))
+        for stream in (show.people(run), show.log(run), show.minds(run), show.head(run), show.diagnostics(run))
+    ]
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=out.parent) as folder:
+            with BagWriter(Path(folder) / "bag") as writer:
+                pictures = _pictures(bag) if bag is not None else iter(())
+                for time, topic, message in heapq.merge(*streams, pictures, key=itemgetter(0)):
+                    if isinstance(message, Message):
+                        writer.write(topic, message, time, "typed")
+                    else:
+                        data = show.types.serialize(message)
+                        writer.write_raw(topic, message.__msgtype__, data, time, latched=topic == "/tf_static")
+            next((Path(folder) / "bag").glob("*.mcap")).replace(out)
+    except OSError as error:
+        raise BagError(f"cannot be written: {error.strerror}", where=str(out)) from error
+    return writer.counts
+
+
+def _pictures(bag: Bag) -> Iterator[Item]:
+    topics = {topic.name: topic.name for topic in bag.image_topics}
+    infos = [bag.camera_info_topic_for(name) for name in topics]
+    topics |= {info.name: info.name for info in infos if info is not None}
+    for topic, message in bag.messages(topics):
+        yield message.stamp, topic, message
+
+
+class _Show:
+    """Makes the messages."""
+
+    def __init__(self) -> None:
+        self.types = RosbagsTypes()
+
+    def people(self, run: Run) -> Iterator[Item]:
+        for found in detections_of(run):
+            yield found.stamp, DETECTIONS, found
+            yield found.stamp, ANNOTATIONS, self._annotations(found)
+            yield found.stamp, "/tf", self._bodies(found)
+
+    def log(self, run: Run) -> Iterator[Item]:
+        for record in run.history:
+            yield record.stamp, "/trace", record
+        for sentence in sentences_of(run):
+            yield sentence.stamp, "/rosout", self._log(sentence)
+
+    def minds(self, run: Run) -> Iterator[Item]:
+        for mind in minds_of(run):
+            yield mind.stamp, f"/{mind.agent}/mind", mind
+
+    def head(self, run: Run) -> Iterator[Item]:
+        start = run.history.start or 0
+        fixed = [
+            self._transform(start, TILT, CAMERA),
+            # From "x forward, y left, z up" to "z forward, x right, y down".
+            self._transform(start, CAMERA, OPTICAL, rotation=(-0.5, 0.5, -0.5, 0.5)),
+        ]
+        yield start, "/tf_static", self.types.make("tf2_msgs/msg/TFMessage", transforms=fixed)
+        for pose in [Pose(start, 0.0, 0.0), *poses_of(run)]:
+            yield pose.stamp, "/tf", self._head(pose)
+
+    def diagnostics(self, run: Run) -> Iterator[Item]:
+        stamp, end = run.history.start or 0, run.history.end or 0
+        while stamp <= end:
+            nodes = run.nodes(stamp)
+            if nodes:
+                status = [self._status(node) for node in nodes]
+                header = self._header(stamp)
+                yield (
+                    stamp,
+                    "/diagnostics",
+                    self.types.make("diagnostic_msgs/msg/DiagnosticArray", header=header, status=status),
+                )
+            stamp += DIAGNOSTICS_EVERY
+
+    def _time(self, stamp: int) -> Any:
+        seconds, rest = divmod(stamp, SECOND)
+        return self.types.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+
+    def _header(self, stamp: int, frame_id: str = "") -> Any:
+        return self.types.make("std_msgs/msg/Header", stamp=self._time(stamp), frame_id=frame_id)
+
+    def _colour(self, red: float, green: float, blue: float, alpha: float) -> Any:
+        return self.types.make("foxglove_msgs/msg/Color", r=red, g=green, b=blue, a=alpha)
+
+    def _annotations(self, found: PersonDetections) -> Any:
+        make, time = self.types.make, self._time(found.stamp)
+        outline, clear = self._colour(0.1, 0.8, 0.3, 1.0), self._colour(0.0, 0.0, 0.0, 0.0)
+        boxes, texts = [], []
+        for person in found.persons:
+            right, bottom = person.x + person.w, person.y + person.h
+            corners = ((person.x, person.y), (right, person.y), (right, bottom), (person.x, bottom))
+            boxes.append(
+                make(
+                    "foxglove_msgs/msg/PointsAnnotation",
+                    timestamp=time,
+                    type=_LINE_LOOP,
+                    points=[make("foxglove_msgs/msg/Point2", x=x, y=y) for x, y in corners],
+                    outline_color=outline,
+                    outline_colors=[],
+                    fill_color=clear,
+                    thickness=2.0,
+                )
+            )
+            away = "" if person.distance_m is None else f" {person.distance_m:.1f} m"
+            texts.append(
+                make(
+                    "foxglove_msgs/msg/TextAnnotation",
+                    timestamp=time,
+                    position=make("foxglove_msgs/msg/Point2", x=person.x, y=person.y),
+                    text=f"{person.track_id or 'person'}{away}",
+                    font_size=14.0,
+                    text_color=self._colour(1.0, 1.0, 1.0, 1.0),
+                    background_color=self._colour(0.05, 0.4, 0.15, 0.8),
+                )
+            )
+        return make("foxglove_msgs/msg/ImageAnnotations", circles=[], points=boxes, texts=texts)
+
+    def _bodies(self, found: PersonDetections) -> Any:
+        bodies = []
+        for person in found.persons:
+            if person.distance_m is not None and person.bearing_rad is not None and person.track_id:
+                x, y = (person.distance_m * turn(person.bearing_rad) for turn in (math.cos, math.sin))
+                bodies.append(self._transform(found.stamp, BASE, f"body_{person.track_id}", (x, y, 0.0)))
+        return self.types.make("tf2_msgs/msg/TFMessage", transforms=bodies)
+
+    def _head(self, pose: Pose) -> Any:
+        half_pan, half_tilt = pose.pan / 2, -pose.tilt / 2  # a positive turn about y looks down
+        transforms = [
+            self._transform(
+                pose.stamp, BASE, PAN, (0.0, 0.0, HEAD_HEIGHT_M), (0.0, 0.0, math.sin(half_pan), math.cos(half_pan))
+            ),
+            self._transform(pose.stamp, PAN, TILT, rotation=(0.0, math.sin(half_tilt), 0.0, math.cos(half_tilt))),
+        ]
+        return self.types.make("tf2_msgs/msg/TFMessage", transforms=transforms)
+
+    def _transform(
+        self,
+        stamp: int,
+        parent: str,
+        child: str,
+        place: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        rotation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
+    ) -> Any:
+        make = self.types.make
+        moved = make("geometry_msgs/msg/Vector3", **dict(zip("xyz", place, strict=True)))
+        turned = make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", rotation, strict=True)))
+        transform = make("geometry_msgs/msg/Transform", translation=moved, rotation=turned)
+        header = self._header(stamp, parent)
+        return make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=transform)
+
+    def _log(self, sentence: Sentence) -> Any:
+        return self.types.make(
+            "rcl_interfaces/msg/Log",
+            stamp=self._time(sentence.stamp),
+            level=_WARN if sentence.is_failure else _INFO,
+            name=sentence.source.strip("/"),
+            msg=sentence.text,
+            file="",
+            function="",
+            line=0,
+        )
+
+    def _status(self, node: NodeStatus) -> Any:
+        figures = {"machine": node.machine, "state": node.state, "handled_hz": node.handled_hz, "pid": node.pid}
+        figures |= {"cpu_percent": node.cpu_percent, "memory_mb": node.memory_mb, "restarts": node.restarts}
+        values = [
+            self.types.make("diagnostic_msgs/msg/KeyValue", key=key, value=str(value))
+            for key, value in figures.items()
+            if value not in (None, "")
+        ]
+        level = _LEVELS.get(node.health, _ERROR)
+        message = node.reason or node.health or node.state
+        return self.types.make(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=level,
+            name=node.name,
+            message=message,
+            hardware_id=node.machine,
+            values=values,
+        )

@@ -1,0 +1,79 @@
+"""``socialbot export``: a run as a file that Foxglove or Rerun shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.console import Console
+
+from socialbot.completion import run_folders
+from socialbot.errors import ParameterError
+
+if TYPE_CHECKING:
+    from socialbot.bridge.bags import Bag
+    from socialbot.inspect.run import Picture
+    from socialbot.inspect.run_folder import RecordedRun
+
+Format = Literal["foxglove", "rerun"]
+SUFFIXES: dict[str, Format] = {".mcap": "foxglove", ".rrd": "rerun"}
+
+WIDEST = 65_535
+"""Pixels; no JPEG is wider, so that pictures keep the size that boxes are told in."""
+
+
+def export(
+    run: Annotated[Path, typer.Argument(help="The folder of a run.", autocompletion=run_folders)],
+    out: Annotated[Path, typer.Argument(help="The file to make: .mcap for Foxglove, .rrd for Rerun.")],
+    kind: Annotated[Format | None, typer.Option("--format", help="Default: as the name of the file says.")] = None,
+) -> None:
+    """Write a run as a file for Foxglove (.mcap) or Rerun (.rrd): pictures, people, minds, what was done and why."""
+    from socialbot.why_cli import opened
+
+    kind = kind or SUFFIXES.get(out.suffix)
+    if kind is None:
+        remedy = "end it in .mcap or .rrd, or give --format foxglove or --format rerun"
+        raise ParameterError("the name does not say for which tool", where=str(out), remedy=remedy)
+    console, recorded = Console(highlight=False), opened(run)
+    with ExitStack() as stack, console.status(f"writing {out}"):
+        bag = _bag(recorded, stack)
+        if kind == "foxglove":
+            from socialbot.bridge.foxglove import export_foxglove
+
+            export_foxglove(recorded, bag, out)
+        else:
+            from socialbot.rerun_recording import export_rerun
+
+            export_rerun(recorded, _pictures(bag), out)
+    without = "" if bag is not None else "; without pictures: its bag is not at hand"
+    size = out.stat().st_size / 1e6
+    console.print(
+        f"{len(recorded.history)} records of {recorded.history.duration_s:.1f} s in {out}, {size:.1f} MB{without}"
+    )
+
+
+def _bag(run: RecordedRun, stack: ExitStack) -> Bag | None:
+    """The bag that a run was a replay of, if it is still there."""
+    from socialbot.bridge.bags import open_bag
+
+    path = run.results.get("bag", {}).get("path")
+    if not path or not Path(path).exists():
+        return None
+    bag = stack.enter_context(open_bag(path))
+    return bag if bag.image_topics else None
+
+
+def _pictures(bag: Bag | None) -> Iterator[Picture]:
+    """The pictures of the first image topic of a bag as JPEG."""
+    from socialbot.inspect.run import Picture
+    from socialbot.messages import CompressedImage, Image
+    from socialbot.vision.jpeg import as_jpeg
+
+    if bag is not None:
+        topic = bag.image_topics[0].name
+        for _, message in bag.messages({topic: topic}):
+            assert isinstance(message, CompressedImage | Image)
+            yield Picture(message.stamp, as_jpeg(message, WIDEST))
