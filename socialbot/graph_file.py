@@ -5,6 +5,7 @@
     name: waldo
     inputs: [/camera/image_raw]          # topics that come from outside
     paced_by: /humans/bodies/detections  # the answer to each frame that a replay waits for
+    wire: json                           # or typed: messages as socialbot_msgs rather than JSON
     nodes:
       person_detector:
         type: person_detector            # a name of `NODE_TYPES`, or package.module:Class
@@ -21,11 +22,13 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 from ruamel.yaml import YAML
 
 from socialbot.errors import GraphError
 from socialbot.graph import Graph, Node, Placement, suggestion
+from socialbot.security import paths
 from socialbot.yaml_page import Section, plain, read_page
 
 NODE_TYPES: Mapping[str, str] = {
@@ -65,7 +68,8 @@ GRAPHS: Mapping[str, str] = {
 def load_graph(name: str) -> Graph:
     """The graph called ``name``, one of `GRAPHS` or a file.
 
-    Node types of its own may stand in modules beside the file. Raises GraphError with file and line.
+    Node types of its own may stand in modules beside the file, and files that nodes read or write. Raises GraphError
+    with file and line.
     """
     if name in GRAPHS:
         text = importlib.resources.files("socialbot").joinpath(GRAPHS[name]).read_text("utf-8")
@@ -75,23 +79,25 @@ def load_graph(name: str) -> Graph:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise GraphError(f"cannot read the graph: {error}", where=name, remedy=suggestion(name, GRAPHS)) from error
-    folder = str(path.resolve().parent)
-    if folder not in sys.path:
-        sys.path.append(folder)
+    folder = path.resolve().parent
+    paths.allow(folder)
+    _look_in(folder)
     return parse_graph(text, where=str(path))
 
 
 def parse_graph(text: str, *, where: str) -> Graph:
     """The graph that the YAML ``text`` describes; ``where`` is named in errors."""
     root = read_page(text, where=where)
-    root.only("name", "inputs", "paced_by", "nodes")
+    root.only("name", "inputs", "paced_by", "wire", "nodes")
     nodes = root.section("nodes")
     placements = tuple(_placement(str(node), nodes.section(node), nodes.line(node)) for node in nodes.page)
     graph = Graph(name=root.text("name"), placements=placements, inputs=frozenset(root.texts("inputs")))
-    try:
-        return replace(graph, paced_by=root.text("paced_by", ""))
-    except GraphError as error:
-        raise GraphError(error.what, where=root.line("paced_by"), remedy=error.remedy) from error
+    for key in ("paced_by", "wire"):
+        try:
+            graph = replace(graph, **{key: root.text(key, getattr(graph, key))})
+        except GraphError as error:
+            raise GraphError(error.what, where=root.line(key), remedy=error.remedy) from error
+    return graph
 
 
 def dump_graph(graph: Graph) -> str:
@@ -100,6 +106,7 @@ def dump_graph(graph: Graph) -> str:
         "name": graph.name,
         "inputs": sorted(graph.inputs),
         "paced_by": graph.paced_by,
+        "wire": graph.wire,
         "nodes": {
             placement.name: {
                 "type": f"{placement.type.__module__}:{placement.type.__qualname__}",
@@ -124,14 +131,47 @@ def node_type(name: str, *, where: str = "") -> type[Node]:
             where=where,
             remedy=f"{suggestion(name, NODE_TYPES)}; or package.module:Class of your own",
         )
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except Exception as error:
-        what = f"cannot load node type {name!r}: {type(error).__name__}: {error}"
-        raise GraphError(what, where=where, remedy="mend the module; it may stand beside the graph file") from error
+    found = _found(name, module, attribute, where)
     if not (isinstance(found, type) and issubclass(found, Node)):
         raise GraphError(f"{name!r} is no node", where=where, remedy="give a subclass of socialbot.graph.Node")
     return found
+
+
+def _found(name: str, module: str, attribute: str, where: str) -> object:
+    """What is called ``attribute`` in a module that is installed, beside the graph file or in the working directory.
+
+    Those that are installed come first, so that nothing in a folder takes their place.
+    """
+    if module.partition(".")[0] != "socialbot":
+        _look_in(Path.cwd())
+    what = f"cannot load node type {name!r}"
+    try:
+        loaded = importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+            remedy = f"install {error.name}, which {module} imports, where socialbot is installed"
+            raise GraphError(f"{what}: {error}", where=where, remedy=remedy) from error
+        remedy = "it has to be installed, or stand beside the graph file or in the working directory"
+        raise GraphError(f"{what}: there is no module {error.name!r}", where=where, remedy=remedy) from error
+    except Exception as error:
+        mistake = f"{what}: {type(error).__name__}: {error}"
+        raise GraphError(mistake, where=where, remedy=f"mend the module {module}") from error
+    if not hasattr(loaded, attribute):
+        remedy = suggestion(attribute, _nodes_of(loaded))
+        raise GraphError(f"{what}: {module} has no {attribute!r}", where=where, remedy=remedy)
+    return getattr(loaded, attribute)
+
+
+def _nodes_of(module: ModuleType) -> list[str]:
+    """The node classes that are written in a module."""
+    classes = [value for value in vars(module).values() if isinstance(value, type) and issubclass(value, Node)]
+    return [one.__name__ for one in classes if one.__module__ == module.__name__]
+
+
+def _look_in(folder: Path) -> None:
+    """Lets modules of one's own stand in ``folder``."""
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))
 
 
 def _placement(name: str, section: Section, where: str) -> Placement:

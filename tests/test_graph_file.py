@@ -52,6 +52,42 @@ def test_a_node_of_ones_own_may_stand_beside_the_file(tmp_path, monkeypatch):
     assert load_graph(str(path)).placement("own").type.__name__ == "Own"
 
 
+def test_a_node_of_ones_own_may_stand_in_the_working_directory(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own_node_here.py").write_text("from tests.test_graph import Source\nclass Own(Source): ...\n")
+    assert node_type("own_node_here:Own").__name__ == "Own"
+
+
+def test_nothing_beside_a_graph_takes_the_place_of_what_is_installed(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "colorsys.py").write_text("raise SystemExit('this is not the one')")
+    path = tmp_path / "g.yaml"
+    path.write_text("name: own\nnodes:\n  own: {type: colorsys:Own}\n")
+    with pytest.raises(GraphError, match="colorsys has no 'Own'"):
+        load_graph(str(path))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("import no_such_library\n", ["No module named 'no_such_library'", "install no_such_library"]),
+        ("1 / 0\n", ["ZeroDivisionError", "mend the module"]),
+        ("Own = 3\n", ["is no node"]),
+    ],
+)
+def test_what_is_wrong_with_a_module_of_ones_own_is_told(text, words, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    module = f"own_wrong_{abs(hash(text))}"
+    (tmp_path / f"{module}.py").write_text(text)
+    path = tmp_path / "g.yaml"
+    path.write_text(f"name: own\nnodes:\n  own: {{type: {module}:Own}}\n")
+    with pytest.raises(GraphError) as caught:
+        load_graph(str(path))
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
 @pytest.mark.parametrize("name", GRAPHS)
 def test_a_graph_that_comes_with_socialbot_is_sound(name):
     assert load_graph(name).name == name
@@ -83,8 +119,8 @@ def test_waldo_listens_to_the_camera_and_has_its_seven_nodes():
         ("paced_by:", "pacedby:", 3, ["unknown key 'pacedby'", "did you mean 'paced_by'?"]),
         ("    remap:", "    remaps:", 12, ["unknown key 'remaps'", "did you mean 'remap'?"]),
         ("tests.test_graph:Echo", "echo", 8, ["unknown node type 'echo'", "package.module:Class"]),
-        ("tests.test_graph:Echo", "tests.test_graph:Eco", 8, ["cannot load node type"]),
-        ("tests.test_graph:Echo", "tests.no_graph:Echo", 8, ["cannot load node type", "no_graph"]),
+        ("tests.test_graph:Echo", "tests.test_graph:Eco", 8, ["test_graph has no 'Eco'", "did you mean 'Echo'?"]),
+        ("tests.test_graph:Echo", "tests.no_graph:Echo", 8, ["no module 'tests.no_graph'", "beside the graph"]),
         ("tests.test_graph:Echo", "tests.test_graph:graph", 8, ["is no node"]),
         ("inputs: [/more]", "inputs: [/more", 3, ["no valid YAML"]),
         ("      times: 3", "      times: 3: 4", 11, ["no valid YAML"]),
