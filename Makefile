@@ -1,7 +1,10 @@
 # make demo   Waldo on the committed bag, through real ROS 2 nodes
 # make test   the tests that take minutes; make test-all adds the slow ones
+# make inspect   the page on which Waldo is seen to think, for the committed bag
 # make evaluate   how well people are seen, by HOG and by the network, beside the paper's tables
 # make check  style and types
+# make interfaces   builds and installs socialbot_msgs, the messages as ROS types of their own, and tests it
+# make docs   the site, in site/
 # make fuzz   bytes that follow what the code does with them, for each reader; DECODER=graph SECONDS=600 for one of them
 # All set up .venv first, from the pinned and hashed requirements.lock.
 
@@ -13,7 +16,7 @@ SCENES := $(addprefix data/synthetic/,scene1_tune scene1_heldback scene2_tune sc
 JOBS ?= 2
 SECONDS ?= 30
 
-.PHONY: setup demo evaluate test test-all fuzz check lock clean
+.PHONY: setup demo inspect evaluate test test-all fuzz interfaces check lock clean
 
 setup: $(VENV)/installed
 
@@ -29,6 +32,13 @@ $(VENV)/installed: requirements.lock pyproject.toml
 demo: setup
 	$(BIN)/socialbot replay $(BAG) $(if $(OUT),--out $(OUT))
 
+inspect: runs/waldo/results.json
+	$(BIN)/socialbot inspect runs/waldo
+
+runs/waldo/results.json: | setup
+	rm -rf runs/waldo
+	$(BIN)/socialbot replay $(BAG) --runner inline --no-video --out runs/waldo
+
 evaluate: setup
 	$(BIN)/socialbot evaluate $(SCENES) --split held-back --detector nanodet,hog --jobs $(JOBS) $(if $(OUT),--out $(OUT))
 
@@ -43,10 +53,19 @@ fuzz: setup
 	for decoder in $(or $(DECODER),$$($(BIN)/python tools/fuzz.py --list)); do \
 	  $(BIN)/python tools/fuzz.py $$decoder -max_total_time=$(SECONDS) || exit 1; done
 
+interfaces: setup
+	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check --no-deps ./interfaces/socialbot_msgs
+	$(BIN)/python -m pytest -q tests/bridge/test_typed.py
+
 check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+docs: setup
+	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check \
+	  'mkdocs>=1.6,<2' 'mkdocs-material>=9.6,<10' 'mkdocstrings[python]>=0.29'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 # Newest versions within the bounds of pyproject.toml, for all Pythons at once; needs uv.
 lock:
@@ -54,4 +73,4 @@ lock:
 	  --no-header --no-annotate --no-emit-index-url --no-emit-find-links pyproject.toml -o requirements.lock
 
 clean:
-	rm -rf $(VENV) runs
+	rm -rf $(VENV) runs site

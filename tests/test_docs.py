@@ -1,0 +1,129 @@
+"""What the docs name is there: files, places in them, commands with their options."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ruamel.yaml import YAML
+
+from socialbot.cli import command
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+COMMAND = re.compile(r"(?<![\w./'-])socialbot ((?:[a-z][a-z0-9-]*)(?:[^`\n]*))")
+OPTION = re.compile(r"(?<!\S)(--[a-z][a-z-]*|-[a-z])(?=[\s=`]|$)")
+
+
+def text_of(page: Path) -> str:
+    return page.read_text("utf-8")
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+@cache
+def anchors(page: Path) -> frozenset[str]:
+    """The places of a page that can be linked to."""
+    headings = re.findall(r"^#+ (.+)$", FENCE.sub("", text_of(page)), re.MULTILINE)
+    return frozenset(slug(heading) for heading in headings)
+
+
+def slug(heading: str) -> str:
+    """How a heading is called in links."""
+    plain = (
+        unicodedata.normalize("NFKD", re.sub(r"[`*]|\]\([^)]*\)|\[", "", heading)).encode("ascii", "ignore").decode()
+    )
+    return re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", plain).strip().lower())
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page: Path):
+    for link in LINK.findall(FENCE.sub("", text_of(page))):
+        if link.startswith(("http://", "https://", "mailto:")):
+            continue
+        path, _, place = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), f"{name_of(page)} links to {link}"
+        if place and target.suffix == ".md":
+            assert place in anchors(target), f"{name_of(page)} links to {link}; there are {sorted(anchors(target))}"
+
+
+def in_nav(node: object) -> Iterator[str]:
+    """The pages that a part of the nav names."""
+    if isinstance(node, str):
+        yield node
+    elif isinstance(node, dict):
+        for below in node.values():
+            yield from in_nav(below)
+    elif isinstance(node, list):
+        for below in node:
+            yield from in_nav(below)
+
+
+def test_every_page_is_in_the_nav_and_the_nav_names_no_other():
+    named = list(in_nav(YAML(typ="safe").load(ROOT / "mkdocs.yml")["nav"]))
+    there = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    assert len(named) == len(set(named))
+    assert {page for page in named if not page.startswith("repository/")} == there
+    for page in set(named) - there:
+        assert (ROOT / page.removeprefix("repository/")).exists(), page
+
+
+def commands_in(page: Path) -> Iterator[str]:
+    """What follows ``socialbot`` in lines of code."""
+    text = text_of(page)
+    indented = re.findall(r"^(?: {4}|\t)(.*)$", FENCE.sub("", text), re.MULTILINE)
+    fenced = "\n".join(FENCE.findall(text)).splitlines()
+    quoted = re.findall(r"(?<!`)`([^`\n]+)`(?!`)", FENCE.sub("", text))
+    for line in [*indented, *fenced, *quoted]:
+        for found in COMMAND.findall(line.partition("  #")[0]):
+            if re.match(r"(\$ |\. |.*&& |.*\| |.*bin/|\w+=\S+ )*socialbot ", line.strip()):
+                yield re.split(r"\s[|&;]|[;)]", found)[0]
+
+
+def resolved(words: list[str]) -> tuple[Any, list[str]]:
+    """The command that ``words`` name, and the words that follow it. Raises LookupError."""
+    found: Any = command()
+    while words and hasattr(found, "commands"):
+        found, words = found.commands[words[0]], words[1:]
+    return found, words
+
+
+def options_of(found: Any) -> set[str]:
+    options = (parameter for parameter in found.params if parameter.param_type_name == "option")
+    return {"--help", "-h", *(name for option in options for name in (*option.opts, *option.secondary_opts))}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_exist_with_their_options(page: Path):
+    for line in commands_in(page):
+        found, rest = resolved(line.split())
+        named = set(OPTION.findall(re.sub(r"'[^']*'|\"[^\"]*\"|--ros-args.*", "", " ".join(rest))))
+        assert named <= options_of(found), f"{name_of(page)}: socialbot {line}"
+
+
+def test_every_command_is_explained_on_the_page_of_commands():
+    text = text_of(ROOT / "docs" / "cli.md")
+    shown = (name for name, found in command().commands.items() if not found.hidden)
+    assert [name for name in shown if not re.search(rf"`(socialbot )?{name}\b", text)] == []
+
+
+def test_commands_are_found_in_the_docs():
+    told = {line.split()[0] for page in PAGES for line in commands_in(page)}
+    assert {"demo", "replay", "up", "bag", "plan", "status", "why"} <= told
+
+
+def test_an_unknown_command_and_an_unknown_option_are_noticed():
+    with pytest.raises(LookupError):
+        resolved(["replya", "bag"])
+    assert "--runer" not in options_of(resolved(["replay"])[0])
+    assert "--runner" in options_of(resolved(["replay"])[0])
