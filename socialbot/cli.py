@@ -5,16 +5,21 @@ from __future__ import annotations
 import logging
 import sys
 from datetime import datetime
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from typer.core import TyperGroup
 
 from socialbot import __version__
+from socialbot.bridge.ros_arguments import divided
+from socialbot.completion import graph_names, node_names
 from socialbot.errors import ParameterError, SocialbotError
+from socialbot.inspect_cli import PORT, InspectOption, PortOption, watched
 
 if TYPE_CHECKING:
     from socialbot.graph import Graph
@@ -28,9 +33,17 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-GraphOption = Annotated[str, typer.Option("--graph", help="A graph that comes with socialbot, or a graph file.")]
+GraphOption = Annotated[
+    str,
+    typer.Option("--graph", help="A graph that comes with socialbot, or a graph file.", autocompletion=graph_names),
+]
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="Change a parameter; may be repeated.")
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NODE.PARAMETER=VALUE",
+        help="Change a parameter; may be repeated. wire=typed: messages as socialbot_msgs.",
+    ),
 ]
 ComposedOption = Annotated[bool, typer.Option("--composed", help="All nodes in one process.")]
 ParentOption = Annotated[int | None, typer.Option(hidden=True, help="End when this process has ended.")]
@@ -46,9 +59,14 @@ def root(version: Annotated[bool, typer.Option("--version", help="Print the vers
 
 @app.command()
 def replay(
+    context: typer.Context,
     bag: Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap, .db3 or ROS 1 .bag.")],
     graph: Annotated[
-        str | None, typer.Option(help="A graph that comes with socialbot, or a file; default: the bag's own, or waldo.")
+        str | None,
+        typer.Option(
+            help="A graph that comes with socialbot, or a file; default: the bag's own, or waldo.",
+            autocompletion=graph_names,
+        ),
     ] = None,
     runner: Annotated[
         Literal["ros", "inline"], typer.Option(help="ros: real nodes over DDS; inline: one thread, simulated time.")
@@ -60,6 +78,8 @@ def replay(
     truth: Annotated[Path | None, typer.Option(help="Ground truth; default: BAG.truth.json if it exists.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the record of the run; default: runs/TIME.")] = None,
     video: Annotated[bool, typer.Option(help="Write the annotated video.")] = True,
+    show_page: InspectOption = False,
+    port: PortOption = PORT,
     changes: SetOption = None,
 ) -> None:
     """Replay a bag through a graph; show, record and score what happens."""
@@ -67,7 +87,8 @@ def replay(
     from socialbot.bridge.feeding import takes_pictures
     from socialbot.display import Display
     from socialbot.graph_file import load_graph
-    from socialbot.replay import Replay, find_truth, graph_beside
+    from socialbot.progress import bar
+    from socialbot.replay import Replay, find_truth, graph_of
     from socialbot.replay import replay as run_replay
     from socialbot.report.display import RunDisplay
     from socialbot.run_record import RunRecord
@@ -75,9 +96,9 @@ def replay(
     from socialbot.video import write_video
 
     console = Console(highlight=False)
-    whole = with_changes(load_graph(graph or str(graph_beside(bag) or "waldo")), changes or [])
+    whole = with_changes(load_graph(graph) if graph else graph_of(bag), changes or [])
     sees = takes_pictures(whole.without_sources())
-    report = RunReport(whole)
+    report, title = RunReport(whole), f"{whole.name.capitalize()}: replay of {bag}"
     with open_bag(bag) as opened:
         topics = [topic.name for topic in opened.image_topics] if sees else []
         chosen = image_topic or _ask_image_topic(topics)
@@ -95,9 +116,12 @@ def replay(
         truth_of_all = find_truth(plan)
         folder = out or new_run_folder()
         with RunRecord(folder) as record:
+            if show_page:
+                seen = None if topic is None else (bag, topic)
+                context.with_resource(watched(record, whole, console, port, over_ros=runner == "ros", bag=seen))
             with (
                 Display(console, start=opened.start, until=opened.end)
-                if sees
+                if sees or not report.deliberates
                 else RunDisplay(console, report.phrases, whole.without_sources())
             ) as display:
 
@@ -105,71 +129,93 @@ def replay(
                     report.observe(topic, message)
                     display.show(topic, message)
 
-                outcome = run_replay(plan, record, show)
+                try:
+                    outcome = run_replay(plan, record, show)
+                except SocialbotError:
+                    report.write(folder, title)
+                    raise
             if video and topic is not None and record.detections:
-                write_video(opened, topic, record, truth_of_all, folder / "annotated.mp4")
+                with bar("writing annotated.mp4", "pictures", opened.topic(topic).count) as advance:
+                    write_video(opened, topic, record, truth_of_all, folder / "annotated.mp4", advance)
     if outcome.scores is not None:
         console.print(scores_table(outcome.scores))
     if outcome.decisions is not None:
         console.print(outcome.decisions.told, soft_wrap=True, markup=False)
-    if report.deliberates:
-        report.write(folder, f"{whole.name.capitalize()}: replay of {bag}", outcome.results)
     report_faults(console, outcome.results)
-    console.print(f"The record of this run: {folder}", soft_wrap=True, markup=False)
+    page = report.write(folder, title)
+    console.print(f"The record of this run: {folder}; its page: {page}", soft_wrap=True, markup=False)
     outcome.check()
 
 
 @app.command()
 def up(
+    context: typer.Context,
     graph: Annotated[
-        str, typer.Argument(help="A graph that comes with socialbot, a graph file or a deployment file.")
+        str,
+        typer.Argument(
+            help="A graph that comes with socialbot, a graph file or a deployment file.", autocompletion=graph_names
+        ),
     ] = "waldo",
     machine: Annotated[str | None, typer.Option(help="Of a deployment; default: the one this is.")] = None,
     composed: ComposedOption = False,
     camera: Annotated[str | None, typer.Option(help="Device, video or folder: sets camera.source.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the record of the run; default: runs/TIME.")] = None,
+    minds: Annotated[Path | None, typer.Option(help="Folder of agents' minds, to go on with those in it.")] = None,
+    show_page: InspectOption = False,
+    port: PortOption = PORT,
     changes: SetOption = None,
 ) -> None:
     """Bring up a graph, or one machine's nodes of a deployment, on live input, until Ctrl-C."""
     from socialbot.deploy_cli import is_deployment, up_machine
     from socialbot.graph_file import load_graph
     from socialbot.live import run_live
-    from socialbot.run_record import RunRecord
+    from socialbot.run_record import RunTrace
 
     changes = ([f"camera.source={camera}"] if camera is not None else []) + (changes or [])
     folder = out or new_run_folder()
     if is_deployment(graph):
         if composed:
             raise ParameterError("nodes of a deployment have a process each", where="--composed", remedy="leave it out")
-        up_machine(graph, machine, changes, folder)
+        up_machine(graph, machine, changes, folder, minds, context if show_page else None, port)
         return
     if machine is not None:
         raise ParameterError(f"{graph} names no machines", where="--machine", remedy="give a deployment file")
     whole = with_changes(load_graph(graph), changes)
     console = Console(highlight=False)
     console.print(f"{whole.name}: Ctrl-C ends it; its record: {folder}", soft_wrap=True, markup=False)
-    with RunRecord(folder) as record:
-        run_live(whole, record, console, composed=composed)
+    with RunTrace(folder) as record:
+        if show_page:
+            context.with_resource(watched(record, whole, console, port, over_ros=True, stays=False))
+        run_live(whole, record, console, composed=composed, minds=minds)
 
 
 @app.command()
 def node(
-    names: Annotated[list[str], typer.Argument(help="The nodes to run in this process.")],
+    context: typer.Context,
+    names: Annotated[list[str], typer.Argument(help="The nodes to run in this process.", autocompletion=node_names)],
     graph: GraphOption = "waldo",
     sim_time: Annotated[bool, typer.Option("--sim-time", help="Take the time from /clock.")] = False,
     parent: ParentOption = None,
     changes: SetOption = None,
 ) -> None:
-    """Run single nodes of a graph; they join the running graph, and leave it on Ctrl-C."""
+    """Run single nodes of a graph; they join the running graph, and leave it on Ctrl-C.
+
+    Takes the arguments of ROS, too: --ros-args -p NAME:=VALUE --params-file FILE.
+    """
     from socialbot.bridge.process import run_nodes
     from socialbot.graph_file import load_graph
 
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", handlers=[])
-    run_nodes(with_changes(load_graph(graph), changes or []), names, sim_time=sim_time, parent=parent)
+    graph_with_changes = with_changes(load_graph(graph), changes or [])
+    run_nodes(graph_with_changes, names, sim_time=sim_time, parent=parent, ros_args=context.obj)
 
 
 @app.command(name="graph")
-def show_graph(graph: Annotated[str, typer.Argument(help="A graph that comes with socialbot, or a file.")]) -> None:
+def show_graph(
+    graph: Annotated[
+        str, typer.Argument(help="A graph that comes with socialbot, or a file.", autocompletion=graph_names)
+    ],
+) -> None:
     """Check a graph and show its nodes, topics and parameters."""
     from socialbot.graph_file import load_graph
 
@@ -192,12 +238,21 @@ def show_graph(graph: Annotated[str, typer.Argument(help="A graph that comes wit
 
 def main() -> None:
     """The entry point of the ``socialbot`` command."""
-    _add_commands()
+    arguments, ros_args = sys.argv[1:], []
+    if arguments[:1] == ["node"]:
+        arguments, ros_args = divided(arguments)
     try:
-        app()
+        command()(arguments, obj=ros_args)
     except SocialbotError as error:
         Console(stderr=True, highlight=False).print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True)
         sys.exit(error.exit_code)
+
+
+@cache
+def command() -> TyperGroup:
+    """The whole command line, made once."""
+    _add_commands()
+    return cast(TyperGroup, typer.main.get_command(app))
 
 
 def _add_commands() -> None:
@@ -209,9 +264,15 @@ def _add_commands() -> None:
     from socialbot.demo_cli import demo, run
     from socialbot.deploy_cli import systemd
     from socialbot.doctor_cli import doctor
+    from socialbot.down_cli import down
     from socialbot.evaluate_cli import evaluate
+    from socialbot.export_cli import export
+    from socialbot.inspect_cli import inspect
     from socialbot.key_cli import key
+    from socialbot.new_cli import new
     from socialbot.plan_cli import plan
+    from socialbot.status_cli import status
+    from socialbot.why_cli import diff, report, why
 
     bag.command()(play)
     app.add_typer(bag, name="bag")
@@ -221,26 +282,45 @@ def _add_commands() -> None:
     app.add_typer(agent, name="agent")
     app.add_typer(demo, name="demo")
     app.command()(evaluate)
+    app.command()(export)
+    app.command()(new)
     app.command()(plan)
     app.command()(run)
+    app.command()(status)
+    app.command()(down)
+    app.command()(inspect)
+    app.command()(why)
+    app.command()(diff)
+    app.command()(report)
     app.command()(systemd)
     app.command()(doctor)
 
 
 def with_changes(graph: Graph, changes: list[str]) -> Graph:
-    """``graph`` with ``NODE.PARAMETER=VALUE`` applied. Raises ParameterError or GraphError for what does not fit."""
+    """``graph`` with ``NODE.PARAMETER=VALUE`` applied, and ``wire=FORM``; files that the user names may be anywhere.
+
+    Raises ParameterError or GraphError for what does not fit.
+    """
+    from dataclasses import replace
+
     from socialbot.graph import suggestion
+    from socialbot.security import paths
 
     parameters: dict[str, dict[str, object]] = {}
     for change in changes:
         target, equals, text = change.partition("=")
         node_name, dot, name = target.partition(".")
+        if target == "wire":
+            graph = replace(graph, wire=text)
+            continue
         if not equals or not dot:
             raise ParameterError(f"cannot read {change!r}", where="--set", remedy="write NODE.PARAMETER=VALUE")
         declared = graph.placement(node_name).type.parameters()
         if name not in declared:
             raise ParameterError(f"no parameter {name!r}", where=node_name, remedy=suggestion(name, declared))
         parameters.setdefault(node_name, {})[name] = _parse(text, type(declared[name].default), target)
+        if "/" in text:
+            paths.allow(Path(text))
     return graph.with_parameters(parameters)
 
 

@@ -1,11 +1,11 @@
-"""A graph of deliberating agents, with its world, run until nobody wants anything more."""
+"""A graph of agents with its world, run until nobody wants anything more, or the world has nothing more to show."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -23,19 +23,18 @@ from socialbot.ending import Ending
 from socialbot.errors import NodeError, SocialbotError
 from socialbot.graph import Graph
 from socialbot.graph_file import dump_graph
+from socialbot.health import HEALTH_TOPIC
 from socialbot.inline import InlineRunner
-from socialbot.messages import Message, TraceRecord
-from socialbot.replay import BAG_GRAPH, GRAPH_TIMEOUT_S, Fate, parameters_of, ros_fates, versions
+from socialbot.messages import AgentCommand, Health, Message, TraceRecord
+from socialbot.replay import BAG_GRAPH, GRAPH_TIMEOUT_S, Fate, keep_speech, parameters_of, ros_fates, versions
 from socialbot.report.telling import Observer, telling
+from socialbot.run_record import NOTHING_SHOWN, NOTHING_WANTED, RECORDED, STOPPED, TIME_UP
 
 STEP_S = 0.1
 """So much time passes between two looks at whether the run is over."""
 
 QUIET_S = 3.0
-"""A run is over when nobody has wanted anything for so long."""
-
-STOPPED = "stopped by a signal"
-"""Why a run ended, when somebody did not want to wait."""
+"""A run is over when nobody has wanted anything for so long, or nothing has been shown."""
 
 
 @dataclass(frozen=True)
@@ -95,28 +94,50 @@ class Wishes:
         return self._quiet_since is not None and now - self._quiet_since >= nanoseconds(QUIET_S)
 
 
+class Worlds:
+    """Knows whether there is anything more to see, by what the nodes ``names`` that stand for the world say."""
+
+    def __init__(self, names: frozenset[str]) -> None:
+        self._going_on = set(names)
+        self._ended: int | None = None
+
+    def observe(self, message: Message) -> None:
+        """Takes a message of the run."""
+        if not isinstance(message, Health) or message.node not in self._going_on:
+            return
+        if message.state == "ended":
+            self._going_on.discard(message.node)
+            self._ended = message.stamp
+
+    def are_over(self, now: int) -> bool:
+        """Whether all of them ended `QUIET_S` ago."""
+        return not self._going_on and self._ended is not None and now - self._ended >= nanoseconds(QUIET_S)
+
+
 def run(what: Run, folder: Path, observe: Observer, *, bag: Path | None = None) -> Ran:
-    """Runs a graph until nobody wants anything more, its time is up, or SIGINT or SIGTERM comes.
+    """Runs a graph until nothing is left to do (`left_in`), its time is up, or SIGINT or SIGTERM comes.
 
     ``observe`` gets the messages of `watched`, and as records what they tell. With ``bag`` what `replayable` lists is
-    recorded there. Raises NodeError when a node fails over ROS.
+    recorded there; what is said is kept in ``folder``, and not played. Raises NodeError when a node fails over ROS.
     """
+    what = replace(what, graph=keep_speech(what.graph, folder, playback="off"))
     ran, left, tell = Ran(), left_in(what.graph), telling(what.graph, observe)
 
     def note(topic: str, message: Message) -> None:
         left.observe(message)
         tell(topic, message)
 
+    finished = NOTHING_SHOWN if isinstance(left, Worlds) else NOTHING_WANTED
     carry_out = _inline if what.runner == "inline" else _over_ros
     with _recording(what.graph, bag, note) as seen, Ending().on_signals() as ending:
 
         def go_on(advance: Callable[[], int], start: int) -> None:
             begun = time.monotonic()
-            ran.ended = "the time was up"
+            ran.ended = TIME_UP
             now = start
             while now - start < nanoseconds(what.limit_s):
                 if ending.asked or left.are_over(now):
-                    ran.ended = STOPPED if ending.asked else "nobody wants anything more"
+                    ran.ended = STOPPED if ending.asked else finished
                     break
                 now = advance()
                 ran.seconds, ran.wall_s = (now - start) / SECOND, time.monotonic() - begun
@@ -128,9 +149,13 @@ def run(what: Run, folder: Path, observe: Observer, *, bag: Path | None = None) 
 
 
 def left_in(graph: Graph) -> Left:
-    """What knows whether anything is left to do in a run of ``graph``: of infected rooms, or of desires."""
+    """What knows whether anything is left to do in a run of ``graph``: of infected rooms, of desires, or to be seen."""
     ward = ward_in(graph)
-    return Wishes() if ward is None else Infections(ward)
+    if ward is not None:
+        return Infections(ward)
+    worlds = frozenset(placement.name for placement in graph.placements if placement.type.stands_for_world)
+    wanted = any(issubclass(kind, DesireSet) for kind in graph.topics().values())
+    return Worlds(worlds) if worlds and not wanted else Wishes()
 
 
 def results_of(what: Run, ran: Ran, summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -152,10 +177,14 @@ def results_of(what: Run, ran: Ran, summary: Mapping[str, Any]) -> dict[str, Any
 
 
 def watched(graph: Graph) -> dict[str, type[Message]]:
-    """The topics that a run is told by: traces, plans, desires, and what is recorded for replays."""
-    kinds = (TraceRecord, PlanExecutionInfo, DesireSet)
+    """The topics that a run is told by: what it is made of, plans, desires, and what is recorded for replays.
+
+    Where a world says how it fares when it has ended, that too.
+    """
+    kinds = (*RECORDED, PlanExecutionInfo, DesireSet)
     told = {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
-    return {**told, **replayable(graph)}
+    ended: dict[str, type[Message]] = {HEALTH_TOPIC: Health} if isinstance(left_in(graph), Worlds) else {}
+    return {**told, **replayable(graph), **ended}
 
 
 def replayable(graph: Graph) -> dict[str, type[Message]]:
@@ -166,7 +195,7 @@ def replayable(graph: Graph) -> dict[str, type[Message]]:
         if placement.type.stands_for_world
         for topic, _ in (*placement.publications, *placement.subscriptions)
     }
-    kinds = (TraceRecord, AgentRequest, AgentReply, AclMessage, Missions)
+    kinds = (TraceRecord, AgentRequest, AgentReply, AgentCommand, AclMessage, Missions)
     return {topic: kind for topic, kind in graph.topics().items() if topic in worldly or issubclass(kind, kinds)}
 
 
@@ -195,7 +224,7 @@ def _over_ros(what: Run, folder: Path, observe: Observer, go_on: GoOn) -> dict[s
     from socialbot.bridge.timekeeper import Timekeeper
 
     graph, fates, logs = what.graph, Fates(what.graph), folder / "log"
-    with observing(watched(graph), observe, fates.note) as onlooker:
+    with observing(watched(graph), observe, fates.note, graph.wire) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, logs, sim_time=True, composed=what.composed) as launch:
             keeper = Timekeeper(onlooker.ros, [placement.name for placement in graph.placements])

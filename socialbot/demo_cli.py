@@ -12,9 +12,14 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from socialbot.completion import graph_names
+from socialbot.inspect_cli import PORT, InspectOption, PortOption, watched
+
 if TYPE_CHECKING:
     from socialbot.demo import Run
-    from socialbot.run_report import Summary
+    from socialbot.display import Display
+    from socialbot.report.display import RunDisplay
+    from socialbot.run_report import RunReport, Summary
 
 NOT_REACHED = 10
 """Exit code: the run ended, and not all that was wanted was reached."""
@@ -47,6 +52,7 @@ class Boxes(str, Enum):
 
 @demo.command()
 def warehouse(
+    context: typer.Context,
     run: Annotated[
         int, typer.Option(min=1, max=2, help="2: a carrier leaves too early, and plans have to change.")
     ] = 1,
@@ -62,6 +68,8 @@ def warehouse(
     limit: LimitOption = 1800.0,
     out: OutOption = None,
     bag: BagOption = False,
+    show_page: InspectOption = False,
+    port: PortOption = PORT,
     changes: SetOption = None,
 ) -> None:
     """A gripper sorts boxes onto carriers, which take them away.
@@ -73,11 +81,12 @@ def warehouse(
 
     graph = graph_of(int(boxes.value), run=2 if run == 2 else 1, seed=seed, faults=faults)
     title = f"The warehouse, run {run}" + ("" if boxes is Boxes.SIX else f", {boxes.value} boxes")
-    _show(title, Run(graph, runner, composed, rate, limit), changes, out, bag)
+    _show(title, Run(graph, runner, composed, rate, limit), changes, out, bag, context if show_page else None, port)
 
 
 @demo.command()
 def hospital(
+    context: typer.Context,
     rate: Annotated[float, typer.Option(min=0.0, max=100.0, metavar="%", help="Missions that meet a problem.")] = 50.0,
     seed: Annotated[
         int, typer.Option(help="Chance of the run; with the default one the paper's mission meets a problem at 50 %.")
@@ -110,6 +119,8 @@ def hospital(
     limit: LimitOption = 1800.0,
     out: OutOption = None,
     bag: BagOption = False,
+    show_page: InspectOption = False,
+    port: PortOption = PORT,
     changes: SetOption = None,
 ) -> None:
     """Robots disinfect rooms of a hospital: tasks, teams, what fails, and the new plan.
@@ -126,7 +137,7 @@ def hospital(
     else:
         graph = large_hospital(rooms, robots, robots, rate=rate, seed=seed, world=world, coordinator=coordinator)
     title = f"The hospital, {rate:g} % problems" + ("" if ward == "paper" else f", {rooms} rooms")
-    _show(title, Run(graph, runner, composed, speed, limit), changes, out, bag)
+    _show(title, Run(graph, runner, composed, speed, limit), changes, out, bag, context if show_page else None, port)
 
 
 def _demo_of(name: str, title: str, what: str) -> None:
@@ -134,18 +145,29 @@ def _demo_of(name: str, title: str, what: str) -> None:
 
     @demo.command(name=name, help=what)
     def show(
+        context: typer.Context,
         runner: RunnerOption = "inline",
         composed: ComposedOption = False,
         rate: RateOption = 0.0,
         limit: LimitOption = 1800.0,
         out: OutOption = None,
         bag: BagOption = False,
+        show_page: InspectOption = False,
+        port: PortOption = PORT,
         changes: SetOption = None,
     ) -> None:
         from socialbot.demo import Run
         from socialbot.graph_file import load_graph
 
-        _show(title, Run(load_graph(name), runner, composed, rate, limit), changes, out, bag)
+        _show(
+            title,
+            Run(load_graph(name), runner, composed, rate, limit),
+            changes,
+            out,
+            bag,
+            context if show_page else None,
+            port,
+        )
 
 
 _demo_of("cleaner", "The cleaner", "A robot cleans rooms, and recharges when its battery runs low.")
@@ -153,16 +175,21 @@ _demo_of("cleaner-sweeper", "Cleaner and sweeper", "A robot cleans what another 
 
 
 def run(
-    graph: Annotated[str, typer.Argument(help="A graph that comes with socialbot, or a graph file.")],
+    context: typer.Context,
+    graph: Annotated[
+        str, typer.Argument(help="A graph that comes with socialbot, or a graph file.", autocompletion=graph_names)
+    ],
     runner: RunnerOption = "inline",
     composed: ComposedOption = False,
     rate: RateOption = 0.0,
     limit: LimitOption = 1800.0,
     out: OutOption = None,
     bag: BagOption = False,
+    show_page: InspectOption = False,
+    port: PortOption = PORT,
     changes: SetOption = None,
 ) -> None:
-    """Run deliberating agents and their world until nobody wants anything more.
+    """Run agents and their world until nobody wants anything more, or there is nothing more to see.
 
     Time is simulated. Exit codes beside the usual ones: 10 not all that was wanted was reached.
     """
@@ -170,17 +197,32 @@ def run(
     from socialbot.graph_file import load_graph
 
     loaded = load_graph(graph)
-    _show(loaded.name.capitalize(), Run(loaded, runner, composed, rate, limit), changes, out, bag)
+    _show(
+        loaded.name.capitalize(),
+        Run(loaded, runner, composed, rate, limit),
+        changes,
+        out,
+        bag,
+        context if show_page else None,
+        port,
+    )
 
 
-def _show(title: str, what: Run, changes: list[str] | None, out: Path | None, bag: bool) -> None:
+def _show(
+    title: str,
+    what: Run,
+    changes: list[str] | None,
+    out: Path | None,
+    bag: bool,
+    browser: typer.Context | None,
+    port: int,
+) -> None:
     from socialbot.agents.hospital.outcome import ward_in
     from socialbot.agents.hospital.ward_show import WardShow
     from socialbot.cli import new_run_folder, report_faults, with_changes
     from socialbot.demo import STOPPED, results_of
     from socialbot.demo import run as carry_out
     from socialbot.messages import Message
-    from socialbot.report.display import RunDisplay
     from socialbot.run_record import RunRecord
     from socialbot.run_report import RunReport
 
@@ -191,7 +233,7 @@ def _show(title: str, what: Run, changes: list[str] | None, out: Path | None, ba
     logging.getLogger("socialbot").setLevel(logging.ERROR)  # what fails is told as it happens
     ward = ward_in(what.graph)
     shown = WardShow(console, ward) if ward is not None else None
-    with RunRecord(folder) as record, RunDisplay(console, report.phrases, what.graph.without_sources()) as display:
+    with RunRecord(folder) as record, _display(console, what, report) as display:
 
         def observe(topic: str, message: Message) -> None:
             record.observe(topic, message)
@@ -200,21 +242,36 @@ def _show(title: str, what: Run, changes: list[str] | None, out: Path | None, ba
             if shown is not None:
                 shown.show(message)
 
+        record.describe(what.graph)
+        if browser is not None:
+            browser.with_resource(watched(record, what.graph, console, port, over_ros=what.runner == "ros"))
         ran = carry_out(what, folder, observe, bag=folder / "bag" if bag else None)
     summary = report.summary()
     results = results_of(what, ran, summary.results())
     record.write_results(results)
-    page = report.write(folder, title, results)
-    console.print()
+    page = report.write(folder, title)
     if shown is not None:
+        console.print()
         shown.finish()
-    else:
+    elif report.deliberates:
+        console.print()
         _tell(console, summary)
     report_faults(console, results)
     console.print(f"\n{ran.seconds:.1f} s, in {ran.wall_s:.1f} s of real time; {ran.ended}")
     console.print(f"The record of this run: {folder}; its page: {page}", soft_wrap=True, markup=False)
-    if not summary.reached and ran.ended != STOPPED:
+    if report.deliberates and not summary.reached and ran.ended != STOPPED:
         raise typer.Exit(NOT_REACHED)
+
+
+def _display(console: Console, what: Run, report: RunReport) -> Display | RunDisplay:
+    """What shows the run as it happens: for agents that deliberate who wants and does what, else what each does."""
+    from socialbot.clock import SECOND, nanoseconds
+    from socialbot.display import Display
+    from socialbot.report.display import RunDisplay
+
+    if report.deliberates:
+        return RunDisplay(console, report.phrases, what.graph.without_sources())
+    return Display(console, start=SECOND, until=SECOND + nanoseconds(what.limit_s))
 
 
 def _tell(console: Console, summary: Summary) -> None:

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from socialbot.errors import ParameterError
 from socialbot.graph_file import GRAPHS
+from socialbot.inspect_cli import PORT, watched
 
 
 def is_deployment(name: str) -> bool:
@@ -23,15 +24,26 @@ def is_deployment(name: str) -> bool:
     return any(line.startswith(("machines:", "machines :", '"machines"', "'machines'")) for line in text.splitlines())
 
 
-def up_machine(file: str, machine: str | None, changes: list[str], out: Path) -> None:
+def up_machine(
+    file: str,
+    machine: str | None,
+    changes: list[str],
+    out: Path,
+    minds: Path | None = None,
+    page: typer.Context | None = None,
+    port: int = PORT,
+) -> None:
     """Brings up the nodes of ``machine``, by default the one this runs on, until Ctrl-C.
 
-    ``changes`` are those of ``--set``; ``out`` takes the record of the run.
+    ``changes`` are those of ``--set``; ``out`` takes the record of the run. Agents go on with what they had in
+    ``minds``, by default in the folder that the deployment names. For a command of which ``page`` is the context, the
+    inspector shows what this machine hears.
     """
     from socialbot.cli import with_changes
     from socialbot.deployment.deployment_file import load_deployment
+    from socialbot.deployment.entering import enter
     from socialbot.deployment.running import run_machine
-    from socialbot.run_record import RunRecord
+    from socialbot.run_record import RunTrace
 
     deployment = load_deployment(Path(file))
     machine = machine or deployment.this_machine()
@@ -40,8 +52,11 @@ def up_machine(file: str, machine: str | None, changes: list[str], out: Path) ->
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"{graph.name} on {machine}: {nodes or 'no node'}", markup=False)
     console.print(f"Ctrl-C ends it; its record: {out}", markup=False)
-    with RunRecord(out) as record:
-        run_machine(deployment, machine, record, Console(highlight=False), graph)
+    with RunTrace(out) as record:
+        if page is not None:
+            enter(deployment, machine)
+            page.with_resource(watched(record, graph, console, port, over_ros=True, stays=False))
+        run_machine(deployment, machine, record, Console(highlight=False), graph, minds)
 
 
 def systemd(

@@ -25,7 +25,7 @@ import logging
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar, get_args, overload
 
 from socialbot.clock import Clock, nanoseconds
 from socialbot.errors import GraphError, ParameterError
@@ -38,6 +38,9 @@ M = TypeVar("M", bound=Message)
 V = TypeVar("V", bool, int, float, str)
 H = TypeVar("H", bound=Callable[..., None])
 R = TypeVar("R")
+
+WireForm = Literal["json", "typed"]
+"""How structured messages travel over ROS: as JSON in std_msgs/String, or as socialbot_msgs."""
 
 NODE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 TOPIC_NAME = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
@@ -196,7 +199,9 @@ class Context(Protocol):
     """What a runner gives to one node."""
 
     @property
-    def clock(self) -> Clock: ...
+    def clock(self) -> Clock:
+        """The clock that the node asks for the time."""
+        ...
 
     @property
     def vitals(self) -> Vitals:
@@ -395,13 +400,15 @@ class Graph:
     """Nodes and the topics that connect them.
 
     ``inputs`` are topics that come from outside: a robot's own driver, or a bag. ``paced_by`` names
-    the topic that answers each camera frame; a replay waits for it rather than losing frames.
+    the topic that answers each camera frame; a replay waits for it rather than losing frames. ``wire`` is the form
+    of structured messages over ROS; nodes see no difference.
     """
 
     name: str
     placements: tuple[Placement, ...]
     inputs: frozenset[str] = frozenset()
     paced_by: str = ""
+    wire: WireForm = "json"
 
     def __post_init__(self) -> None:
         self.check()
@@ -414,6 +421,9 @@ class Graph:
                 raise GraphError(f"two nodes are called {name!r}", where=self.name, remedy="give each its own name")
         for placement in self.placements:
             placement.check(self.name)
+        if self.wire not in get_args(WireForm):
+            remedy = suggestion(self.wire, get_args(WireForm))
+            raise GraphError(f"no form of messages: {self.wire!r}", where=f"{self.name}.wire", remedy=remedy)
         self._check_topics()
 
     def _check_topics(self) -> None:

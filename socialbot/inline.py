@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from socialbot.clock import ManualClock, nanoseconds
 from socialbot.errors import NodeError, SocialbotError
 from socialbot.graph import Delivery, Graph, Input, Node, Output, Placement, outcome
-from socialbot.health import HEALTH_TOPIC, Vitals, ended
+from socialbot.health import HEALTH_TOPIC, Vitals, ended, own_health_topic
 from socialbot.messages import Health, Message
 
 log = logging.getLogger("socialbot.inline")
@@ -60,6 +60,7 @@ class _Context:
         self._runner = runner
         self.vitals = Vitals(placement, runner.clock, self._publish_health)
         self._topics = {port.name: topic for topic, port in placement.publications}
+        self._own_health = own_health_topic(placement.name)
         self._last = placement.type.stands_for_world
 
     @property
@@ -93,12 +94,16 @@ class _Context:
             self.watch()
 
     def _call_beat(self, time: int, beat: Callable[[], None]) -> None:
-        if self._runner.hears_health:
+        if self._heard_health_topics():
             self._runner.schedule(time, lambda: beat() if self.alive else None)
 
     def _publish_health(self, health: Health) -> None:
-        if self.alive and self._runner.hears_health:
-            self._runner.enqueue(HEALTH_TOPIC, health)
+        for topic in self._heard_health_topics() if self.alive else ():
+            self._runner.enqueue(topic, health)
+
+    def _heard_health_topics(self) -> list[str]:
+        """Where somebody listens to how the node is; if nobody does, it does not say it."""
+        return [topic for topic in (HEALTH_TOPIC, self._own_health) if self._runner.hears(topic)]
 
     def call_soon(self, callback: Callable[[], None]) -> None:
         self._runner.posted.put(self._guarded(callback))
@@ -168,10 +173,9 @@ class InlineRunner:
                 self.faults[name].count(error)
                 log.warning("%s: cannot stop: %s: %s", name, type(error).__name__, error)
 
-    @property
-    def hears_health(self) -> bool:
-        """Whether anybody listens to how the nodes are; if not, they do not say it."""
-        return HEALTH_TOPIC in self._listeners or HEALTH_TOPIC in self._taps
+    def hears(self, topic: str) -> bool:
+        """Whether anybody listens to ``topic``."""
+        return topic in self._listeners or topic in self._taps
 
     def tap(self, topic: str, callback: Tap) -> None:
         """Shows every message on ``topic`` to ``callback`` before the nodes get it."""
@@ -191,7 +195,7 @@ class InlineRunner:
             moment = list(together)
             topics.update(dict.fromkeys(topic for topic, _ in moment))
             self._feed(stamp, moment)
-        if self.hears_health:
+        if self.hears(HEALTH_TOPIC):
             self.enqueue(HEALTH_TOPIC, ended("bag", tuple(topics), self.clock.now()))
         self.advance(self.clock.now() + nanoseconds(tail_s))
 

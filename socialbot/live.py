@@ -2,63 +2,117 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import time
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
 
 from socialbot.agents.agent_node import AgentNode
-from socialbot.bridge.observing import Fates, observing
+from socialbot.bridge.observing import observing
 from socialbot.bridge.readiness import expect_free_names
 from socialbot.bridge.restarting import RestartPolicy
 from socialbot.bridge.supervisor import Supervisor, Variables, no_variables
 from socialbot.clock import WallClock
 from socialbot.display import Display
 from socialbot.ending import Ending
+from socialbot.errors import ParameterError, SocialbotError
 from socialbot.graph import Graph
 from socialbot.messages import Message
-from socialbot.replay import keep_speech, observed_topics
+from socialbot.replay import keep_speech, observed_topics, parameters_of, versions
 from socialbot.report.display import RunDisplay
 from socialbot.report.telling import telling
-from socialbot.run_record import RunRecord
-from socialbot.run_report import RunReport
+from socialbot.run_record import WELL, RunTrace
+from socialbot.run_report import RunReport, write_report
+from socialbot.security import paths
 
 ATTEND_S = 0.1
+
+LONGEST_BYTES = 20_000_000
+"""A longer record is not made a page of at the end, so that nobody waits for it."""
 
 
 def run_live(
     graph: Graph,
-    record: RunRecord,
+    record: RunTrace,
     console: Console,
     *,
     composed: bool = False,
     policy: RestartPolicy | None = None,
     nodes: Collection[str] | None = None,
     variables: Variables = no_variables,
+    minds: Path | None = None,
 ) -> None:
-    """Runs ``graph`` until SIGINT or SIGTERM, and tells on ``console`` what happens. What dies is started again.
+    """Runs ``graph`` until SIGINT, SIGTERM or ``socialbot down``, and tells on ``console`` what happens.
 
-    With ``nodes`` it runs only these, and tells of what they say and hear; ``variables`` as for a `Supervisor`.
+    What dies is started again. With ``nodes`` it runs only these, and tells of what they say and hear; ``variables`` as
+    for a `Supervisor`. Agents keep their minds in ``minds``, and go on with those that are there; by default in the
+    folder of the record, so that they begin anew.
     Raises what `Supervisor.attend` does.
     """
-    graph = keep_minds(keep_speech(graph, record.folder), record.folder / "minds")
+    record.describe(graph)
+    graph = keep_minds(keep_speech(graph, record.folder), minds or record.folder / "minds")
+    clock, names = WallClock(), {placement.name for placement in graph.placements}
     from socialbot.bridge.obituaries import Obituaries
+    from socialbot.bridge.presence import Presence
 
-    with Ending().on_signals() as ending, display_of(graph, console) as shown:
+    with (
+        concluding(record, graph, console, composed=composed),
+        Ending().on_signals() as ending,
+        display_of(graph, console) as shown,
+    ):
 
         def observe(topic: str, message: Message) -> None:
             record.observe(topic, message)
             shown.show(topic, message)
 
-        with observing(topics_of(graph, nodes), telling(graph, observe), Fates(graph).note) as onlooker:
+        def note(name: str, values: dict[str, str]) -> None:
+            if name in names:  # others may speak on /diagnostics, too
+                record.note_node(clock.now(), name, values)
+
+        with observing(topics_of(graph, nodes), telling(graph, observe), note, graph.wire) as onlooker:
             expect_free_names(onlooker.ros, graph, nodes)
-            with Supervisor(
+            presence = Presence(onlooker.ros, graph.name, ending.ask)
+            supervisor = Supervisor(
                 graph, record.folder / "log", composed=composed, policy=policy, nodes=nodes, variables=variables
-            ) as supervisor:
+            )
+            with presence, supervisor:
                 obituaries = Obituaries(onlooker.ros, supervisor)
                 while not ending.asked:
                     supervisor.attend(ATTEND_S)
                     obituaries.tell()
+                    presence.tell()
+
+
+@contextmanager
+def concluding(record: RunTrace, graph: Graph, console: Console, *, composed: bool) -> Iterator[None]:
+    """Writes what is left to write of a live run, results.json and its page, when the block is left."""
+    begun, ended = time.monotonic(), WELL
+    try:
+        yield
+    except SocialbotError as error:
+        ended = str(error)
+        raise
+    finally:
+        record.write_results(
+            {
+                "schema": "socialbot/results",
+                "version": 1,
+                "graph": graph.name,
+                "runner": "ros",
+                "composed": composed,
+                "parameters": parameters_of(graph),
+                "ended": ended,
+                "wall_s": round(time.monotonic() - begun, 3),
+                "versions": versions(),
+            }
+        )
+        if record.size > LONGEST_BYTES:
+            told = f"The run was long: socialbot report {record.folder} writes its page."
+        else:
+            told = f"Its page: {write_report(record.folder, f'{graph.name.capitalize()}, live')}"
+        console.print(told, soft_wrap=True, markup=False)
 
 
 def topics_of(graph: Graph, nodes: Collection[str] | None) -> dict[str, type[Message]]:
@@ -73,8 +127,17 @@ def topics_of(graph: Graph, nodes: Collection[str] | None) -> dict[str, type[Mes
 
 
 def keep_minds(graph: Graph, folder: Path) -> Graph:
-    """``graph`` with agents that keep their minds in ``folder``, where they are not told to keep them elsewhere."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """``graph`` with agents that keep their minds in ``folder``, where they are not told to keep them elsewhere.
+
+    Raises ParameterError when there can be no such folder.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ParameterError(
+            f"no folder for minds: {error.strerror}", where=str(folder), remedy="name another"
+        ) from error
+    paths.allow(folder)
     kept: dict[str, dict[str, object]] = {}
     for placement in graph.placements:
         known = placement.type.parameters()

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.errors import PlanningError
+from socialbot.progress import waiting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -56,7 +57,8 @@ def plan(
     from socialbot.planning.planner import Limits
     from socialbot.planning.planners import make_planner
 
-    answer = make_planner(planner).solve(known, asked, Limits(timeout, memory, makespan_s=deadline))
+    with waiting(f"{planner} looks for a plan"):
+        answer = make_planner(planner).solve(known, asked, Limits(timeout, memory, makespan_s=deadline))
     _show(answer, planner, as_json)
     raise typer.Exit(_exit_code(answer))
 

@@ -25,13 +25,14 @@ from socialbot.bridge.recorded_world import InlineStage, Script, play
 from socialbot.bridge.reenactment import Played
 from socialbot.clock import SECOND
 from socialbot.ending import Ending
-from socialbot.errors import BagError, NodeError, SocialbotError
+from socialbot.errors import BagError, GraphError, NodeError, SocialbotError
 from socialbot.graph import Graph, check_parameters
+from socialbot.graph_file import load_graph, parse_graph
 from socialbot.inline import InlineRunner
-from socialbot.messages import Message, Structured, TraceRecord
+from socialbot.messages import Health, Message, Structured, TraceRecord
 from socialbot.report.decisions import DECIDED, Comparison, compare
 from socialbot.report.telling import Observer, telling, told_topics
-from socialbot.run_record import RECORDED, RunRecord
+from socialbot.run_record import RECORDED, STOPPED, WELL, RunRecord
 from socialbot.speech.speaker import Speaker
 from socialbot.vision.scoring import Scores, score
 from socialbot.vision.truth import Truth, load_truth
@@ -97,6 +98,7 @@ class Outcome:
 def replay(plan: Replay, record: RunRecord, show: Observer) -> Outcome:
     """Carries out ``plan``; every message of note goes to ``record`` and ``show``."""
     truth = find_truth(plan)
+    record.describe(plan.graph)
     # Inline, where time is simulated, a sound lasts as long as it would without being played.
     sound: dict[str, object] = {"playback": "off"} if plan.runner == "inline" else {}
     graph = keep_speech(plan.graph.without_sources(), record.folder, **sound)
@@ -114,13 +116,15 @@ def replay(plan: Replay, record: RunRecord, show: Observer) -> Outcome:
     run = _run_inline if plan.runner == "inline" else _run_ros
     fates: dict[str, Fate] = {}
     failure: SocialbotError | None = None
+    ended = WELL
     try:
-        fates = run(plan, graph, feeds, record.folder, observe)
+        with Ending().on_signals() as ending:
+            fates = run(plan, graph, feeds, record.folder, observe, ending)
+            ended = STOPPED if ending.asked else WELL
     except SocialbotError as error:
-        failure = error
+        failure, ended = error, str(error)
     # What was recorded up to a failure is worth as much as the rest.
     scores = score(truth, record.detections) if truth is not None else None
-    ended = "well" if failure is None else str(failure)
     results = _results(plan, graph, feeds, record, fates, scores, time.monotonic() - begun, ended)
     comparison = _compare(plan.bag, graph, decided)
     if comparison is not None:
@@ -131,10 +135,18 @@ def replay(plan: Replay, record: RunRecord, show: Observer) -> Outcome:
     return Outcome(results, scores, fates, comparison)
 
 
-def graph_beside(bag: Path) -> Path | None:
-    """The file that says which graph a bag was recorded of, if it says so."""
+def graph_of(bag: Path) -> Graph:
+    """The graph that a bag says it was recorded of; Waldo's if it does not. Raises GraphError.
+
+    Bags come from anywhere: modules that lie in their folder are not imported.
+    """
     path = bag / BAG_GRAPH
-    return path if path.is_file() else None
+    if not path.is_file():
+        return load_graph("waldo")
+    try:
+        return parse_graph(path.read_text("utf-8"), where=str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise GraphError(f"cannot read the graph: {error}", where=str(path), remedy="give one with --graph") from error
 
 
 def _compare(bag: Bag, graph: Graph, decided: list[TraceRecord]) -> Comparison | None:
@@ -189,13 +201,13 @@ def observed_topics(graph: Graph) -> dict[str, type[Message]]:
     more = {
         topic: kind
         for topic, kind in graph.topics().items()
-        if kind is PlanExecutionInfo or (topic in graph.inputs and issubclass(kind, Structured))
+        if kind in (PlanExecutionInfo, Health) or (topic in graph.inputs and issubclass(kind, Structured))
     }
     return {**recorded_topics(graph), **told_topics(graph), **more}
 
 
 def _run_inline(
-    plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path, observe: Observer
+    plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path, observe: Observer, ending: Ending
 ) -> dict[str, Fate]:
     messages = plan.bag.messages(feeds, graph.topics())
     first = next(messages, None)
@@ -204,19 +216,18 @@ def _run_inline(
     runner = InlineRunner(graph, start=first[1].stamp)
     for topic in observed_topics(graph):
         runner.tap(topic, observe)
-    with Ending().on_signals() as ending:
-        try:
-            if takes_pictures(graph):
-                runner.start()
-                runner.run(_until(ending, itertools.chain([first], messages)), tail_s=TAIL_S)
-            else:
-                script = Script(plan.bag, feeds, graph)
-                stage = InlineStage(runner, script)
-                stage.begin()
-                runner.start()
-                play(script, stage, ending)
-        finally:
-            runner.close()
+    try:
+        if takes_pictures(graph):
+            runner.start()
+            runner.run(_until(ending, itertools.chain([first], messages)), tail_s=TAIL_S)
+        else:
+            script = Script(plan.bag, feeds, graph)
+            stage = InlineStage(runner, script)
+            stage.begin()
+            runner.start()
+            play(script, stage, ending)
+    finally:
+        runner.close()
     return {name: Fate(faults.calls, faults.failures, faults.first) for name, faults in runner.faults.items()}
 
 
@@ -229,11 +240,13 @@ def _nothing_whole(bag: Bag) -> BagError:
     return BagError(f"no message can be read ({reasons})", where=str(bag.path), remedy="record it again")
 
 
-def _run_ros(plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path, observe: Observer) -> dict[str, Fate]:
-
+def _run_ros(
+    plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path, observe: Observer, ending: Ending
+) -> dict[str, Fate]:
     fates = Fates(graph)
     logs = folder / "log"
-    with Ending().on_signals() as ending, observing(observed_topics(graph), observe, fates.note) as onlooker:
+    topics = observed_topics(graph)
+    with observing(topics, observe, fates.note, graph.wire) as onlooker:
         expect_free_names(onlooker.ros, graph)
         report = logs / "played.json"
         with Launch(graph, logs, sim_time=True, composed=plan.composed) as launch:

@@ -13,6 +13,7 @@ from socialbot.bridge.bags import Bag
 from socialbot.clock import SECOND
 from socialbot.errors import BagError, ImageError
 from socialbot.messages import CompressedImage, Image, TraceRecord, Utterance
+from socialbot.progress import Advance, unseen
 from socialbot.run_record import RunRecord
 from socialbot.vision.annotate import draw
 from socialbot.vision.encodings import bgr_from_compressed, bgr_from_image
@@ -24,8 +25,12 @@ SPOKEN_FOR_NS = 3 * SECOND
 DEFAULT_RATE_HZ = 10.0
 
 
-def write_video(bag: Bag, image_topic: str, record: RunRecord, truth: Truth | None, path: Path) -> Path:
+def write_video(
+    bag: Bag, image_topic: str, record: RunRecord, truth: Truth | None, path: Path, advance: Advance = unseen
+) -> Path:
     """Writes an .mp4 of all pictures of ``image_topic``; those that cannot be converted are left out.
+
+    ``advance`` is told how many pictures were looked at.
 
     Raises BagError when there is nothing to show or the video cannot be written.
     """
@@ -34,7 +39,8 @@ def write_video(bag: Bag, image_topic: str, record: RunRecord, truth: Truth | No
     captions = _Captions(record, bag.start)
     writer: cv2.VideoWriter | None = None
     size = (0, 0)
-    for _, message in bag.messages({image_topic: image_topic}):
+    for number, (_, message) in enumerate(bag.messages({image_topic: image_topic})):
+        advance(number)
         assert isinstance(message, (Image, CompressedImage))
         try:
             pixels = _pixels(message)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,9 +9,11 @@ from socialbot.agent_messages import Desire, DesireSet
 from socialbot.agents.warehouse.graphs import KINDS, cast_with, warehouse
 from socialbot.bridge.bags import open_bag
 from socialbot.clock import SECOND, nanoseconds
-from socialbot.demo import QUIET_S, Run, Wishes, replayable, results_of, run, watched
+from socialbot.demo import QUIET_S, Run, Wishes, Worlds, left_in, replayable, results_of, run, watched
 from socialbot.graph_file import load_graph
-from socialbot.messages import Message, TraceRecord
+from socialbot.messages import Health, Message, State, TraceRecord
+from socialbot.new_cli import write_project
+from socialbot.run_record import NOTHING_SHOWN, RunRecord
 from socialbot.run_report import RunReport
 
 pytest.importorskip("kairos", reason="kairos-planner is not installed")
@@ -44,6 +47,33 @@ def test_a_new_wish_lets_it_go_on():
         wishes.observe(desires(seconds, "a", *names))
     assert not over(wishes, 5.0)
     assert over(wishes, 6.0)
+
+
+def health(seconds: float, node: str, state: State) -> Health:
+    return Health(stamp=nanoseconds(seconds), node=node, state=state)
+
+
+def test_a_run_without_wishes_is_over_a_while_after_all_worlds_have_ended():
+    worlds = Worlds(frozenset({"room", "visitors"}))
+    for told in (health(1.0, "room", "ok"), health(2.0, "room", "ended"), health(3.0, "mind", "ended")):
+        worlds.observe(told)
+    assert not worlds.are_over(nanoseconds(100.0))
+    worlds.observe(health(4.0, "visitors", "ended"))
+    worlds.observe(health(5.0, "room", "ended"))
+    assert not worlds.are_over(nanoseconds(3.9 + QUIET_S))
+    assert worlds.are_over(nanoseconds(4.0 + QUIET_S))
+
+
+def test_agents_without_desires_are_run_until_their_world_has_nothing_more_to_show(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    project = write_project("robot_of_the_demo", "python", tmp_path)
+    what, seen = Run(load_graph(str(project / "graph.yaml"))), []
+    assert isinstance(left_in(what.graph), Worlds)
+    ran = run(what, tmp_path / "run", lambda topic, message: seen.append((topic, message)))
+    assert ran.ended == NOTHING_SHOWN
+    assert ran.seconds == pytest.approx(15.0)
+    assert {"/humans/bodies/detections", "/agent/trace", "/speech/status"} <= {topic for topic, _ in seen}
+    assert list((tmp_path / "run" / "speech").glob("*.wav"))
 
 
 @pytest.fixture(scope="module")
@@ -86,8 +116,13 @@ def test_a_bag_has_traces_and_requests_and_says_which_graph_ran(cleaned):
 
 
 def test_the_page_of_a_run_without_a_floor_is_written(cleaned):
-    what, ran, report, _, folder = cleaned
-    page = report.write(folder, "Cleaning", results_of(what, ran, report.summary().results()))
+    what, ran, report, seen, folder = cleaned
+    with RunRecord(folder) as record:
+        record.describe(what.graph)
+        for topic, message in seen:
+            record.observe(topic, message)
+        record.write_results(results_of(what, ran, report.summary().results()))
+    page = report.write(folder, "Cleaning")
     assert "has sweeper sweep kitchen" in page.read_text("utf-8")
     assert not (folder / "floor.svg").exists()
 

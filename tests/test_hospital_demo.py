@@ -17,7 +17,7 @@ from socialbot.messages import Message
 from socialbot.replay import Outcome, Replay, replay
 from socialbot.run_record import RunRecord
 from tests.agents.hospital.runs import Told, carried_out, paper_run
-from tests.report.test_page import read
+from tests.report.pages import read
 from tests.system.running import results, socialbot
 
 BAGS = Path(__file__).parents[1] / "data" / "synthetic"
@@ -25,7 +25,12 @@ BAGS = Path(__file__).parents[1] / "data" / "synthetic"
 
 def page_of(run: Told, folder: Path) -> str:
     done = results_of(run.what, run.ran, run.report.summary().results())
-    return run.report.write(folder, "The hospital", done).read_text("utf-8")
+    with RunRecord(folder) as record:
+        record.describe(run.what.graph)
+        for message in run.messages:
+            record.observe("", message)
+        record.write_results(done)
+    return run.report.write(folder, "The hospital").read_text("utf-8")
 
 
 def data_of(page: str) -> dict[str, Any]:
@@ -66,7 +71,9 @@ def test_it_shows_the_ward_the_tasks_who_does_what_what_fails_and_the_new_plan(s
 
 def test_its_folder_has_trace_results_page_and_ward(shown):
     folder = shown[1]
-    assert {path.name for path in folder.iterdir()} == {"trace.jsonl", "results.json", "report.html", "ward.svg"}
+    assert {path.name for path in folder.iterdir()} == {
+        *("trace.jsonl", "seen.jsonl", "graph.yaml", "results.json", "report.html", "ward.svg"),
+    }
     found = results(folder)
     assert found["ended"] == "nobody wants anything more"
     [mission] = found["missions"]
@@ -84,7 +91,7 @@ def test_its_page_tells_all_of_the_run_and_needs_nothing_else(tmp_path):
         "inform Problem",
     ):
         assert told in words
-    assert not re.search(r"(src|href)\s*=", page)
+    assert not re.search(r"src\s*=|href=\"[^#]", page)
     assert "http" not in page.replace("http://www.w3.org/2000/svg", "")
     assert page.count('class="plan failed"') == 1
     assert page.count('class="plan succeeded"') == 1

@@ -99,7 +99,7 @@ def test_such_code_would_be_found(tmp_path, code):
     assert len(list(dangers(path))) == 1
 
 
-PARTS = {"bdi", "vision", "speech", "planning", "tasks", "deliberation", "agents", "report", "bridge"}
+PARTS = {"bdi", "vision", "speech", "planning", "tasks", "deliberation", "agents", "report", "inspect", "bridge"}
 
 
 @pytest.mark.parametrize("folder", ["bdi", "vision", "speech", "planning", "tasks"])
@@ -141,6 +141,12 @@ def test_the_parts_that_are_there_were_looked_at():
 
 def test_agents_know_the_parts_but_not_the_bridge():
     assert offenders(modules("agents"), ("socialbot.bridge",)) == []
+
+
+def test_what_was_recorded_is_looked_at_without_the_bridge():
+    seen_live = {ROOT / "inspect" / "live_run.py"}  # of a graph that runs, an onlooker of the bridge tells
+    assert offenders([path for path in modules("inspect") if path not in seen_live], ("socialbot.bridge",)) == []
+    assert len(modules("inspect")) > 2
 
 
 def test_only_the_bridge_knows_ros():

@@ -1,8 +1,13 @@
 from __future__ import annotations
 
+import sys
+
+import pytest
+
 from socialbot.bridge.bags import open_bag
+from socialbot.errors import GraphError
 from socialbot.graph import Graph
-from socialbot.replay import Replay, find_truth
+from socialbot.replay import Replay, find_truth, graph_of
 from tests.evaluate.scenes import drawn_bag
 
 
@@ -12,3 +17,20 @@ def test_the_truth_of_a_folder_lies_beside_it_under_the_folders_whole_name(tmp_p
         truth = find_truth(Replay(bag, Graph("g", ())))
     assert truth is not None
     assert len(truth.frames) == 2
+
+
+def test_a_bag_says_of_which_graph_it_is_else_it_is_waldo_s(tmp_path):
+    assert graph_of(tmp_path).name == "waldo"
+    (tmp_path / "graph.yaml").write_text("name: mute\nnodes:\n  head: {type: head, remap: {detections: ~/seen}}\n")
+    with pytest.raises(GraphError, match=r"graph\.yaml:3: head.*nobody publishes"):
+        graph_of(tmp_path)
+    (tmp_path / "graph.yaml").write_text("name: mute\nnodes:\n  camera: {type: camera}\n")
+    assert graph_of(tmp_path).name == "mute"
+
+
+def test_code_that_lies_beside_a_bag_is_not_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "lies_beside.py").write_text("raise SystemExit('this was run')")
+    (tmp_path / "graph.yaml").write_text("name: odd\nnodes:\n  odd: {type: lies_beside:Node}\n")
+    with pytest.raises(GraphError, match="there is no module 'lies_beside'"):
+        graph_of(tmp_path)

@@ -1,11 +1,11 @@
-"""The commands ``socialbot bag``: what is in a bag, making one of a video or pictures, recording one."""
+"""The commands ``socialbot bag``: what is in a bag, making one of a video or pictures, recording and converting one."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -17,6 +17,7 @@ from socialbot.clock import SECOND
 from socialbot.ending import Ending
 from socialbot.errors import BagError
 from socialbot.messages import CompressedImage, Image
+from socialbot.progress import bar
 
 if TYPE_CHECKING:
     from socialbot.bridge.bags import Bag, Topic
@@ -63,7 +64,7 @@ def import_(
     """Makes a bag of a video, a folder of images or a camera; a camera is recorded until Ctrl-C."""
     from socialbot.bridge.bag_import import import_bag
 
-    with Ending().on_signals() as ending:
+    with Ending().on_signals() as ending, bar(f"writing {out}", "pictures") as advance:
         made = import_bag(
             source,
             out,
@@ -75,6 +76,7 @@ def import_(
             limit_s=duration,
             width=width,
             stopped=lambda: ending.asked,
+            advance=advance,
         )
     size = f"{made.width}x{made.height}"
     Console().print(f"{made.images} pictures of {size}, {made.duration_s:.1f} s, in {made.path}", highlight=False)
@@ -103,6 +105,28 @@ def record(
     for topic in sorted({name.lstrip("/") for name in topics or ()} - {name.lstrip("/") for name in made.counts}):
         console.print(f"[yellow]nothing came on[/] /{escape(topic)}", highlight=False)
     console.print(f"{sum(made.counts.values())} messages in {made.duration_s:.1f} s", highlight=False)
+
+
+@bag.command()
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="BAG", help="A bag folder, or an .mcap, .db3 or ROS 1 .bag file.")],
+    out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
+    wire: Annotated[
+        Literal["json", "typed"], typer.Option(help="json: text in std_msgs/String; typed: socialbot_msgs.")
+    ],
+    storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
+) -> None:
+    """Writes a bag anew, with structured messages as JSON or as ROS types of their own; nothing is lost."""
+    from socialbot.bridge.bag_convert import convert_bag
+
+    console = Console(highlight=False)
+    with console.status(f"writing {out}"):
+        made = convert_bag(source, out, wire, storage=storage)
+    for topic, kept in sorted(made.kept.items()):
+        console.print(f"[yellow]as before[/]: {escape(topic)}: {kept.count}, first: {escape(kept.first)}")
+    for topic, skipped in sorted(made.skipped.items()):
+        console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, left out, first: {escape(skipped.first)}")
+    console.print(f"{made.messages} messages in {made.path}, {made.converted} of them now {wire}")
 
 
 def _check(opened: Bag) -> BagError | None:

@@ -17,6 +17,7 @@ from socialbot.bridge.bags import natural
 from socialbot.clock import SECOND, Clock, WallClock, nanoseconds
 from socialbot.errors import BagError, ParameterError, SocialbotError
 from socialbot.messages import CameraInfo, CompressedImage
+from socialbot.progress import Advance, unseen
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.frames import is_device, open_frames
 
@@ -94,11 +95,13 @@ def import_bag(
     width: int | None = None,
     clock: Clock | None = None,
     stopped: Callable[[], bool] = lambda: False,
+    advance: Advance = unseen,
 ) -> Imported:
     """Writes the pictures of ``source`` and, once a second, the CameraInfo to the new bag ``out``.
 
     A folder is played at ``rate_hz``, in natural order; a video by its own time stamps; both begin at
     the stamp ``start`` (ns). A camera is stamped by ``clock`` and recorded until ``limit_s`` or until ``stopped``.
+    ``advance`` is told how many pictures are written.
 
     Raises BagError when ``source`` cannot be read, its images differ in size, or ``out`` exists;
     DeviceError when a camera cannot be opened; ParameterError for a value out of range. No bag is left then.
@@ -110,7 +113,7 @@ def import_bag(
     with BagWriter(out) as bag:
         try:
             with closing(_frames(str(source), rate_hz, start, clock or WallClock())) as frames:
-                return _write(frames, bag, picturing, topic, until, stopped, str(source))
+                return _write(frames, bag, picturing, topic, until, stopped, advance, str(source))
         except SocialbotError:
             bag.discard()
             raise
@@ -123,6 +126,7 @@ def _write(
     topic: str,
     until: float,
     stopped: Callable[[], bool],
+    advance: Advance,
     source: str,
 ) -> Imported:
     info_topic = f"{topic.removesuffix('/compressed').rpartition('/')[0]}/camera_info"
@@ -139,6 +143,7 @@ def _write(
             next_info = stamp + SECOND
         bag.write(topic, picturing.image(stamp, pixels), stamp)
         images, last = images + 1, stamp
+        advance(images)
     if not images:
         raise BagError("no picture could be read", where=source, remedy="check that it is not empty or damaged")
     return Imported(bag.path, images, width, height, (last - first) / SECOND)

@@ -15,10 +15,8 @@ from typing import Any
 import msgspec
 
 from socialbot.bridge.bags import Bag, Skipped
-from socialbot.bridge.codec import STRING, ros_type
 from socialbot.bridge.readiness import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.recorded_world import STEP_S, Script, play
-from socialbot.bridge.ros_types import message_class
 from socialbot.bridge.timekeeper import Timekeeper
 from socialbot.bridge.wire import Inlet, wire
 from socialbot.clock import SECOND, nanoseconds
@@ -52,17 +50,15 @@ class Reenactment:
         self._rate, self._ending = rate, ending
         self._script = Script(bag, topics, graph)
         self._skipped = bag.skipped
-        own = wire()
+        own = wire(form=graph.wire)
         self._publishers = {
-            topic: ros.create_publisher(
-                message_class(ros_type(graph.topics()[topic])), topic, publisher_qos(Delivery.EVERY)
-            )
+            topic: ros.create_publisher(own.message_class(graph.topics()[topic]), topic, publisher_qos(Delivery.EVERY))
             for topic in topics.values()
         }
         self._outlets = {topic: own.outlet(publisher) for topic, publisher in self._publishers.items()}
         self._subscriptions = {
             topic: ros.create_subscription(
-                message_class(STRING),
+                own.message_class(kind),
                 topic,
                 functools.partial(self._hear, topic, kind, own.inlet(topic)),
                 subscription_qos(Delivery.EVERY, outside=False),

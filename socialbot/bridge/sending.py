@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 from ruamel.yaml import YAML
@@ -12,11 +12,10 @@ from ruamel.yaml.error import YAMLError
 
 from socialbot.bridge.codec import ros_type
 from socialbot.bridge.qos import publisher_qos
-from socialbot.bridge.ros_types import message_class
 from socialbot.bridge.topics import Ended, topics_now
 from socialbot.bridge.wire import wire
 from socialbot.errors import GraphError, MessageError, NodeError
-from socialbot.graph import Delivery, suggestion
+from socialbot.graph import Delivery, WireForm, suggestion
 from socialbot.messages import Structured
 from socialbot.schemas import STRUCTURED
 from socialbot.yaml_text import load_yaml
@@ -58,27 +57,36 @@ def message_from(schema: str, text: str, *, stamp: int) -> Structured:
 
 
 def send(ros: Any, name: str, message: Structured, *, timeout_s: float, ended: Ended = lambda: False) -> None:
-    """Sends ``message`` on the topic ``name`` to all who listen, and waits until it has arrived.
+    """Sends ``message`` on the topic ``name`` to all who listen, in the form they want, and waits until it has arrived.
 
     Raises GraphError when nobody listens to the topic within ``timeout_s``, or takes another type, NodeError when it
     does not arrive, SecurityError when the keys cannot be used.
     """
     from rclpy.duration import Duration
 
-    type_name = ros_type(type(message))
-    publisher = ros.create_publisher(message_class(type_name), name, publisher_qos(Delivery.EVERY))
-    outlet = wire().outlet(publisher)
+    kind = type(message)
     deadline = time.monotonic() + timeout_s
-    while not publisher.get_subscription_count():
+    while (form := _form_wanted(ros, name, kind)) is None:
         if ended():
             return
         if time.monotonic() >= deadline:
-            raise _not_wanted(ros, name, type_name)
+            raise _not_wanted(ros, name, ros_type(kind))
         time.sleep(LOOK_AGAIN_S)
-    _await_all(ros, publisher, name, type_name, ended)
+    own = wire(form=form)
+    publisher = ros.create_publisher(own.message_class(kind), name, publisher_qos(Delivery.EVERY))
+    outlet = own.outlet(publisher)
+    _await_all(ros, publisher, name, ros_type(kind, form), ended)
+    if not publisher.get_subscription_count():
+        raise _not_wanted(ros, name, ros_type(kind))
     outlet.publish(message)
     if not publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_S)):
         raise NodeError(f"it has not arrived after {ACKNOWLEDGED_S:.0f} s", where=name)
+
+
+def _form_wanted(ros: Any, name: str, kind: type[Structured]) -> WireForm | None:
+    """In which form those who listen take messages of this ``kind``; None while nobody takes them."""
+    taken = {each.topic_type for each in ros.get_subscriptions_info_by_topic(name)}
+    return next((form for form in get_args(WireForm) if ros_type(kind, form) in taken), None)
 
 
 def _await_all(ros: Any, publisher: Any, name: str, type_name: str, ended: Ended) -> None:
