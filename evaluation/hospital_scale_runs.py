@@ -22,6 +22,7 @@ from socialbot.clock import SECOND, nanoseconds
 from socialbot.graph import Graph
 from socialbot.inline import InlineRunner
 from socialbot.messages import Message
+from socialbot.security import paths
 
 STILL_S = 60.0
 """A run in which nothing is done for so long while a room waits stands still: nobody rests, charges or is away so long.
@@ -273,5 +274,6 @@ class Run:
 
 def play(story: Story) -> Result:
     """Plays a story; the same story comes to the same result, but for the times it takes and the memory."""
+    paths.allow(Path(tempfile.gettempdir()))
     with tempfile.TemporaryDirectory(prefix="socialbot-hospital-") as folder:
         return Run(story, Path(folder)).play()

@@ -22,6 +22,7 @@ from socialbot.clock import SECOND, nanoseconds
 from socialbot.graph import Graph
 from socialbot.inline import InlineRunner
 from socialbot.messages import Message, TraceRecord
+from socialbot.security import paths
 
 SORT = "sort_boxes"
 """The desire of the gripper."""
@@ -263,5 +264,6 @@ class Run:
 
 def play(story: Story, tell: Callable[[TraceRecord], object] = lambda record: None) -> Result:
     """Plays a story; the same story comes to the same result, but for the processor time."""
+    paths.allow(Path(tempfile.gettempdir()))
     with tempfile.TemporaryDirectory(prefix="socialbot-warehouse-") as folder:
         return Run(story, Path(folder), tell).play()
