@@ -92,7 +92,7 @@ class Watch:
 class Vitals:
     """How one node is. The runner reports what comes (`came`) and asks when to look again (`due`).
 
-    ``publish`` sends a `Health`; nothing is sent before `begin`.
+    ``publish`` sends a `Health`; before `begin` none is sent but by `wait`.
     """
 
     def __init__(self, placement: Placement, clock: Clock, publish: Callable[[Health], None]) -> None:
@@ -123,6 +123,18 @@ class Vitals:
             call_at(self._clock.now() + nanoseconds(BEAT_S), beat)
 
         beat()
+
+    def wait(self, lacking: str) -> None:
+        """Says, before `begin`, that the node waits for the topics it is ``lacking``."""
+        self._publish(
+            Health(
+                stamp=self._clock.now(),
+                node=self._name,
+                state="waiting",
+                reason=f"nobody at the other end of {lacking} yet",
+                outputs=self._outputs,
+            )
+        )
 
     def came(self, port: Input[Any], message: Message) -> bool:
         """Notes that ``message`` has come; says whether anybody watches that. Safe from any thread."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from socialbot.bridge.blocking import Stopwatch
 from socialbot.bridge.inbox import Alarm, Inbox, Line
 from socialbot.bridge.readiness import LOOK_AGAIN_S, Connection, unconnected
 from socialbot.bridge.statistics import Statistics, restarts
@@ -17,7 +18,7 @@ from socialbot.bridge.wire import Outlet
 from socialbot.clock import SECOND, Clock
 from socialbot.errors import NodeError, SocialbotError
 from socialbot.graph import Node, Output, Placement, outcome
-from socialbot.health import Vitals
+from socialbot.health import BEAT_S, Vitals
 from socialbot.messages import Health, Message
 
 R = TypeVar("R")
@@ -28,6 +29,9 @@ CONNECTED_S = 5.0
 
 RECONNECTED_S = 1.0
 """The same in a process that was started again: it is missed by those who are there."""
+
+WAITS_QUIETLY_S = 2.0
+"""After so long it says that it waits, and for what."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +57,9 @@ class _Context:
         self._statistics = statistics
 
     def publish(self, port: Output[Any], message: Message) -> None:
-        begin = time.perf_counter()
+        watch = Stopwatch()
         self._outlets[port.name].publish(message)
-        self._statistics.note_publication(time.perf_counter() - begin)
+        self._statistics.note_publication(*watch.seconds())
 
     def call_at(self, time: int, callback: Callable[[], None]) -> Alarm:
         return self._inbox.call_at(time, callback)
@@ -167,11 +171,16 @@ class Life:
 
     def _await_connections(self) -> None:
         """What is said before the listeners are there is lost."""
-        deadline = time.monotonic() + (RECONNECTED_S if restarts() else CONNECTED_S)
+        begun = time.monotonic()
+        says_at = begun + WAITS_QUIETLY_S
         while (lacking := unconnected(self._connections)) and not self.inbox.closed:
-            if time.monotonic() > deadline:
+            now = time.monotonic()
+            if now > begun + (RECONNECTED_S if restarts() else CONNECTED_S):
                 logging.getLogger(f"socialbot.{self.name}").info("starts without %s", lacking)
                 return
+            if now > says_at:
+                self._vitals.wait(lacking)
+                says_at = now + BEAT_S
             time.sleep(LOOK_AGAIN_S)
 
     def _do(self, item: Callable[[], None] | tuple[Line, Message]) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from socialbot.bridge import environment
+from socialbot.bridge.heap import keep_freed_memory
 from socialbot.bridge.wire import warn_if_open
 from socialbot.errors import ParameterError
 
@@ -32,6 +33,7 @@ def ros_context(args: list[str] | None = None) -> Iterator[Context]:
     """A context of its own, with signals left to the caller. Raises ParameterError for ``args`` that ROS refuses."""
     environment.prepare()
     warn_if_open()
+    keep_freed_memory()
     context = Context()
     try:
         rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)

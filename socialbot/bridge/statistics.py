@@ -55,6 +55,8 @@ class Statistics:
     durations: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
     longest_publication: float = 0.0
     """How long (s) publishing a message has taken at most, since this was asked for last."""
+    longest_block: float = 0.0
+    """How long (s) at most it has waited meanwhile for anything but a processor, since this was asked for last."""
     ages: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
 
     @property
@@ -67,14 +69,16 @@ class Statistics:
         self.calls += 1
         self.durations.append(seconds)
 
-    def note_publication(self, seconds: float) -> None:
-        """Counts one message published, which has kept the node for so long."""
+    def note_publication(self, seconds: float, blocked: float) -> None:
+        """Counts one message published, which has kept the node for so long (s), and blocked it."""
         self.published += 1
         self.longest_publication = max(self.longest_publication, seconds)
+        self.longest_block = max(self.longest_block, blocked)
 
-    def take_longest_publication(self) -> float:
-        """The longest (s) since this was called last."""
-        longest, self.longest_publication = self.longest_publication, 0.0
+    def take_longest_publication(self) -> tuple[float, float]:
+        """The longest publication and the longest block (s) since this was called last."""
+        longest = self.longest_publication, self.longest_block
+        self.longest_publication = self.longest_block = 0.0
         return longest
 
 
@@ -158,6 +162,7 @@ class Reporter:
     def _status(self, state: str, lacking: str) -> DiagnosticStatus:
         statistics, lines = self._statistics, self._lines()
         calls, ages = Spread.of(statistics.durations), Spread.of(statistics.ages)
+        publication, block = statistics.take_longest_publication()
         values: dict[str, Any] = {
             "machine": machine(),
             "state": state,
@@ -175,7 +180,8 @@ class Reporter:
             "call_p99_ms": round(1000 * calls.p99, 3),
             "age_mean_ms": round(1000 * ages.mean, 1),
             "age_p99_ms": round(1000 * ages.p99, 1),
-            "publish_max_ms": round(1000 * statistics.take_longest_publication(), 3),
+            "publish_max_ms": round(1000 * publication, 3),
+            "publish_blocked_max_ms": round(1000 * block, 3),
             "pid": os.getpid(),
             **self._rates,
             **process_costs(),

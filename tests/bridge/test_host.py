@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from socialbot.graph import Graph, Input, Node, Output, Placement
-from socialbot.messages import Utterance
+from socialbot.messages import Health, Utterance
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -82,3 +82,18 @@ def test_a_node_starts_without_those_who_do_not_come(monkeypatch: pytest.MonkeyP
     with hosting() as host:
         host("greeter")
         assert started.wait(20.0)
+
+
+def test_a_node_that_waits_for_others_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("socialbot.bridge.life.WAITS_QUIETLY_S", 0.1)
+    said: list[Health] = []
+    monkeypatch.setattr("socialbot.bridge.host.NodeHost._say_health", lambda self, health: said.append(health))
+    with hosting() as host:
+        host("greeter")
+        assert eventually(lambda: len(said) > 2)
+        waiting = said[:2]
+        host("listener")
+        assert eventually(lambda: said[-1].state == "ok")
+    assert {(one.node, one.state, one.reason) for one in waiting} == {
+        ("greeter", "waiting", "nobody at the other end of /said yet")
+    }
