@@ -199,7 +199,7 @@ def kills(report: Report, plan: Plan) -> str:
     changes = [word for setting, value in SETTINGS.items() for word in ("--set", f"{setting}={value}")]
     killed: list[Kill] = []
     with (
-        observing(TOPICS, witness.note, fates.note),
+        observing(TOPICS, witness.note, fates.note, latched=(MIND, INFO)),
         beside(plan, folder, "up", "up", "--camera", pictures, "--out", folder / "run", *changes),
     ):
         await_(lambda: bool(witness.begun and witness.latest.get(DETECTIONS)), 120.0, "no detections", folder)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -56,10 +56,12 @@ def observing(
     observe: Callable[[str, Message], None],
     note: Callable[[str, dict[str, str]], None],
     form: WireForm = "json",
+    *,
+    latched: Collection[str] = (),
 ) -> Iterator[Onlooker]:
     """Calls ``observe`` with each message of ``topics``, and ``note`` with each node's statistics, from one thread.
 
-    ``form`` is that of the graph's messages. Raises InstallationError when there is no ROS, or not that form.
+    Of those that are ``latched`` it hears what was said last before it came. ``form`` is that of the graph's messages. Raises InstallationError when there is no ROS, or not that form.
     """
     environment.require_ros()
     from diagnostic_msgs.msg import DiagnosticArray
@@ -89,8 +91,8 @@ def observing(
             topic: ros.create_subscription(
                 own.message_class(kind),
                 topic,
-                functools.partial(receive, topic, kind, own.inlet(topic)),
-                subscription_qos(Delivery.EVERY, outside=False),
+                functools.partial(receive, topic, kind, own.inlet(topic, latched=topic in latched)),
+                subscription_qos(Delivery.LATCHED if topic in latched else Delivery.EVERY, outside=False),
             )
             for topic, kind in topics.items()
         }
