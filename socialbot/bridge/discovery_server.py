@@ -14,7 +14,7 @@ from pathlib import Path
 
 from socialbot.bridge.environment import PROFILE_VARIABLE
 from socialbot.bridge.launch import how_it_ended
-from socialbot.bridge.restarting import Patience, RestartPolicy
+from socialbot.bridge.restarting import Patience, RestartPolicy, in_time
 from socialbot.errors import InstallationError
 
 log = logging.getLogger("socialbot.discovery_server")
@@ -77,7 +77,7 @@ class DiscoveryServer:
             if pause_s is None:
                 log.error("the discovery server is given up: it %s; its log: %s", how_it_ended(code), self._output)
                 return
-            log.warning("the discovery server %s; started again in %.1f s", how_it_ended(code), pause_s)
+            log.warning("the discovery server %s; started again %s", how_it_ended(code), in_time(pause_s))
             self._closed.wait(pause_s)
 
     def _start(self) -> subprocess.Popen[bytes] | None:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 class RestartPolicy:
     """How patient a supervisor is.
 
-    What dies is started again after ``first_s``; each time that it dies soon after that it is left alone twice as
-    long, up to ``longest_s``. What has died more than ``times`` times in ``within_s`` is given up. A node is hung, and
+    What dies after it has lived for longer than ``longest_s`` is started again at once. When it dies sooner it is left
+    alone for ``first_s``, and each time that it does so again for twice as long, up to ``longest_s``. What has died more than ``times`` times in ``within_s`` is given up. A node is hung, and
     its process is killed, when it has not said for ``hung_s`` that it is well; to get ready it may take ``ready_s``.
     """
 
@@ -45,6 +45,10 @@ class Patience:
         if len(self._deaths) > policy.times:
             return None
         lived_long = now - self._started > policy.longest_s
-        self._pause_s = policy.first_s if lived_long or not self._pause_s else 2 * self._pause_s
-        self._pause_s = min(self._pause_s, policy.longest_s)
+        self._pause_s = 0.0 if lived_long else min(max(policy.first_s, 2 * self._pause_s), policy.longest_s)
         return self._pause_s
+
+
+def in_time(pause_s: float) -> str:
+    """``pause_s`` in words."""
+    return f"in {pause_s:.1f} s" if pause_s else "at once"

@@ -23,7 +23,7 @@ from socialbot.bridge.launch import (
 from socialbot.bridge.lifeline import Lifeline, lifelines
 from socialbot.bridge.nursery import Nursery
 from socialbot.bridge.processes import Process, end_processes, how_it_ended
-from socialbot.bridge.restarting import Patience, RestartPolicy
+from socialbot.bridge.restarting import Patience, RestartPolicy, in_time
 from socialbot.bridge.rotation import Rotation
 from socialbot.bridge.stale_memory import remove_stale
 from socialbot.bridge.statistics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE
@@ -264,7 +264,7 @@ class Supervisor:
             return
         member.due = now + pause_s
         member.restarts += 1
-        log.warning("%s %s; started again in %.1f s (no. %d)", member.name, what, pause_s, member.restarts)
+        log.warning("%s %s; started again %s (no. %d)", member.name, what, in_time(pause_s), member.restarts)
 
     @staticmethod
     def _part(member: Member) -> None:
