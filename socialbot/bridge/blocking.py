@@ -15,7 +15,8 @@ class _Scheduled(threading.local):
     """What Linux counts of each thread. A file is bound to the thread that opens it."""
 
     def __init__(self) -> None:
-        self._file = open(SCHEDSTAT, "rb", buffering=0) if os.path.exists(SCHEDSTAT) else None
+        known = os.path.exists(SCHEDSTAT)
+        self._file = open(SCHEDSTAT, "rb", buffering=0) if known else None  # noqa: SIM115 - as long as the thread
 
     def ns(self) -> int:
         """At work and ready for it, together (ns); 0 where nobody counts."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import tempfile
-from collections.abc import MutableMapping
+from collections.abc import Iterable, MutableMapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,12 @@ PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 DATAGRAM_VARIABLE = "SOCIALBOT_DATAGRAM_BYTES"
 PACKET_BYTES, UNBOUNDED_BYTES = 1400, 2**32 - 1
 """What `DATAGRAM_VARIABLE`, which the Wi-Fi profile reads, may be: what fits into a packet, or anything."""
+
+
+_UDP_READER = """<data_reader profile_name="{topic}">
+  <unicastLocatorList><locator><udpv4><address>127.0.0.1</address></udpv4></locator></unicastLocatorList>
+</data_reader>
+"""
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,21 @@ def prepare(
         environment["ROS_LOG_DIR"] = str(log_folder)
     elif "ROS_LOG_DIR" not in environment and "ROS_HOME" not in environment:
         environment["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-ros-log")
+
+
+def read_by_udp(topics: Iterable[str], file: Path, environment: MutableMapping[str, str] = os.environ) -> None:
+    """Has readers of ``topics`` in this process take messages by UDP, for which a profile is written to ``file``.
+
+    Call it after `prepare` and before rclpy starts. When a process is killed while somebody puts a message into its
+    shared memory, all who do so wait there for a second; UDP waits for nobody. Pictures are worth that risk. Only
+    `PROFILE` is changed like this.
+    """
+    if environment.get(PROFILE_VARIABLE) != str(PROFILE):
+        return
+    readers = "".join(_UDP_READER.format(topic=topic) for topic in sorted(set(topics)))
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(PROFILE.read_text("utf-8").replace("</profiles>", f"{readers}</profiles>"), "utf-8")
+    environment[PROFILE_VARIABLE] = str(file)
 
 
 def reach(environment: MutableMapping[str, str] = os.environ) -> str:

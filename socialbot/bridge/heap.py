@@ -22,5 +22,9 @@ def keep_freed_memory() -> bool:
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is None:
         return False
-    settings = ((MMAP_THRESHOLD, LARGEST_BYTES), (TRIM_THRESHOLD, KEPT_BYTES), (TOP_PAD, SPARE_BYTES))
-    return all([mallopt(name, value) for name, value in settings])
+    taken = [
+        mallopt(MMAP_THRESHOLD, LARGEST_BYTES),
+        mallopt(TRIM_THRESHOLD, KEPT_BYTES),
+        mallopt(TOP_PAD, SPARE_BYTES),
+    ]
+    return all(taken)

@@ -5,17 +5,22 @@ from __future__ import annotations
 import gc
 import inspect
 import logging
+import os
+import tempfile
 import threading
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bridge import environment
+from socialbot.bridge.heap import keep_freed_memory
 from socialbot.bridge.lifeline import Lifeline, own_lifeline
 from socialbot.bridge.readiness import expect_free_names
 from socialbot.ending import Ending
 from socialbot.errors import SocialbotError
 from socialbot.graph import Graph
+from socialbot.messages import CompressedImage, Image
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -45,6 +50,8 @@ def run_nodes(
     from socialbot.bridge.host import NodeHost
     from socialbot.bridge.session import ros_context
 
+    keep_freed_memory()
+    _read_by_udp(graph, names)
     lifeline = own_lifeline()
     with Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
         hosts: list[NodeHost] = []
@@ -70,6 +77,19 @@ def run_nodes(
             for host in hosts:
                 host.stop()
     _raise_failure(host.failure for host in hosts)
+
+
+def _read_by_udp(graph: Graph, names: Collection[str]) -> None:
+    """What is not a picture comes by UDP to the nodes of this process."""
+    topics = {
+        topic
+        for name in names
+        for topic, port in graph.placement(name).subscriptions
+        if not issubclass(port.message_type, (Image, CompressedImage))
+    }
+    environment.prepare()
+    folder = Path(os.environ.get("ROS_LOG_DIR") or tempfile.gettempdir())
+    environment.read_by_udp(topics, folder / f"dds_{'_'.join(names)[:80]}.xml")
 
 
 def _obey(lifeline: Lifeline, hosts: list[NodeHost], executor: Executor) -> None:

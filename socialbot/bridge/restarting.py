@@ -11,8 +11,9 @@ class RestartPolicy:
     """How patient a supervisor is.
 
     What dies after it has lived for longer than ``longest_s`` is started again at once. When it dies sooner it is left
-    alone for ``first_s``, and each time that it does so again for twice as long, up to ``longest_s``. What has died more than ``times`` times in ``within_s`` is given up. A node is hung, and
-    its process is killed, when it has not said for ``hung_s`` that it is well; to get ready it may take ``ready_s``.
+    alone for ``first_s``, and each time that it does so again for twice as long, up to ``longest_s``. What has died
+    more than ``times`` times in ``within_s`` is given up. A node is hung, and its process is killed, when it has not
+    said for ``hung_s`` that it is well; to get ready it may take ``ready_s``.
     """
 
     times: int = 5

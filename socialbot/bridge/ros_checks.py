@@ -29,6 +29,8 @@ WHEELS: Mapping[str, str] = MappingProxyType(
 GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 """The start-up file of the wheels sets this variable together with LD_LIBRARY_PATH, once."""
 
+TRANSLATED = ("visualization_msgs", "tf2_msgs", "vision_msgs", "hri_msgs")
+
 MB = 1_000_000
 SEGMENT_BYTES = 32 * MB
 """Shared memory of one process that holds some pictures of 0.9 MB on their way."""
@@ -223,7 +225,8 @@ def stale_memory(folder: Path = Path("/dev/shm")) -> Finding | None:
     size = sum(_size(lock.with_name(lock.name[:-3])) for lock in stale)
     script = Path(sys.prefix) / "tools" / "fastdds" / "fastdds.py"
     tool = f"{sys.executable} {script}" if script.exists() else "fastdds"
-    text = f"{len(stale)} segments and ports of dead processes hold {size / MB:.1f} MB of {folder}"
+    count = f"{len(stale)} segment{'s' if len(stale) > 1 else ''}"
+    text = f"{count} of dead processes hold {size / MB:.1f} MB of {folder}"
     return Finding(name, "warning", text, f"{tool} shm clean")
 
 
@@ -260,8 +263,18 @@ def round_trip() -> Finding | None:
     return Finding(name, "ok", text)
 
 
+def viewers() -> Finding:
+    """Which packages there are of those that `socialbot translate` speaks; none has to be there."""
+    name = "translate"
+    there = {package: importlib.util.find_spec(package) is not None for package in TRANSLATED}
+    text = f"speaks {', '.join(package for package in there if there[package]) or 'none of its packages'}"
+    missing = [package for package in there if not there[package]]
+    return Finding(name, "ok", f"{text}; not installed: {', '.join(missing)}" if missing else text)
+
+
 CHECKS: tuple[Check, ...] = (
-    ros, library_path, other_ros, settings, strangers, profile, shared_memory, stale_memory, receive_buffer, round_trip,
+    ros, library_path, other_ros, settings, viewers, strangers, profile, shared_memory, stale_memory, receive_buffer,
+    round_trip,
 )  # fmt: skip
 
 

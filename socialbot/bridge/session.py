@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from socialbot.bridge import environment
-from socialbot.bridge.heap import keep_freed_memory
 from socialbot.bridge.wire import warn_if_open
 from socialbot.errors import ParameterError
 
@@ -33,7 +32,6 @@ def ros_context(args: list[str] | None = None) -> Iterator[Context]:
     """A context of its own, with signals left to the caller. Raises ParameterError for ``args`` that ROS refuses."""
     environment.prepare()
     warn_if_open()
-    keep_freed_memory()
     context = Context()
     try:
         rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
@@ -49,9 +47,12 @@ def ros_context(args: list[str] | None = None) -> Iterator[Context]:
 
 
 @contextmanager
-def spinning_node(name: str) -> Iterator[Node]:
-    """A node of its own, without parameters to set, whose callbacks run in a thread."""
-    with ros_context() as context:
+def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
+    """A node of its own, without parameters to set, whose callbacks run in a thread.
+
+    Raises ParameterError for ``args`` that ROS refuses.
+    """
+    with ros_context(args) as context:
         node = Node(name, context=context, start_parameter_services=False)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)

@@ -18,13 +18,18 @@ SHARED = Path("/dev/shm")
 YOUNG_S = 3.0
 """A segment that is as young may not have been locked yet."""
 
-_LOCK = re.compile(r"fastrtps_([\da-z]{16}|port\d{1,5})_[es]l")
-_SEGMENT_LOCK = re.compile(r"fastrtps_[\da-z]{16}_el")
+_LOCK = re.compile(r"fastrtps_[\da-z]{16}_el")
+"""Of segments only. Ports are taken over by whoever comes next, perhaps in this moment: a process that is refused its
+port because somebody tries the lock hears by UDP only, and so no pictures at all."""
 
 
 def stale_locks(folder: Path = SHARED) -> Iterator[Path]:
-    """The lock files in ``folder`` that no process holds."""
-    return (path for path in sorted(folder.glob("fastrtps_*")) if _LOCK.fullmatch(path.name) and is_free(path))
+    """The lock files in ``folder`` of segments that no process holds."""
+    youngest = time.time() - YOUNG_S
+    for path in sorted(folder.glob("fastrtps_*_el")):
+        with contextlib.suppress(OSError):  # gone by now, or another user's
+            if _LOCK.fullmatch(path.name) and path.stat().st_mtime < youngest and is_free(path):
+                yield path
 
 
 def is_free(path: Path) -> bool:
@@ -38,16 +43,11 @@ def is_free(path: Path) -> bool:
 
 
 def remove_stale(folder: Path = SHARED) -> int:
-    """Removes the segments of dead processes; returns how many.
-
-    Ports stay, and their locks are not even tried: whoever comes next takes them over, perhaps in this moment, and a
-    process that is refused its port is heard and hears by UDP only.
-    """
-    removed, youngest = 0, time.time() - YOUNG_S
-    for lock in folder.glob("fastrtps_*_el"):
-        with contextlib.suppress(OSError):  # gone by now, or another user's
-            if _SEGMENT_LOCK.fullmatch(lock.name) and lock.stat().st_mtime < youngest and is_free(lock):
-                lock.with_name(lock.name.removesuffix("_el")).unlink(missing_ok=True)
-                lock.unlink()
-                removed += 1
+    """Removes the segments of dead processes; returns how many."""
+    removed = 0
+    for lock in stale_locks(folder):
+        with contextlib.suppress(OSError):
+            lock.with_name(lock.name.removesuffix("_el")).unlink(missing_ok=True)
+            lock.unlink()
+            removed += 1
     return removed

@@ -34,6 +34,29 @@ def test_what_is_set_stays_and_what_is_given_overrides(tmp_path: Path) -> None:
     assert (found[PROFILE], found["ROS_AUTOMATIC_DISCOVERY_RANGE"]) == ("my.xml", "OFF")
 
 
+def test_readers_of_some_topics_take_udp_only(tmp_path: Path) -> None:
+    found = prepared()
+    environment.read_by_udp(["/speech/say", "/health", "/health"], tmp_path / "log" / "dds.xml", found)
+    assert found[PROFILE] == str(tmp_path / "log" / "dds.xml")
+    profile = ElementTree.parse(found[PROFILE])
+    names = [one.get("profile_name") for one in profile.iter() if one.tag.endswith("data_reader")]
+    assert names == ["/health", "/speech/say"]
+    kept = [one.tag for one in ElementTree.parse(environment.PROFILE).iter()]
+    assert [one.tag for one in profile.iter()][: len(kept)] == kept, "all else is as it was"
+    prepare(found)
+    assert found[PROFILE] == str(tmp_path / "log" / "dds.xml"), "what comes later leaves it alone"
+
+
+def test_a_profile_of_the_users_own_and_that_for_networks_are_left_alone(tmp_path: Path) -> None:
+    own = prepared({PROFILE: "my.xml"})
+    open_ = prepared({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"})
+    for found in (own, open_):
+        before = dict(found)
+        environment.read_by_udp(["/health"], tmp_path / "dds.xml", found)
+        assert found == before
+    assert not list(tmp_path.iterdir())
+
+
 def test_across_machines_by_addresses() -> None:
     # The launcher itself was prepared for one machine, and hands its variables on.
     found = prepared(prepared(), across=Across(peers=("10.77.0.1", "10.77.0.3")))

@@ -3,6 +3,7 @@ from __future__ import annotations
 import fcntl
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -50,13 +51,14 @@ def test_where_there_is_no_shared_memory_nothing_is_stale(tmp_path: Path) -> Non
     assert remove_stale(tmp_path / "none") == 0
 
 
+@pytest.mark.parametrize("look", [remove_stale, lambda folder: list(stale_locks(folder))])
 def test_locks_that_somebody_may_be_about_to_take_are_left_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, look: Callable[[Path], object]
 ) -> None:
     tried: list[str] = []
     monkeypatch.setattr(stale_memory, "is_free", lambda path: bool(tried.append(path.name)))
     for name in ("port7400", "port7411", DEAD):
         segment(tmp_path, name)
     segment(tmp_path, YOUNG, age_s=0.0)
-    remove_stale(tmp_path)
+    look(tmp_path)
     assert tried == [f"fastrtps_{DEAD}_el"]

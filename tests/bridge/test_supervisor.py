@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -85,10 +86,10 @@ def test_one_that_is_killed_is_started_again_and_the_others_go_on(
         assert supervisor.pids["one"] != before["one"]
         assert supervisor.pids["two"] == before["two"]
         assert one.last_error == "was ended by signal 9"
-        assert [record.getMessage() for record in caplog.records] == [
-            "one was ended by signal 9; started again in 0.0 s (no. 1)",
-            "one is back",
-        ]
+        said, back = (record.getMessage() for record in caplog.records)
+        # How long it had lived is up to the machine.
+        assert re.fullmatch(r"one was ended by signal 9; started again (at once|in 0\.0 s) \(no\. 1\)", said)
+        assert back == "one is back"
     assert one.state == two.state == "ended"
 
 
