@@ -334,7 +334,10 @@ class Bag:
 def _numbered(
     file: int, messages: Iterator[tuple[Connection, int, bytes]]
 ) -> Iterator[tuple[int, Connection, int, bytes]]:
-    return ((file, connection, time, data) for connection, time, data in messages)
+    for connection, time, data in messages:
+        if not isinstance(time, int):  # a column of SQLite holds anything
+            raise TypeError(f"a message was received at {time!r}")
+        yield file, connection, time, data
 
 
 def _open_folder(path: Path, damage: list[str]) -> list[Reader]:

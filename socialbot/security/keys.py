@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.exceptions import InternalError, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import (
     Encoding,
@@ -152,7 +152,7 @@ def _loaded(path: Path, load: object) -> object:
         raise SecurityError(
             f"cannot be read: {error.strerror}", where=str(path), remedy="see docs/security.md"
         ) from error
-    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
+    except (ValueError, TypeError, UnsupportedAlgorithm, InternalError) as error:
         raise SecurityError(
             "it holds no key that can be used", where=str(path), remedy="copy or make it anew"
         ) from error

@@ -7,7 +7,7 @@ import stat
 import pytest
 from typer.testing import CliRunner
 
-from socialbot.key_cli import key
+from socialbot.commands.key import key
 from socialbot.security.keys import (
     SecurityError,
     fingerprint,
@@ -90,7 +90,17 @@ def test_names_cannot_lead_out_of_the_folder(folder, name):
         new_key(name, folder)
 
 
-@pytest.mark.parametrize("text", [b"", b"rubbish", b"-----BEGIN PRIVATE KEY-----\nAAAA\n-----END PRIVATE KEY-----\n"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"",
+        b"rubbish",
+        b"-----BEGIN PRIVATE KEY-----\nAAAA\n-----END PRIVATE KEY-----\n",
+        # The length of a part is wrong, of which OpenSSL complains in a way of its own.
+        b"-----BEGIN PRIVATE KEY-----\nMC4CAQAwBQYDK2VvBCIEIAABAgMEBQYHCAkKCwwNDg8QERITFBUWFxgZGhscHR4f\n"
+        b"-----END PRIVATE KEY-----\n",
+    ],
+)
 def test_damaged_keys_are_refused(folder, text):
     (folder / "robot.pub").write_bytes(text)
     assert "it holds no key that can be used" in complaint(folder)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import struct
+import time
 import zlib
 
 import cv2
@@ -204,6 +205,14 @@ def test_a_cut_file_is_refused(extension, share):
     data = encoded(extension, smooth(48, 64))
     with pytest.raises(ImageError, match=r"cut short|decoded"):
         bgr_from_compressed(compressed(data[: int(len(data) * share)], extension[1:]))
+
+
+def test_a_jpeg_of_fill_bytes_is_refused_at_once():
+    fill = b"\xff\xd8\xff\xe0\x00\x04ab" + b"\xff" * 1_000_000
+    begin = time.process_time()
+    with pytest.raises(ImageError, match="decoded"):
+        bgr_from_compressed(compressed(fill, "jpeg"))
+    assert time.process_time() - begin < 5.0, "not in proportion to the square of their number"
 
 
 def test_a_thumbnail_does_not_hide_that_a_jpeg_is_cut():
