@@ -129,7 +129,7 @@ class Speaker(Node):
     @health
     def on_health(self, health: Health) -> None:
         if health.node == self.engine:
-            well = health.state not in ("degraded", "failed")
+            well = health.state not in ("paused", "degraded", "failed")
             if self._engine_fares_well and not well:
                 self._expire_all(f"{self.engine}: {health.reason}")
             self._engine_fares_well = well

@@ -13,6 +13,7 @@ import threading
 import wave
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,9 @@ _SYNTH_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_short),
 _LOCK = threading.Lock()
 _FAMILIAR = ("en", "en-us", "de", "es", "fr", "it", "nl", "pt-br")
 _REMEDY = "pip install socialbot[speech]"
+
+SOUNDS_KEPT = 16
+"""A robot says the same few sentences again and again; with each that is made, espeak-ng loses some 2 kB of memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +81,15 @@ class Synthesizer:
         self.voice = voice
         self.rate_wpm = rate_wpm
         self.pitch = pitch
+        self._known = lru_cache(SOUNDS_KEPT)(self._make)
         with _espeak() as (library, _):
             _set_voice(library, voice)
 
     def say(self, text: str) -> Sound:
         """The sound of ``text``. Raises MessageError when there is nothing in it to say."""
+        return self._known(text)
+
+    def _make(self, text: str) -> Sound:
         data = _plain(text).encode("utf-8", "replace")
         if not data.strip():
             raise MessageError("an utterance without text", remedy="give a sentence")
