@@ -95,3 +95,8 @@ class Lab:
 
     def kinds(self, kind: str) -> list[str]:
         return [record.what for record in self.trace if record.kind == kind]
+
+
+def ends(lab: Lab) -> list[tuple[str, object]]:
+    """How actions have ended."""
+    return [(record.what, record.detail["outcome"]) for record in lab.trace if record.kind == "action_end"]

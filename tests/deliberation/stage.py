@@ -54,6 +54,19 @@ at r1 home; at r2 yard; in b1 home; in b2 yard; in b3 shop
 load r1 = 0; load r2 = 0; paint = 3
 """
 
+FETCH = """
+0.000: (move r1 home shop) [5]
+5.001: (pick r1 b3 shop) [3]
+"""
+"""A plan: one robot fetches a box."""
+BOTH = """
+0.000: (move r1 home shop) [5]
+0.000: (move r2 yard home) [5]
+5.001: (pick r1 b3 shop) [3]
+5.001: (pick r2 b1 home) [3]
+"""
+"""A plan: two robots do, side by side."""
+
 
 def fact(text: str) -> Fact:
     """``at r1 home``, ``load r1 = 2``, ``instance r1 robot`` as a fact."""

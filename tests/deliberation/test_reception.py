@@ -121,50 +121,42 @@ def test_a_desire_is_deleted_by_its_name(desk):
     assert desk.office.found("desire_dropped", "a")[0].detail["reason"] == "boss asked for it"
 
 
+REQUEST = AgentRequest(
+    stamp=0,
+    id="r",
+    sender="boss",
+    group="friends",
+    receiver="clerk",
+    operation="add",
+    desire=job("a"),
+    monitor=True,
+)
+
+
 def test_a_request_that_comes_twice_is_carried_out_once_and_answered_twice(desk):
-    request = AgentRequest(
-        stamp=0,
-        id="r",
-        sender="boss",
-        group="friends",
-        receiver="clerk",
-        operation="add",
-        desire=job("a"),
-        monitor=True,
-    )
-    first = desk.send(request)
+    first = desk.send(REQUEST)
     desk.office.run(lambda: desk.office.deliberator.drop("a"))
     ended = desk.replies[-1]
     assert (ended.state, ended.id) == ("dropped", "r")
-    assert desk.send(request) == ended, "what has become of it"
+    assert desk.send(REQUEST) == ended, "what has become of it"
     assert desk.office.wants == []
     assert first.state == "done"
     assert len(desk.office.found("asked")) == 1
-    other = desk.send(msgspec.structs.replace(request, sender="other"))
+    other = desk.send(msgspec.structs.replace(REQUEST, sender="other"))
     assert other.state == "done", "another sender's request of the same id is another one"
 
 
 def test_a_request_that_comes_again_to_a_receiver_started_anew_is_answered_anew(desk):
-    request = AgentRequest(
-        stamp=0,
-        id="r",
-        sender="boss",
-        group="friends",
-        receiver="clerk",
-        operation="add",
-        desire=job("a"),
-        monitor=True,
-    )
-    desk.send(request)
+    desk.send(REQUEST)
     anew: Any = Desk()
-    assert anew.send(request).state == "done"
+    assert anew.send(REQUEST).state == "done"
     assert anew.office.wants == ["a"]
     done: Any = Desk()
     done.office.believe("done a")
-    assert done.send(request).state == "fulfilled"
+    assert done.send(REQUEST).state == "fulfilled"
     kept: Any = Desk()
     kept.office.want(job("a", 0.2))
-    assert kept.send(request).state == "done"
+    assert kept.send(REQUEST).state == "done"
     kept.office.until(20)
     assert kept.replies[-1].state == "fulfilled"
 

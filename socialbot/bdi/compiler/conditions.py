@@ -179,9 +179,14 @@ def aside(f: Function, condition: Condition, rest: Rest) -> None:
 
 def unpack(f: Function, fresh: dict[str, str], found: str) -> None:
     """Writes that variables get what a solution has for them."""
+    assign(f, fresh, found)
+    f.scope.update(fresh)
+
+
+def assign(f: Function, fresh: Iterable[str], found: str) -> None:
+    """Writes that locals get what a solution has for them."""
     if fresh:
         f.line(f"{tuple_of(f.local(name) for name in fresh)} = {found}")
-        f.scope.update(fresh)
 
 
 def query(

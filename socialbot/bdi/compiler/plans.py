@@ -10,8 +10,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.compiler.conditions import loop, query, write
+from socialbot.bdi.compiler.pauses import straight
 from socialbot.bdi.compiler.source import CELL, Function, Unit, tuple_of
-from socialbot.bdi.compiler.steps import Body, straight
+from socialbot.bdi.compiler.steps import Body
 from socialbot.bdi.compiler.terms import build, match
 from socialbot.bdi.conditions import Conjunction
 from socialbot.bdi.events import Change

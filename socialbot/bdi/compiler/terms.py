@@ -159,3 +159,10 @@ def settle(f: Function, fresh: set[str]) -> None:
     for name in sorted(fresh):
         f.line(f"{f.local(name)} = resolve({f.local(name)})")
         f.scope[name] = VALUE
+
+
+def refresh(f: Function, names: set[str], before: set[str]) -> None:
+    """Writes that variables got values, perhaps, while the body rested."""
+    for name in sorted(names - {"_"}):
+        if f.scope.get(name) == CELL or name not in before:
+            f.line(f"{f.local(name)} = resolve({f.local(name)})")

@@ -1,0 +1,147 @@
+"""Actions, waits and tests of bodies in generated code."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from socialbot.bdi.actions import Action
+from socialbot.bdi.compiler.conditions import COLLECTORS, arguments_of, query, unpack
+from socialbot.bdi.compiler.pauses import limited, pauses
+from socialbot.bdi.compiler.source import CELL, VALUE, Function, tuple_of
+from socialbot.bdi.compiler.terms import build, has_value, match, value, values
+from socialbot.bdi.conditions import Condition
+from socialbot.bdi.events import Event
+from socialbot.bdi.internals import find
+from socialbot.bdi.literals import Belief, Literal, literal
+from socialbot.bdi.speech_acts import send
+from socialbot.bdi.steps import Await, Constrain, Do, Enter, Step
+from socialbot.bdi.terms import Atom, Comparison, Expression, names_in
+from socialbot.errors import RuleError
+
+
+def do(f: Function, step: Do) -> str | None:
+    """Writes an action; returns the local that then holds its pause or None, if it can have one."""
+    action = step.action
+    if action.functor.startswith(".") or find(action.functor) is not None:
+        return internal(f, step)
+    args = [value(f, arg) for arg in action.args]
+    if isinstance(action, send) and len(args) == 2 and isinstance(action.args[1], Belief):
+        f.line(f"ag.tell({args[0]}, {content(f, action.args[1])}, c)", step)
+        return None
+    r = f.unit.name("r")
+    record = f"if ag.sink is not None: ag.acting({action.functor!r}, {tuple_of(args)}, c)"
+    if not isinstance(action, Action):
+        f.line(f"{r} = ag.act({action.functor!r}, {tuple_of(args)}, c)", step)
+    elif action.function is not None:
+        f.line(record, step)
+        f.line(f"{r} = {f.unit.constant(action.function)}({', '.join(['ag', *args])})", step)
+    else:
+        f.line(f"{r} = ag.perform({f.unit.constant(type(action))}, {tuple_of(args)}, c)", step)
+    return r
+
+
+def content(f: Function, belief: Literal) -> str:
+    """The expressions of what a told belief says."""
+    return f"{belief.key!r}, {values(f, belief.args)}"
+
+
+def internal(f: Function, step: Do) -> str | None:
+    """Writes an internal action, with its rest where it has one."""
+    action = step.action
+    if action.functor == ".wait" and action.args and isinstance(action.args[0], (Event, Condition, Atom)):
+        what: Any
+        what, *limits = action.args
+        if len(limits) > 1:
+            raise RuleError(
+                f"{action} is given too much", where=f.unit.title, remedy="handle the timeout in a plan for -!g"
+            )
+        limit = Expression("/", limits[0], 1000) if limits else None
+        awaited: Any = literal(what.name) if isinstance(what, Atom) else what
+        await_(f, Await(awaited, limit), step.limit_s)
+        return None
+    if action.functor in COLLECTORS:
+        constrain(f, Constrain(action))  # type: ignore[arg-type]
+        return None
+    if (
+        action.functor == ".send"
+        and len(action.args) == 3
+        and action.args[1] is Atom("tell")
+        and isinstance(action.args[2], Literal)
+        and "_" not in names_in(action)
+        and has_value(f, action)
+        and not action.args[2].annotations
+    ):
+        f.line(f"ag.tell({value(f, action.args[0])}, {content(f, action.args[2])}, c)", step)
+        return None
+    entry = find(action.functor)
+    if entry is None:
+        raise RuleError(
+            f"there is no internal action {action.functor}", where=f.unit.title, remedy="see docs/semantics.md"
+        )
+    before = set(f.scope)
+    r = f.unit.name("r")
+    f.line(
+        f"{r} = ag.internal({f.unit.constant(entry)}, {action.functor!r}, {arguments_of(f, entry, action)}, c)",
+        step,
+    )
+    if pauses(action):
+        f.line(f"yield {limited(f, r, step.limit_s)}", step)
+    for name in sorted(names_in(action) - {"_"}):
+        if f.scope.get(name) == CELL:
+            f.line(f"{f.local(name)} = resolve({f.local(name)})")
+            if entry.binds and name not in before:
+                f.scope[name] = VALUE
+    return None
+
+
+def await_(f: Function, step: Await, limit_s: object = None) -> None:
+    """Writes a rest until an event comes or a condition holds; it fails after ``limit_s``."""
+    limit = "None" if step.limit_s is None else value(f, step.limit_s)
+    found = f.unit.name("s")
+    if isinstance(step.what, Event):
+        literal = step.what.literal
+        fresh = names_in(literal) - f.scope.keys() - {"_"}
+        args = tuple_of([build(f, arg) for arg in literal.args])
+        notes = tuple_of([build(f, note) for note in literal.annotations])
+        pause = f"ag.await_event({step.what.key!r}, {args}, {notes}, {limit})"
+        f.line(f"yield {limited(f, pause, limit_s)}", step)
+        for name in sorted(fresh):
+            f.line(f"{f.local(name)} = resolve({f.local(name)})")
+    else:
+        name, arguments, fresh_states = query(f, step.what)
+        f.line(f"{found} = []")
+        pause = f"ag.await_condition(lambda: next({name}({arguments}), None), {found}, {limit})"
+        f.line(f"yield {limited(f, pause, limit_s)}", step)
+        unpack(f, fresh_states, f"{found}[0]")
+
+
+def constrain(f: Function, step: Constrain) -> None:
+    """Writes a test, which fails the body when it does not hold."""
+    condition = step.condition
+    terms = getattr(condition, "terms", None)
+    if terms is not None and len(terms) == 1:
+        condition = terms[0]
+    fail = f"raise Failed('constraint_failed', {f'{condition} does not hold'!r})"
+    if isinstance(condition, Comparison) and condition.symbol == "=":
+        left, right = condition.left, condition.right
+        if "_" not in names_in(right) and has_value(f, right):
+            match(f, left, value(f, right), fail, step)
+            return
+    elif isinstance(condition, Comparison) and condition.symbol != "=..":
+        f.line(f"if not {value(f, condition.left)} {condition.symbol} {value(f, condition.right)}: {fail}", step)
+        return
+    first(f, condition, fail, step)
+
+
+def first(f: Function, condition: Condition, fail: str, step: Step) -> None:
+    """Writes that the first solution of a condition is taken."""
+    name, arguments, fresh = query(f, condition)
+    found = f.unit.name("s")
+    f.line(f"{found} = next({name}({arguments}), None)", step)
+    f.line(f"if {found} is None: {fail}", step)
+    unpack(f, fresh, found)
+
+
+def enter(f: Function, step: Enter) -> None:
+    """Writes that the agent enters a stage."""
+    f.line(f"ag.enter({step.stage!r}, cause=c)", step)
