@@ -12,7 +12,7 @@ from socialbot.bdi import Belief, Engine
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.graph import Graph, Placement
 from socialbot.inline import InlineRunner
-from tests.agents.test_waldo import ANNA, Corridor
+from tests.agents.waldo.corridor import ANNA, Corridor
 
 
 def crash(corridor: Corridor) -> None:

@@ -14,7 +14,7 @@ from socialbot.agents.agent_node import AGENT_ANSWERS, AGENT_COMMANDS, AgentNode
 from socialbot.agents.deliberating import Deliberating
 from socialbot.agents.hospital.messages import TOPIC
 from socialbot.agents.hospital.robot_node import Spot
-from socialbot.agents.hospital.ward_messages import RESULTS, STATE
+from socialbot.agents.hospital.ward.messages import RESULTS, STATE
 from socialbot.agents.waldo.waldo_node import WaldoNode
 from socialbot.bdi import Engine
 from socialbot.clock import SECOND
@@ -217,7 +217,7 @@ def test_a_pause_is_told_and_is_over_with_it():
     asking = counter()
     asking.ask("pause")
     asking.wait(2)
-    assert (asking.health[-1].state, asking.health[-1].reason) == ("degraded", "paused by a person")
+    assert (asking.health[-1].state, asking.health[-1].reason) == ("paused", "paused by a person")
     asking.ask("resume")
     asking.wait(2)
     assert (asking.health[-1].state, asking.health[-1].reason) == ("ok", "")

@@ -13,7 +13,7 @@ from typing import Any
 
 from socialbot.agents.hospital import messages as said
 from socialbot.agents.hospital.messages import COORDINATOR, AclMessage, Missions, MissionView
-from socialbot.agents.hospital.ward_messages import CANCELLED, ActionCommand, ActionResult
+from socialbot.agents.hospital.ward.messages import CANCELLED, ActionCommand, ActionResult
 from socialbot.messages import Message, TraceRecord
 
 PHRASES = {

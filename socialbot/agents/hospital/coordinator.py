@@ -28,7 +28,7 @@ from socialbot.agents.hospital.messages import (
 )
 from socialbot.agents.hospital.missions import DISINFECT, KINDS, Conduct, Member, Memory, Mission
 from socialbot.agents.hospital.recovery import Recovery
-from socialbot.agents.hospital.ward_messages import WardState
+from socialbot.agents.hospital.ward.messages import WardState
 from socialbot.clock import nanoseconds
 
 log = logging.getLogger("socialbot.coordinator")

@@ -17,7 +17,7 @@ from socialbot.agents.hospital.messages import (
 )
 from socialbot.agents.hospital.missions import Conduct, Memory, Policy
 from socialbot.agents.hospital.voice import Voice
-from socialbot.agents.hospital.ward_messages import STATE, WardState
+from socialbot.agents.hospital.ward.messages import STATE, WardState
 from socialbot.errors import ParameterError
 from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter
 from socialbot.security import paths

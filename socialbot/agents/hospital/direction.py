@@ -14,7 +14,7 @@ from socialbot.agents.hospital.messages import AnyContent, Belief, End, Performa
 from socialbot.agents.hospital.missions import Conduct, Memory, Mission, state_of
 from socialbot.agents.hospital.teams import Pool
 from socialbot.agents.hospital.translation import initial_triggers, translate
-from socialbot.agents.hospital.ward_messages import WardState
+from socialbot.agents.hospital.ward.messages import WardState
 from socialbot.clock import nanoseconds
 from socialbot.tasks.answer import TaskAnswer, TaskVerdict
 from socialbot.tasks.planner import TaskPlanner

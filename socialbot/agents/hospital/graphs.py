@@ -7,8 +7,8 @@ from typing import Any
 
 from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
 from socialbot.agents.hospital.robot_node import HospitalAgent, Nurse, Spot, Uvd
-from socialbot.agents.hospital.ward import NURSE, SPOT, UVD, Ward, large_ward, paper_ward
-from socialbot.agents.hospital.ward_node import HospitalWorld
+from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD, Ward, large_ward, paper_ward
+from socialbot.agents.hospital.ward.world_node import HospitalWorld
 from socialbot.graph import Graph, Placement
 
 WORLD = "world"

@@ -12,7 +12,7 @@ import msgspec
 
 from socialbot.agents.hospital.disinfect import mission as disinfection
 from socialbot.agents.hospital.messages import MissionStatus, PlannedAction, Problem
-from socialbot.agents.hospital.ward_messages import (
+from socialbot.agents.hospital.ward.messages import (
     CLOSED_DOOR,
     CORRIDOR,
     DIRTY_ROOM,

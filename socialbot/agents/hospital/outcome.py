@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from socialbot.agents.hospital.messages import Missions, MissionView
-from socialbot.agents.hospital.ward import Ward
-from socialbot.agents.hospital.ward_messages import WardState
-from socialbot.agents.hospital.ward_node import HospitalWorld, ward_of
+from socialbot.agents.hospital.ward.messages import WardState
+from socialbot.agents.hospital.ward.ward import Ward
+from socialbot.agents.hospital.ward.world_node import HospitalWorld, ward_of
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.graph import Graph, check_parameters
 from socialbot.messages import Message

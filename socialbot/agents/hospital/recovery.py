@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from socialbot.agents.hospital.course import Course
 from socialbot.agents.hospital.direction import Direction
 from socialbot.agents.hospital.missions import NURSE, Mission
-from socialbot.agents.hospital.ward_messages import AWAY, DIRTY_ROOM, LOW_BATTERY, NURSE_ABSENT, PERSON_IN_ROOM
+from socialbot.agents.hospital.ward.messages import AWAY, DIRTY_ROOM, LOW_BATTERY, NURSE_ABSENT, PERSON_IN_ROOM
 from socialbot.clock import SECOND
 from socialbot.tasks.answer import TaskAnswer, TaskVerdict
 from socialbot.tasks.domain import Item

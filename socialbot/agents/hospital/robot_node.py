@@ -42,7 +42,7 @@ from socialbot.agents.hospital.robots import (
     program,
 )
 from socialbot.agents.hospital.voice import Voice
-from socialbot.agents.hospital.ward_messages import (
+from socialbot.agents.hospital.ward.messages import (
     CANCELS,
     COMMANDS,
     RESULTS,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialbot.agents.hospital.missions import JOINT_ACTIONS
-from socialbot.agents.hospital.ward_messages import AgentState
+from socialbot.agents.hospital.ward.messages import AgentState
 from socialbot.bdi import Action, Engine, Sensor
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.beliefs import literal_of

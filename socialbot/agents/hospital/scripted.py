@@ -34,9 +34,8 @@ from socialbot.agents.hospital.robot_node import REGISTER_S, Nurse, Spot, Uvd
 from socialbot.agents.hospital.robots import as_literal, names_of
 from socialbot.agents.hospital.teams import Pool
 from socialbot.agents.hospital.voice import Voice
-from socialbot.agents.hospital.ward import NURSE, ROBOTS, SPOT, UVD
-from socialbot.agents.hospital.ward_agents import JOINT, ROLES
-from socialbot.agents.hospital.ward_messages import (
+from socialbot.agents.hospital.ward.agents import JOINT, ROLES
+from socialbot.agents.hospital.ward.messages import (
     CANCELS,
     COMMANDS,
     RESULTS,
@@ -46,6 +45,7 @@ from socialbot.agents.hospital.ward_messages import (
     ActionResult,
     WardState,
 )
+from socialbot.agents.hospital.ward.ward import NURSE, ROBOTS, SPOT, UVD
 from socialbot.bdi.agentspeak.parser import parse_literal
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.errors import SocialbotError

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from operator import itemgetter
 
 from socialbot.agents.hospital.missions import KINDS, Member, Mission, Role, by_number
-from socialbot.agents.hospital.ward_messages import AWAY, WardState
+from socialbot.agents.hospital.ward.messages import AWAY, WardState
 
 
 class Pool:

@@ -10,9 +10,9 @@ from rich.text import Text
 
 from socialbot.agents.hospital.missions import DISINFECT
 from socialbot.agents.hospital.outcome import MissionsTold, MissionTold
-from socialbot.agents.hospital.ward import NURSE, Room, Ward
-from socialbot.agents.hospital.ward_messages import AgentState, RoomState, WardState
-from socialbot.agents.hospital.ward_picture import WORD
+from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
+from socialbot.agents.hospital.ward.picture import WORD
+from socialbot.agents.hospital.ward.ward import NURSE, Room, Ward
 from socialbot.messages import Message, TraceRecord
 from socialbot.report.trees import Branch, as_text, branches, with_failure, with_news
 

@@ -14,7 +14,7 @@ from socialbot.agents.hospital.messages import (
     PlannedAction,
     Problem,
 )
-from socialbot.agents.hospital.ward_messages import CANCELLED, ActionCommand, ActionResult
+from socialbot.agents.hospital.ward.messages import CANCELLED, ActionCommand, ActionResult
 from socialbot.messages import TraceRecord
 from socialbot.report.story import story_of
 from tests.agents.hospital.runs import paper_run

@@ -9,7 +9,7 @@ from socialbot.agents.hospital.course import Course, view
 from socialbot.agents.hospital.disinfect import DISINFECT, mission, ward
 from socialbot.agents.hospital.missions import Mission
 from socialbot.tasks.planner import TaskPlanner
-from tests.agents.hospital.test_coordinator import LISTING_3, NURSE, ROOM, SPOT, UVD
+from tests.agents.hospital.listings import LISTING_3, NURSE, ROOM, SPOT, UVD
 
 TEAM = (NURSE, SPOT, UVD)
 

@@ -10,35 +10,10 @@ from socialbot.tasks.domain import Item
 from socialbot.tasks.planner import TaskPlanner
 from socialbot.tasks.state import State
 from socialbot.tasks.tree import Node, TaskTree
+from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SPOT, UVD
 
-SPOT, UVD, NURSE, ROOM = "spotrobot1", "uvdrobot1", "nurse_disinfected1", "room1"
 MISSION = mission(SPOT, UVD, NURSE)
 PLANNER = TaskPlanner(DISINFECT)
-
-WITHOUT_REPLANNING = [
-    ("a_navigate_to", SPOT, ROOM),
-    ("a_open_door", SPOT, ROOM),
-    ("a_approach_nurse", SPOT, NURSE),
-    ("a_authenticate_nurse", SPOT, NURSE),
-    ("a_authorize_patrol", SPOT, NURSE),
-    ("a_patrol_room", SPOT, ROOM),
-    ("a_authorize_disinfect", UVD, SPOT),
-    ("a_navigate_to", UVD, ROOM),
-    ("a_disinfect_room", UVD, ROOM),
-]
-"""Listing 3 of the paper."""
-
-AFTER_REPLANNING = [
-    ("a_adapt_room", NURSE, ROOM),
-    ("a_approach_nurse", SPOT, NURSE),
-    ("a_authenticate_nurse", SPOT, NURSE),
-    ("a_authorize_patrol", SPOT, NURSE),
-    ("a_patrol_room", SPOT, ROOM),
-    ("a_authorize_disinfect", UVD, SPOT),
-    ("a_navigate_to", UVD, ROOM),
-    ("a_disinfect_room", UVD, ROOM),
-]
-"""What follows the failed patrol in Listing 4."""
 
 
 def infected(rooms: int = 1) -> State:
@@ -67,7 +42,7 @@ def reach(answer: TaskAnswer, state: State, item: Item) -> tuple[Node, State]:
 
 def test_a_room_is_disinfected_by_the_nine_actions_of_listing_3():
     answer = PLANNER.plan(infected(), [MISSION])
-    assert items(answer) == WITHOUT_REPLANNING
+    assert items(answer) == LISTING_3
     assert DISINFECT.after(infected(), items(answer)).disinfected == {ROOM: True}
 
 
@@ -76,8 +51,8 @@ def test_a_patrol_that_finds_the_room_unfit_is_replanned_as_in_listing_4():
     patrol, state = reach(answer, infected(), ("a_patrol_room", SPOT, ROOM))
     state.cleaned[ROOM] = False
     again = PLANNER.replan(state, tree(answer), patrol.id)
-    assert items(again) == AFTER_REPLANNING
-    assert [node.item for node in tree(again).history] == WITHOUT_REPLANNING[:6]
+    assert items(again) == LISTING_4[6:]
+    assert [node.item for node in tree(again).history] == LISTING_3[:6]
     assert [node.status for node in tree(again).history] == ["done"] * 5 + ["failed"]
     assert again.plan[-3:] == answer.plan[-3:], "the slice of the other robot stays as it was, with its ids"
 
@@ -90,7 +65,7 @@ def test_a_full_replan_from_there_begins_with_the_way_to_the_nurse():
         ("a_approach_nurse", SPOT, NURSE),
         ("a_authenticate_nurse", SPOT, NURSE),
         ("a_adapt_room", NURSE, ROOM),
-        *WITHOUT_REPLANNING[4:],
+        *LISTING_3[4:],
     ]
 
 
@@ -99,7 +74,7 @@ def test_a_room_that_becomes_unfit_on_the_way_is_tidied_before_the_patrol_fails(
     approach, state = reach(answer, infected(), ("a_approach_nurse", SPOT, NURSE))
     state.cleaned[ROOM] = False
     revised = PLANNER.revise(state, tree(answer), approach.id)
-    assert items(revised) == [*WITHOUT_REPLANNING[2:4], ("a_adapt_room", NURSE, ROOM), *WITHOUT_REPLANNING[4:]]
+    assert items(revised) == [*LISTING_3[2:4], ("a_adapt_room", NURSE, ROOM), *LISTING_3[4:]]
     assert revised.redone is None
 
 
@@ -116,7 +91,7 @@ def test_somebody_who_walks_in_between_patrol_and_disinfection_leads_to_another_
 def test_a_robot_whose_battery_is_low_charges_before_it_goes(robot):
     state = infected()
     state.low_battery[robot] = True
-    expected: list[Item] = list(WITHOUT_REPLANNING)
+    expected: list[Item] = list(LISTING_3)
     expected.insert(expected.index(("a_navigate_to", robot, ROOM)), ("a_charge", robot))
     assert items(PLANNER.plan(state, [MISSION])) == expected
 

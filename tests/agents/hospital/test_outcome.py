@@ -5,8 +5,8 @@ import pytest
 from socialbot.agents.hospital.graphs import hospital, large_hospital
 from socialbot.agents.hospital.messages import Missions, MissionStatus, MissionView
 from socialbot.agents.hospital.outcome import QUIET_S, Infections, MissionsTold, ward_in
-from socialbot.agents.hospital.ward import large_ward, paper_ward
-from socialbot.agents.hospital.ward_messages import RoomState, WardState
+from socialbot.agents.hospital.ward.messages import RoomState, WardState
+from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
 from socialbot.clock import nanoseconds
 from socialbot.errors import ParameterError
 from socialbot.graph_file import load_graph

@@ -13,14 +13,14 @@ import pytest
 from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordinator
 from socialbot.agents.hospital.messages import TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
-from socialbot.agents.hospital.ward_messages import STATE, WardState
-from socialbot.agents.hospital.ward_node import HospitalWorld
+from socialbot.agents.hospital.ward.messages import STATE, WardState
+from socialbot.agents.hospital.ward.world_node import HospitalWorld
 from socialbot.bridge.launch import Launch
 from socialbot.bridge.observing import Fates, observing
 from socialbot.bridge.readiness import expect_free_names
 from socialbot.graph import Graph, Placement
 from socialbot.messages import Message
-from tests.agents.hospital.test_coordinator import LISTING_3, LISTING_4
+from tests.agents.hospital.listings import LISTING_3, LISTING_4
 from tests.system.running import eventually
 
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("hospital over DDS")]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from socialbot.agents.hospital.coordinator_node import MISSIONS
 from socialbot.agents.hospital.messages import TOPIC, AclMessage, Belief, Missions, Plan, Problem, Start
-from socialbot.agents.hospital.ward_messages import (
+from socialbot.agents.hospital.ward.messages import (
     CANCELS,
     COMMANDS,
     PERSON_IN_ROOM,
@@ -34,6 +34,7 @@ from socialbot.graph_file import load_graph
 from socialbot.inline import InlineRunner
 from socialbot.messages import Image, PersonDetection, PersonDetections, TraceRecord
 from socialbot.vision.truth import load_truth
+from tests.agents.hospital.listings import NURSE, ROOM, SPOT, UVD
 
 logging.getLogger("socialbot.coordinator").setLevel(logging.ERROR)
 logging.getLogger("socialbot.bdi").setLevel(logging.ERROR)
@@ -43,7 +44,6 @@ GRAPH = load_graph(str(EXAMPLE))
 room_camera = importlib.import_module("room_camera")
 seeing_spot = importlib.import_module("seeing_spot")
 
-SPOT, UVD, NURSE, ROOM = "spotrobot1", "uvdrobot1", "nurse_disinfected1", "room1"
 SEEN = "/humans/bodies/detections"
 IMAGES = "/camera/image_color"
 

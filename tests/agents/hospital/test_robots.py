@@ -23,7 +23,7 @@ from socialbot.agents.hospital.messages import (
 )
 from socialbot.agents.hospital.robot_node import REGISTER_S, Nurse, Spot, Uvd
 from socialbot.agents.hospital.robots import program
-from socialbot.agents.hospital.ward_messages import (
+from socialbot.agents.hospital.ward.messages import (
     CANCELS,
     CLOSED_DOOR,
     COMMANDS,
@@ -43,8 +43,8 @@ from socialbot.bdi.agentspeak.parser import parse_literal
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.graph import Graph, Placement
 from socialbot.inline import InlineRunner
+from tests.agents.hospital.listings import NURSE, ROOM, SPOT, UVD
 
-SPOT, UVD, NURSE, ROOM = "spotrobot1", "uvdrobot1", "nurse_disinfected1", "room1"
 CONSTANTS = (NURSE, ROOM, SPOT, UVD)
 
 LISTING_1 = """

@@ -7,72 +7,33 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordinator
-from socialbot.agents.hospital.messages import TOPIC, AclMessage, InitialTrigger, Missions, MissionView, Plan, Problem
+from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
+from socialbot.agents.hospital.messages import TOPIC, AclMessage, InitialTrigger, Plan, Problem
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
-from socialbot.agents.hospital.ward_messages import RESULTS, STATE, WardState
-from socialbot.agents.hospital.ward_node import HospitalWorld
-from socialbot.clock import SECOND, nanoseconds
+from socialbot.agents.hospital.ward.messages import RESULTS
+from socialbot.agents.hospital.ward.world_node import HospitalWorld
 from socialbot.errors import ParameterError
 from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
-from tests.agents.hospital.test_coordinator import LISTING_3, LISTING_4, NURSE, SPOT, UVD
+from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, SPOT, UVD
+from tests.agents.hospital.watched import Watched
 
 logging.getLogger("socialbot.coordinator").setLevel(logging.ERROR)
 logging.getLogger("socialbot.bdi").setLevel(logging.ERROR)
 
 
-class Hospital:
-    """A run, and what was said in it."""
+class Hospital(Watched):
+    """A run of a hospital with so many robots and nurses."""
 
     def __init__(self, world: dict, coordinator: dict, *, robots: int = 1, nurses: int = 1, **agents) -> None:
         numbers = range(1, robots + 1)
-        self.runner = InlineRunner(
-            Graph(
-                "hospital",
-                (
-                    Placement("world", HospitalWorld, world),
-                    Placement("coordinator", HospitalCoordinator, coordinator),
-                    *(Placement(f"spotrobot{n}", Spot, agents) for n in numbers),
-                    *(Placement(f"uvdrobot{n}", Uvd, agents) for n in numbers),
-                    *(Placement(f"nurse_disinfected{n}", Nurse, agents) for n in range(1, nurses + 1)),
-                ),
-            )
+        placements = (
+            Placement("world", HospitalWorld, world),
+            Placement("coordinator", HospitalCoordinator, coordinator),
+            *(Placement(f"spotrobot{n}", Spot, agents) for n in numbers),
+            *(Placement(f"uvdrobot{n}", Uvd, agents) for n in numbers),
+            *(Placement(f"nurse_disinfected{n}", Nurse, agents) for n in range(1, nurses + 1)),
         )
-        self.said: list[AclMessage] = []
-        self.views: dict[int, MissionView] = {}
-        self.ended: dict[int, float] = {}
-        self.ward: WardState | None = None
-        self.runner.tap(TOPIC, lambda _, message: self.said.append(message))  # type: ignore[arg-type]
-        self.runner.tap(MISSIONS, self._see)
-        self.runner.tap(STATE, self._look)
-        self.runner.start()
-
-    def _see(self, topic: str, message) -> None:
-        assert isinstance(message, Missions)
-        for view in message.missions:
-            self.views[view.id] = view
-            if view.status in ("finished", "failed"):
-                self.ended.setdefault(view.id, message.stamp / SECOND)
-
-    def _look(self, topic: str, message) -> None:
-        self.ward = message
-
-    def until(self, second: float) -> Hospital:
-        self.runner.advance(nanoseconds(second))
-        failed = {name: faults.first for name, faults in self.runner.faults.items() if faults.failures}
-        assert not failed
-        return self
-
-    def history(self, mission: int = 1) -> list[tuple[str, ...]]:
-        return [(each.action, *each.args) for each in self.views[mission].actions]
-
-    def problems(self) -> list[Problem]:
-        return [message.content for message in self.said if isinstance(message.content, Problem)]
-
-    def infected(self) -> list[str]:
-        assert self.ward is not None
-        return [room.name for room in self.ward.rooms if room.infected]
+        super().__init__(Graph("hospital", placements))
 
 
 def paper(rate: float, **coordinator) -> Hospital:
@@ -98,7 +59,7 @@ def test_a_mission_with_a_problem_that_is_repaired_is_listing_4_and_takes_little
     run = paper(100, policy="repair").until(6.0)
     assert run.history() == LISTING_4
     assert [each.status for each in run.views[1].actions] == ["done"] * 5 + ["failed"] + ["done"] * 8
-    assert run.problems() == [Problem("dirty room", (SPOT, "room1"), "a_patrol_room")]
+    assert run.contents(Problem) == [Problem("dirty room", (SPOT, "room1"), "a_patrol_room")]
     assert run.infected() == []
     assert run.ended[1] / paper(0).until(6.0).ended[1] < 1.08
 
@@ -117,13 +78,13 @@ def test_without_recovery_it_is_not_completed():
 
 def test_a_coordinator_that_looks_ahead_meets_no_problem():
     run = paper(100, proactive=True).until(6.0)
-    assert run.problems() == []
+    assert run.contents(Problem) == []
     assert run.views[1].status == "finished"
 
 
 def test_one_that_looks_ahead_acts_when_something_happens_on_the_way():
     run = Hospital({"faults": "1.5 dirty room1"}, {"proactive": True}).until(6.0)
-    assert run.problems() == []
+    assert run.contents(Problem) == []
     assert (run.views[1].status, run.views[1].revisions) == ("finished", 1)
     assert ("a_adapt_room", NURSE, "room1") in run.history()
 

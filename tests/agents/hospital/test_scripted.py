@@ -4,12 +4,10 @@ import logging
 
 import pytest
 
-from socialbot.agents.hospital.coordinator_node import MISSIONS
 from socialbot.agents.hospital.graphs import hospital, large_hospital
 from socialbot.agents.hospital.messages import (
     TOPIC,
     AclMessage,
-    MissionView,
     Plan,
     Problem,
     Refusal,
@@ -19,54 +17,19 @@ from socialbot.agents.hospital.messages import (
 )
 from socialbot.agents.hospital.missions import KINDS
 from socialbot.agents.hospital.scripted import SCRIPTED, ScriptedAgent, actions_of, scripted
-from socialbot.agents.hospital.ward import NURSE, SPOT, UVD
-from socialbot.agents.hospital.ward_messages import CANCELS, COMMANDS, STATE, ActionCommand, WardState
-from socialbot.clock import SECOND, nanoseconds
+from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD
 from socialbot.graph import Graph
-from socialbot.inline import InlineRunner
-from tests.agents.hospital.test_coordinator import LISTING_3
+from tests.agents.hospital.listings import LISTING_3
+from tests.agents.hospital.watched import Watched
 
 logging.getLogger("socialbot.coordinator").setLevel(logging.ERROR)
 
 
-class Run:
-    """A run of a scripted hospital, and what was said in it."""
+class Run(Watched):
+    """A run of a scripted hospital, in which the test may say something, too."""
 
     def __init__(self, graph: Graph) -> None:
-        self.runner = InlineRunner(scripted(graph))
-        self.said: list[AclMessage] = []
-        self.commands: list[ActionCommand] = []
-        self.cancels: list[object] = []
-        self.views: dict[int, MissionView] = {}
-        self.ended: dict[int, float] = {}
-        self.ward: WardState | None = None
-        self.runner.tap(TOPIC, lambda _, message: self.said.append(message))  # type: ignore[arg-type]
-        self.runner.tap(COMMANDS, lambda _, message: self.commands.append(message))  # type: ignore[arg-type]
-        self.runner.tap(CANCELS, lambda _, message: self.cancels.append(message))
-        self.runner.tap(MISSIONS, self._see)
-        self.runner.tap(STATE, self._look)
-        self.runner.start()
-
-    def _see(self, topic: str, message) -> None:
-        for view in message.missions:
-            self.views[view.id] = view
-            if view.status in ("finished", "failed"):
-                self.ended.setdefault(view.id, message.stamp / SECOND)
-
-    def _look(self, topic: str, message) -> None:
-        self.ward = message
-
-    def until(self, second: float) -> Run:
-        self.runner.advance(nanoseconds(second))
-        assert not {name: faults.first for name, faults in self.runner.faults.items() if faults.failures}
-        return self
-
-    def infected(self) -> list[str]:
-        assert self.ward is not None
-        return [room.name for room in self.ward.rooms if room.infected]
-
-    def contents(self, kind: type) -> list:
-        return [message.content for message in self.said if isinstance(message.content, kind)]
+        super().__init__(scripted(graph))
 
     def hear(self, **changes) -> None:
         message = AclMessage(

@@ -17,25 +17,11 @@ from socialbot.bdi.society import Society
 from socialbot.bdi.terms import Atom
 from socialbot.clock import ManualClock
 from socialbot.errors import PlanningError
+from tests.agents.hospital.listings import LISTING_3, NURSE, ROOM, SPOT, UVD
 
-SPOT, UVD, NURSE, ROOM = "spotrobot1", "uvdrobot1", "nurse_disinfected1", "room1"
 JOINT = ("a_authenticate_nurse", "a_authorize_patrol", "a_authorize_disinfect")
 CONTEXT = {"NurseDisinfect": NURSE, "NurseDisinfectRoom": ROOM, "SpotRobot": SPOT, "UvdRobot": UVD}
-MISSION = stages(
-    [
-        ("a_navigate_to", SPOT, ROOM),
-        ("a_open_door", SPOT, ROOM),
-        ("a_approach_nurse", SPOT, NURSE),
-        ("a_authenticate_nurse", SPOT, NURSE),
-        ("a_authorize_patrol", SPOT, NURSE),
-        ("a_patrol_room", SPOT, ROOM),
-        ("a_authorize_disinfect", UVD, SPOT),
-        ("a_navigate_to", UVD, ROOM),
-        ("a_disinfect_room", UVD, ROOM),
-    ],
-    (SPOT, UVD, NURSE),
-    JOINT,
-)
+MISSION = stages(LISTING_3, (SPOT, UVD, NURSE), JOINT)
 
 
 def without_label(text: str) -> str:

@@ -4,10 +4,10 @@ import io
 
 from rich.console import Console
 
-from socialbot.agents.hospital.ward import large_ward, paper_ward
-from socialbot.agents.hospital.ward_faults import Fault
+from socialbot.agents.hospital.ward.faults import Fault
+from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
+from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.agents.hospital.ward_show import TREES, WardShow, ward_text
-from socialbot.agents.hospital.ward_world import WardWorld
 from socialbot.clock import SECOND
 from tests.agents.hospital.runs import paper_run
 from tests.report.test_trees import MENDED, PLANNED, given_up_at, made_at

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from socialbot.agents.hospital.ward import CORRIDOR_M, NURSE, ROOM_M, SPOT, UVD, Point, Room, Ward
-from socialbot.agents.hospital.ward_messages import AWAY, CORRIDOR, AgentState, RoomState, WardState
+from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, AgentState, RoomState, WardState
+from socialbot.agents.hospital.ward.ward import CORRIDOR_M, NURSE, ROOM_M, SPOT, UVD, Point, Room, Ward
 
 WIDE = 1180.0
 """Pixels that a large ward is wide; a small one is as large as `LARGEST` allows."""

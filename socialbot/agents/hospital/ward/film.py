@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from socialbot.agents.hospital.ward import Ward
-from socialbot.agents.hospital.ward_messages import WardState
-from socialbot.agents.hospital.ward_picture import Group, Picture
+from socialbot.agents.hospital.ward.messages import WardState
+from socialbot.agents.hospital.ward.picture import Group, Picture
+from socialbot.agents.hospital.ward.ward import Ward
 from socialbot.clock import SECOND
 from socialbot.messages import Message
 from socialbot.report.tracks import Moment, add, latest, thinned

@@ -10,7 +10,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
-from socialbot.agents.hospital.ward_messages import DIRTY_ROOM, PROBLEMS
+from socialbot.agents.hospital.ward.messages import DIRTY_ROOM, PROBLEMS
 
 SPOT = "spotrobot"
 UVD = "uvdrobot"

@@ -14,10 +14,9 @@ import math
 import random
 from collections.abc import Callable, Sequence
 
-from socialbot.agents.hospital.ward import ROBOTS, Point, Ward, length
-from socialbot.agents.hospital.ward_agents import JOINT, POWERED, ROLES, Agent, Journey, RoomNow, Task
-from socialbot.agents.hospital.ward_faults import Fault, drawn_problems
-from socialbot.agents.hospital.ward_messages import (
+from socialbot.agents.hospital.ward.agents import JOINT, POWERED, ROLES, Agent, Journey, RoomNow, Task
+from socialbot.agents.hospital.ward.faults import Fault, drawn_problems
+from socialbot.agents.hospital.ward.messages import (
     AWAY,
     CANCELLED,
     CLOSED_DOOR,
@@ -33,7 +32,8 @@ from socialbot.agents.hospital.ward_messages import (
     RoomState,
     WardState,
 )
-from socialbot.agents.hospital.ward_pace import AT_ONCE, PAPER, Pace
+from socialbot.agents.hospital.ward.pace import AT_ONCE, PAPER, Pace
+from socialbot.agents.hospital.ward.ward import ROBOTS, Point, Ward, length
 from socialbot.clock import SECOND, nanoseconds
 
 PATIENCE_S = 10.0
@@ -160,7 +160,7 @@ class WardWorld:
     # Questions
 
     def is_silent(self, sensor: str) -> bool:
-        """Whether the sensor of a room, robot or nurse, or `ward_faults.STATE_SENSOR`, says nothing now."""
+        """Whether the sensor of a room, robot or nurse, or `faults.STATE_SENSOR`, says nothing now."""
         return self.now < self._faulty.get(("silent", sensor), self.now)
 
     def is_slow(self, sensor: str) -> bool:

@@ -8,8 +8,8 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from socialbot.agents.hospital.ward import NURSE, SPOT, UVD, Member, Point, length
-from socialbot.agents.hospital.ward_messages import AgentState, RoomState
+from socialbot.agents.hospital.ward.messages import AgentState, RoomState
+from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD, Member, Point, length
 
 ROLES: dict[str, tuple[str, ...]] = {
     "a_navigate_to": ("agent", "room"),

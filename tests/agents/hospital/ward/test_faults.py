@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.ward import large_ward, paper_ward
-from socialbot.agents.hospital.ward_faults import PROBLEM_OF, Fault, drawn_problems, parse_faults, random_faults
-from socialbot.agents.hospital.ward_messages import PROBLEMS
-from socialbot.agents.hospital.ward_world import WardWorld
+from socialbot.agents.hospital.ward.faults import PROBLEM_OF, Fault, drawn_problems, parse_faults, random_faults
+from socialbot.agents.hospital.ward.messages import PROBLEMS
+from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
+from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.clock import SECOND
 from socialbot.errors import ParameterError
 

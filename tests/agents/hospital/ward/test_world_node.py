@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from socialbot.agents.hospital.ward_messages import (
+from socialbot.agents.hospital.ward.messages import (
     CANCELS,
     COMMANDS,
     RESULTS,
@@ -16,14 +16,13 @@ from socialbot.agents.hospital.ward_messages import (
     RoomState,
     WardState,
 )
-from socialbot.agents.hospital.ward_node import HospitalWorld
+from socialbot.agents.hospital.ward.world_node import HospitalWorld
 from socialbot.clock import SECOND
 from socialbot.errors import ParameterError
 from socialbot.graph import Graph, Placement
 from socialbot.inline import InlineRunner
 from socialbot.messages import Message
-
-SPOT, UVD, NURSE, ROOM = "spotrobot1", "uvdrobot1", "nurse_disinfected1", "room1"
+from tests.agents.hospital.listings import ROOM, SPOT, UVD
 
 
 def spot_in(state: WardState) -> AgentState:

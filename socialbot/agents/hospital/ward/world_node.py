@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from socialbot.agents.hospital.ward import Ward, large_ward, paper_ward
-from socialbot.agents.hospital.ward_faults import SLOW_S, STATE_SENSOR, parse_faults
-from socialbot.agents.hospital.ward_messages import (
+from socialbot.agents.hospital.ward.faults import SLOW_S, STATE_SENSOR, parse_faults
+from socialbot.agents.hospital.ward.messages import (
     CANCELS,
     COMMANDS,
     RESULTS,
@@ -19,8 +18,9 @@ from socialbot.agents.hospital.ward_messages import (
     RoomState,
     WardState,
 )
-from socialbot.agents.hospital.ward_pace import PACES
-from socialbot.agents.hospital.ward_world import WardWorld
+from socialbot.agents.hospital.ward.pace import PACES
+from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
+from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.clock import nanoseconds
 from socialbot.errors import ParameterError
 from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter, Timer

@@ -24,7 +24,7 @@ from socialbot.messages import (
     SpeechStatus,
     Utterance,
 )
-from tests.agents.test_waldo import ANNA, BEN, CARL, Corridor
+from tests.agents.waldo.corridor import ANNA, BEN, CARL, Corridor
 
 CAMERA, LATE_S = "/camera/image_raw", 0.5
 PIXELS = np.zeros((4, 4, 3), np.uint8)

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from socialbot.agents.hospital.ward import NURSE, SPOT, UVD, Point, Ward, large_ward, length, paper_ward
+from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD, Point, Ward, large_ward, length, paper_ward
 
 WARDS = [paper_ward(), large_ward(), large_ward(1, 1, 1), large_ward(200, 30, 30, 20)]
 

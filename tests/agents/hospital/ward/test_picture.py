@@ -5,17 +5,17 @@ from xml.etree import ElementTree
 import msgspec
 import pytest
 
-from socialbot.agents.hospital.ward import Ward, large_ward, paper_ward
-from socialbot.agents.hospital.ward_faults import Fault
-from socialbot.agents.hospital.ward_messages import WardState
-from socialbot.agents.hospital.ward_picture import TALLY, Picture, ward_svg
-from socialbot.agents.hospital.ward_world import WardWorld
+from socialbot.agents.hospital.ward.faults import Fault
+from socialbot.agents.hospital.ward.messages import WardState
+from socialbot.agents.hospital.ward.picture import TALLY, Picture, ward_svg
+from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
+from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.clock import SECOND
+from tests.agents.hospital.listings import NURSE, SPOT, UVD
 from tests.agents.warehouse.test_floor import shapes
 
 SVG = "{http://www.w3.org/2000/svg}"
 WARDS = [paper_ward(), large_ward(), large_ward(1, 1, 1), large_ward(120, 20, 12, 9)]
-SPOT, UVD, NURSE = "spotrobot1", "uvdrobot1", "nurse_disinfected1"
 
 
 def at(second: float, *faults: Fault, ward: Ward | None = None) -> WardState:

@@ -5,12 +5,12 @@ from xml.etree import ElementTree
 
 import pytest
 
-from socialbot.agents.hospital.ward import NURSE, SPOT, paper_ward
-from socialbot.agents.hospital.ward_faults import Fault
-from socialbot.agents.hospital.ward_film import WardFilm
-from socialbot.agents.hospital.ward_messages import WardState
-from socialbot.agents.hospital.ward_picture import TALLY
-from socialbot.agents.hospital.ward_world import WardWorld
+from socialbot.agents.hospital.ward.faults import Fault
+from socialbot.agents.hospital.ward.film import WardFilm
+from socialbot.agents.hospital.ward.messages import WardState
+from socialbot.agents.hospital.ward.picture import TALLY
+from socialbot.agents.hospital.ward.ward import NURSE, SPOT, paper_ward
+from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.clock import SECOND
 
 

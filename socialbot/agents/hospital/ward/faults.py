@@ -6,14 +6,14 @@ import random
 from dataclasses import dataclass
 from typing import Literal
 
-from socialbot.agents.hospital.ward import NURSE, Ward
-from socialbot.agents.hospital.ward_messages import (
+from socialbot.agents.hospital.ward.messages import (
     CLOSED_DOOR,
     DIRTY_ROOM,
     LOW_BATTERY,
     NURSE_ABSENT,
     PERSON_IN_ROOM,
 )
+from socialbot.agents.hospital.ward.ward import NURSE, Ward
 from socialbot.errors import ParameterError
 
 FaultKind = Literal["dirty", "closes", "drains", "enters", "leaves", "silent", "slow", "stalls"]

@@ -1,0 +1,129 @@
+"""A ward that the test changes, directed by a coordinator."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+import msgspec
+
+from socialbot.agents.hospital.coordinator import Coordinator
+from socialbot.agents.hospital.messages import (
+    COORDINATOR,
+    AclMessage,
+    Finished,
+    Performative,
+    Problem,
+    Register,
+    Report,
+)
+from socialbot.agents.hospital.missions import Conduct, Memory, by_number
+from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
+from socialbot.clock import SECOND
+from tests.agents.hospital.listings import ROOM
+
+logging.getLogger("socialbot.coordinator").setLevel(logging.ERROR)
+
+CAPABLE = {
+    "spotrobot": ("a_navigate_to", "a_open_door", "a_patrol_room", "a_charge"),
+    "uvdrobot": ("a_navigate_to", "a_disinfect_room", "a_charge"),
+    "nurse_disinfected": ("a_authenticate_nurse", "a_authorize_patrol", "a_adapt_room"),
+}
+
+
+class Ward:
+    """A coordinator, a ward that the test changes, and what was said."""
+
+    def __init__(self, rooms: int = 1, spots: int = 1, uvds: int = 1, memory: Memory | None = None, **conduct) -> None:
+        self.now = 0
+        self.numbers = {"spotrobot": spots, "uvdrobot": uvds, "nurse_disinfected": rooms}
+        self.rooms = {
+            f"room{n}": RoomState(name=f"room{n}", door_open=False, cleaned=True, disinfected=True)
+            for n in range(1, rooms + 1)
+        }
+        self.agents = {
+            f"{kind}{n}": AgentState(
+                name=f"{kind}{n}", kind=kind, home=f"room{n}" if "nurse" in kind else "room0",
+                place=f"room{n}" if "nurse" in kind else "room0", inside=True, x=0.0, y=0.0,
+            )
+            for kind, count in self.numbers.items()
+            for n in range(1, count + 1)
+        }  # fmt: skip
+        self.said: list[tuple[str, str, object, str]] = []
+        self.coordinator = self.directing(memory, **conduct)
+
+    def directing(self, memory: Memory | None = None, **conduct) -> Coordinator:
+        def say(receiver, performative, content, mission, in_reply_to):
+            self.said.append((receiver, performative, content, mission))
+
+        return Coordinator(say, Conduct(**{"proactive": False, **conduct}), memory)
+
+    def say(
+        self, sender: str, content, *, mission: str = "", performative: Performative = "inform", receiver=COORDINATOR
+    ) -> None:
+        message = AclMessage(
+            stamp=self.now, id="x", sender=sender, receiver=receiver, performative=performative, content=content,
+            mission=mission,
+        )  # fmt: skip
+        self.coordinator.hear(message, self.now)
+
+    def register(self, *names: str) -> None:
+        for name in names or self.agents:
+            kind = by_number(name)[0]
+            self.say(name, Register(kind, CAPABLE[kind]), performative="request")
+
+    def look(self, after_s: float = 0.2) -> None:
+        self.now += round(after_s * SECOND)
+        state = WardState(stamp=self.now, rooms=tuple(self.rooms.values()), agents=tuple(self.agents.values()))
+        self.coordinator.observe(state, self.now)
+
+    def room(self, name: str = ROOM, **changes) -> None:
+        self.rooms[name] = msgspec.structs.replace(self.rooms[name], **changes)
+
+    def agent(self, name: str, **changes) -> None:
+        self.agents[name] = msgspec.structs.replace(self.agents[name], **changes)
+
+    def infect(self, *names: str) -> None:
+        for name in names or (ROOM,):
+            self.room(name, disinfected=False)
+        self.look()
+
+    def plan(self, mission: int = 1) -> list[tuple[str, ...]]:
+        """What is left of the plan of a mission."""
+        course = self.coordinator.courses[mission]
+        return [node.item for node in course.agenda[course.position :]]
+
+    def label(self, mission: int = 1) -> str:
+        return self.coordinator.memory.missions[mission].label
+
+    def do(self, count: int, mission: int = 1) -> None:
+        """Has the next actions reported as done."""
+        for action, *args in self.plan(mission)[:count]:
+            self.say(args[0], Report("success", action, tuple(args)), mission=self.label(mission))
+
+    def fail(self, kind: str, mission: int = 1) -> None:
+        action, *args = self.plan(mission)[0]
+        self.say(args[0], Problem(kind, tuple(args), action), mission=self.label(mission))
+
+    def finish(self, mission: int = 1) -> None:
+        for name in list(self.coordinator.memory.missions[mission].active):
+            self.say(name, Finished(), mission=self.label(mission), performative="request")
+
+    def contents(self, kind: type, receiver: str | None = None) -> list:
+        return [what for to, _, what, _ in self.said if isinstance(what, kind) and receiver in (None, to)]
+
+    def statuses(self) -> dict[int, str]:
+        return {mission.id: mission.status for mission in self.coordinator.views()}
+
+    def history(self) -> list[tuple[str, ...]]:
+        return [(each.action, *each.args) for each in next(self.coordinator.views()).actions]
+
+    def working(self) -> Mapping[str, int]:
+        return {name: member.mission for name, member in self.coordinator.memory.members.items() if member.mission}
+
+
+def started(**kwargs) -> Ward:
+    ward = Ward(**kwargs)
+    ward.register()
+    ward.infect()
+    return ward

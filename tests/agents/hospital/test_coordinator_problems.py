@@ -1,0 +1,255 @@
+"""What the coordinator does after a problem, and before one."""
+
+from __future__ import annotations
+
+import pytest
+
+from socialbot.agents.hospital.messages import End, Finished, Plan, Problem, Report
+from socialbot.agents.hospital.ward.messages import (
+    AWAY,
+    CLOSED_DOOR,
+    DIRTY_ROOM,
+    LOW_BATTERY,
+    NURSE_ABSENT,
+    PERSON_IN_ROOM,
+)
+from tests.agents.hospital.directed import Ward, started
+from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SPOT, UVD
+
+# After a problem
+
+
+def test_a_repair_is_listing_4():
+    ward = started(policy="repair")
+    ward.do(5)
+    ward.agent(SPOT, place=ROOM)
+    ward.look()
+    ward.fail(DIRTY_ROOM)
+    assert ward.history() == LISTING_4
+    assert [each.status for each in next(ward.coordinator.views()).actions] == (
+        ["done"] * 5 + ["failed"] + ["planned"] * 8
+    )
+    ward.do(8)
+    assert {each.status for each in next(ward.coordinator.views()).actions[6:]} == {"done"}
+
+
+def test_a_full_replan_goes_to_the_nurse_again():
+    ward = started(policy="replan")
+    ward.do(5)
+    ward.room(door_open=True)
+    ward.look()
+    ward.fail(DIRTY_ROOM)
+    assert ward.plan() == [
+        LISTING_3[0],
+        *LISTING_3[2:4],
+        ("a_adapt_room", NURSE, ROOM),
+        *LISTING_3[4:],
+    ]
+
+
+def test_by_itself_it_repairs_plans_of_which_few_actions_are_joint():
+    ward = started(policy="auto")
+    ward.do(5)
+    ward.fail(DIRTY_ROOM)
+    assert ward.plan()[0] == ("a_adapt_room", NURSE, ROOM)
+
+
+def test_without_recovery_the_mission_has_failed_and_the_team_is_free():
+    ward = started(policy="none")
+    ward.do(5)
+    ward.fail(DIRTY_ROOM)
+    assert ward.statuses() == {1: "failed"}
+    assert next(ward.coordinator.views()).actions[-1].status == "failed"
+    assert ward.working() == {}
+    assert {to for to, _, what, _ in ward.said if isinstance(what, End)} == {SPOT, UVD, NURSE}
+    ward.look()
+    assert ward.statuses() == {1: "failed"}, "it is not begun anew"
+
+
+def test_who_has_finished_is_called_again_and_a_slice_that_is_empty_is_taken_back():
+    ward = started(policy="repair")
+    ward.do(5)
+    ward.say(NURSE, Finished(), mission="mission_1_1", performative="request")
+    ward.fail(DIRTY_ROOM)
+    assert ward.working() == {SPOT: 1, UVD: 1, NURSE: 1}
+    assert ward.contents(Plan, NURSE)[-1].label == "mission_1_2"
+
+
+@pytest.mark.parametrize(
+    ("done", "kind", "first"),
+    [
+        (0, LOW_BATTERY, [("a_charge", SPOT), ("a_navigate_to", SPOT, ROOM)]),
+        (5, PERSON_IN_ROOM, [("a_adapt_room", NURSE, ROOM)]),
+        (7, LOW_BATTERY, [("a_charge", UVD), ("a_navigate_to", UVD, ROOM)]),
+    ],
+)
+def test_each_kind_of_problem_has_a_way_out(done, kind, first):
+    ward = started()
+    ward.do(done)
+    ward.fail(kind)
+    assert ward.plan()[: len(first)] == first
+
+
+def test_a_door_that_a_robot_without_an_arm_meets_is_opened_by_the_other():
+    ward = started(policy="repair")
+    ward.do(7)
+    ward.fail(CLOSED_DOOR)
+    assert ward.plan()[:2] == LISTING_3[:2]
+
+
+def test_what_fails_once_more_after_a_repair_is_planned_anew():
+    ward = started(policy="repair")
+    ward.do(5)
+    ward.agent(SPOT, place=ROOM)
+    ward.look()
+    for _ in range(2):
+        ward.do(4 if ward.label() == "mission_1_2" else 0)
+        ward.fail(DIRTY_ROOM)
+    assert ward.label() == "mission_1_3"
+    assert ward.plan()[0] == LISTING_3[0]
+
+
+def test_a_mission_in_which_the_same_fails_again_and_again_rests_and_its_team_is_free():
+    ward = started(rest_s=5.0)
+    for _ in range(4):
+        ward.fail("it is stuck")
+    assert ward.statuses() == {1: "waiting"}
+    assert ward.working() == {}
+    ward.look(4.9)
+    assert ward.statuses() == {1: "waiting"}
+    ward.look(0.2)
+    assert ward.statuses() == {1: "running"}
+
+
+def test_while_the_nurse_is_away_the_robots_do_something_else():
+    ward = Ward(rooms=2)
+    ward.register()
+    ward.infect("room1", "room2")
+    ward.do(2)
+    ward.agent(NURSE, place=AWAY)
+    ward.look()
+    ward.fail(NURSE_ABSENT)
+    assert ward.statuses() == {1: "waiting", 2: "running"}
+
+
+def test_without_news_it_plans_anew():
+    ward = started(patience_s=10.0)
+    ward.do(3)
+    ward.look(9.9)
+    assert ward.label() == "mission_1_1"
+    ward.look(0.2)
+    assert ward.label() == "mission_1_2"
+
+
+def test_a_robot_that_begins_anew_gets_a_new_plan():
+    ward = started()
+    ward.do(3)
+    ward.register(SPOT)
+    assert ward.label() == "mission_1_2"
+
+
+def test_news_of_plans_that_are_no_longer_so_are_of_no_account():
+    ward = started()
+    ward.fail(DIRTY_ROOM)
+    before = ward.plan()
+    ward.say(SPOT, Problem(DIRTY_ROOM, (SPOT, ROOM), "a_patrol_room"), mission="mission_1_1")
+    ward.say(SPOT, Report("success", *LISTING_3[0][:1], LISTING_3[0][1:]), mission="mission_1_1")
+    assert ward.plan() == before
+    assert ward.label() == "mission_1_2"
+
+
+# Before a problem
+
+
+def test_a_proactive_one_plans_for_the_room_as_it_is():
+    ward = Ward(proactive=True)
+    ward.register()
+    ward.room(cleaned=False, door_open=True)
+    ward.infect()
+    assert ("a_adapt_room", NURSE, ROOM) in ward.plan()
+    assert ("a_open_door", SPOT, ROOM) not in ward.plan()
+
+
+@pytest.mark.parametrize(
+    ("change", "needed"),
+    [
+        (lambda ward: ward.room(cleaned=False), ("a_adapt_room", NURSE, ROOM)),
+        (lambda ward: ward.room(people=("person1",)), ("a_adapt_room", NURSE, ROOM)),
+        (lambda ward: ward.agent(UVD, battery=0.1), ("a_charge", UVD)),
+    ],
+)
+def test_a_proactive_one_revises_the_plan_before_it_meets_the_problem(change, needed):
+    ward = started(proactive=True)
+    ward.do(2)
+    ward.room(door_open=True)
+    ward.agent(SPOT, place=ROOM)
+    ward.look()
+    assert ward.label() == "mission_1_1", "nothing stands in the way"
+    change(ward)
+    ward.look()
+    ward.look()
+    assert ward.label() == "mission_1_2"
+    assert needed in ward.plan()
+    assert ward.history()[:2] == LISTING_3[:2]
+    ward.look()
+    assert ward.label() == "mission_1_2", "once is enough"
+    assert [view.recoveries for view in ward.coordinator.views()] == [0]
+    assert [view.revisions for view in ward.coordinator.views()] == [1]
+
+
+def test_that_both_tell_of_a_joint_action_does_not_leave_out_what_comes_before_the_next_one_like_it():
+    ward = started(proactive=True)
+    ward.do(2)
+    ward.room(door_open=True)
+    ward.agent(SPOT, place=ROOM, battery=0.1)
+    ward.look()
+    ward.look()
+    come_back = [("a_charge", SPOT), LISTING_3[0], *LISTING_3[2:]]
+    assert ward.plan() == [*LISTING_3[2:4], *come_back], "it meets the nurse once more when it has charged"
+    ward.do(2)
+    ward.say(NURSE, Report("success", "a_authenticate_nurse", (SPOT, NURSE)), mission=ward.label())
+    assert ward.plan() == come_back
+    ward.do(4)
+    ward.say(NURSE, Report("success", "a_authenticate_nurse", (SPOT, NURSE)), mission=ward.label())
+    assert ward.plan() == LISTING_3[4:]
+
+
+def test_what_shows_before_its_report_comes_is_no_reason_to_revise():
+    ward = started(proactive=True)
+    ward.room(door_open=True)
+    ward.agent(SPOT, place=ROOM, battery=0.1)
+    ward.look()
+    ward.do(2)
+    ward.agent(SPOT, battery=1.0)
+    ward.look()
+    ward.look()
+    assert ward.label() == "mission_1_1"
+
+
+def test_a_reason_to_revise_has_to_show_for_a_tenth_of_a_second():
+    ward = started(proactive=True)
+    ward.agent(UVD, battery=0.1)
+    for wait in (0.1, 0.04, 0.04):
+        ward.look(wait)
+        assert ward.label() == "mission_1_1"
+    ward.look(0.04)
+    assert ward.label() == "mission_1_2"
+
+
+def test_a_plan_that_does_more_than_it_has_to_may_stay():
+    ward = started(proactive=True)
+    ward.agent(UVD, battery=0.1)
+    ward.look()
+    ward.look()
+    assert ("a_charge", UVD) in ward.plan()
+    ward.agent(UVD, battery=0.3)
+    ward.look()
+    ward.look()
+    assert ward.label() == "mission_1_2"
+
+
+def test_one_that_is_not_leaves_the_plan_as_it_is():
+    ward = started()
+    ward.room(cleaned=False)
+    ward.look()
+    assert ward.label() == "mission_1_1"

@@ -1,0 +1,165 @@
+"""Whatever Waldo sees, he keeps his manners."""
+
+from __future__ import annotations
+
+import itertools
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.agents.waldo.waldo import Manners, PersonSensor
+from socialbot.clock import SECOND, nanoseconds
+from socialbot.messages import PersonDetections
+from tests.agents.waldo.corridor import FAR, PERIOD_S, Corridor, offers, person
+
+SCENES = st.lists(
+    st.tuples(
+        st.lists(st.sampled_from((1.0, 5.9, FAR, None)), max_size=3),  # who is there
+        st.integers(1, 60),  # for how many frames
+        st.integers(1, 4),  # of which every so many-eth shows them
+    ),
+    max_size=8,
+)
+MANNERS = st.fixed_dictionaries(
+    {
+        "appear_s": st.sampled_from((0.0, 0.3, 0.5)),
+        "vanish_s": st.sampled_from((0.5, 1.5)),
+        "help_after_s": st.sampled_from((0.5, 2.0, 8.0)),
+        "regreet_after_s": st.sampled_from((0.0, 1.0, 5.0)),
+    }
+)
+
+
+def played(scenes, manners) -> Corridor:
+    corridor = Corridor(**manners)
+    for distances, frames, visible in scenes:
+        for number in range(frames):
+            corridor.see(*(map(person, distances) if number % visible == 0 else ()))
+    return corridor
+
+
+@settings(deadline=None, max_examples=60)
+@given(SCENES, MANNERS)
+def test_whatever_comes_waldo_keeps_his_manners(scenes, manners):
+    corridor = played(scenes, manners)
+    assert corridor.faults == 0
+    assert not [record for record in corridor.trace if record.kind in ("failure", "dropped")]
+    stamps = [frame * nanoseconds(PERIOD_S) for frame in range(corridor.frame)]
+    believed = [
+        (record.stamp, record.what.split('"')[1])
+        for record in corridor.trace
+        if record.kind == "belief" and record.what.startswith("personDetected")
+    ]
+    for (_, before), (_, after) in itertools.pairwise(believed):
+        assert after in {"No": ("Yes",), "Yes": ("No", "Next"), "Next": ("No",)}[before]
+    came = [stamp for stamp, what in believed if what == "Yes"]
+    left = [stamp for stamp, what in believed if what == "No"]
+    at = {
+        what: [round(when * SECOND) for when, did in corridor.did if did.startswith(what)]
+        for what in ("stayIdle", "greeting", "offer")
+    }
+    patience, rest = (nanoseconds(manners[name]) for name in ("help_after_s", "regreet_after_s"))
+
+    def rested(since: int, until: int) -> bool:
+        """Whether nobody was there for so long that who comes then is greeted anew."""
+        return any(
+            since <= gone and gone + rest <= until and not any(gone <= coming < gone + rest for coming in came)
+            for gone in left
+        )
+
+    assert at["stayIdle"] == left
+    for coming in came:
+        earlier = [greeting for greeting in at["greeting"] if greeting < coming]
+        assert (coming in at["greeting"]) == (not earlier or rested(earlier[-1], coming))
+        leaving = next((gone for gone in left if gone > coming), corridor.runner.clock.now() + 1)
+        recent = nanoseconds(manners["appear_s"])
+        due = [
+            stamp
+            for stamp in stamps
+            if coming + patience <= stamp < leaving and coming + recent <= stamp
+            if any(stamp - recent <= when <= stamp for when in corridor.shown)
+        ]
+        assert [offer for offer in at["offer"] if coming <= offer < leaving] == due[:1]
+    assert len(at["offer"]) == len({stamp for stamp, what in believed if what == "Next"})
+    assert set(at["greeting"]) <= set(came)
+
+
+@settings(deadline=None, max_examples=20)
+@given(SCENES, MANNERS)
+def test_the_same_frames_lead_to_the_same_trace(scenes, manners):
+    first, second = played(scenes, manners), played(scenes, manners)
+    assert first.trace == second.trace
+    assert first.did == second.did
+
+
+VISITORS = st.lists(
+    st.tuples(st.lists(st.sampled_from(("t1", "t2", "t3")), max_size=3, unique=True), st.integers(1, 60)), max_size=10
+)
+
+
+@settings(deadline=None, max_examples=60)
+@given(VISITORS, st.sampled_from((1.0, 4.0)))
+def test_whoever_stays_is_offered_help_and_nobody_else(scenes, help_after_s):
+    corridor = Corridor(help_after_s=help_after_s)
+    for names, frames in scenes:
+        corridor.see(*(person(track=name) for name in names), times=frames)
+    assert corridor.faults == 0
+    assert not [record for record in corridor.trace if record.kind in ("failure", "dropped")]
+    patience, end = nanoseconds(help_after_s), corridor.runner.clock.now()
+    came: dict[str, int] = {}
+    visits: list[tuple[int, int]] = []
+    for record in corridor.trace:
+        if record.kind in ("belief", "unbelief") and record.what.startswith("present"):
+            name = record.what.split('"')[1]
+            if record.kind == "belief":
+                came[name] = record.stamp
+            else:
+                visits.append((came.pop(name), record.stamp))
+    visits += [(since, end + 1) for since in came.values()]
+    offered = [round(when * SECOND) for when in offers(corridor)]
+    for at in offered:
+        assert any(since + patience <= at < until for since, until in visits)
+    # The longest that somebody can be there without being seen.
+    unseen = nanoseconds(1.5)
+    for since, until in visits:
+        if since + patience + unseen < min(until, end):
+            assert any(since <= at <= since + patience + unseen for at in offered)
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    st.lists(st.tuples(st.integers(1, 9), st.sampled_from(("0", "1", "10", "100", "2"))), max_size=12),
+    st.sampled_from((0.0, 0.3, 0.5, 2.0)),
+    st.sampled_from((0.5, 1.5)),
+)
+def test_coming_and_going_are_told_by_the_shares_of_the_frames(scenes, appear_s, vanish_s):
+    counts = [int(digit) for repeats, digits in scenes for digit in digits * repeats]
+    sensor = PersonSensor(Manners(appear_s=appear_s, vanish_s=vanish_s, help_after_s=600.0))
+    present, changed = None, 0
+    for newest, count in enumerate(counts):
+        frame = PersonDetections(
+            stamp=newest * SECOND // 10, frame_id="c", width=9, height=9, persons=(person(),) * count
+        )
+        sensed = sensor.sense(frame)
+        told = str(sensed[-1] if isinstance(sensed, list) else sensed)
+        shows = {
+            seconds: [count > 0 for count in counts[max(0, newest - round(10 * seconds)) : newest + 1]]
+            for seconds in (appear_s, vanish_s)
+        }
+        somebody = any(shows[appear_s]) and 2 * sum(shows[appear_s]) >= len(shows[appear_s])
+        nobody = 4 * sum(shows[vanish_s]) < len(shows[vanish_s])
+        if told == '+personDetected("Yes")':
+            assert somebody
+            assert not present
+            assert present is None or any(counts[changed + 1 : newest + 1]), "nobody was seen since the last one left"
+            present, changed = True, newest
+        elif told == '+personDetected("No")':
+            assert nobody
+            assert present is not False
+            assert present is None or newest - changed >= 10 * vanish_s - 1e-9, "has only just come"
+            present, changed = False, newest
+        else:
+            assert sensed is None
+            # What has been so for the whole time since the last change has to be told.
+            assert not (somebody and not present and newest - changed > 10 * appear_s)
+            assert not (nobody and present is not False and newest - changed > 10 * vanish_s)
