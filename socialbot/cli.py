@@ -17,9 +17,9 @@ from typer.core import TyperGroup
 
 from socialbot import __version__
 from socialbot.bridge.ros_arguments import divided
+from socialbot.commands.inspect import PORT, InspectOption, PortOption, watched
 from socialbot.completion import graph_names, node_names
 from socialbot.errors import ParameterError, SocialbotError
-from socialbot.inspect_cli import PORT, InspectOption, PortOption, watched
 
 if TYPE_CHECKING:
     from socialbot.graph import Graph
@@ -166,7 +166,8 @@ def up(
     changes: SetOption = None,
 ) -> None:
     """Bring up a graph, or one machine's nodes of a deployment, on live input, until Ctrl-C."""
-    from socialbot.deploy_cli import is_deployment, up_machine
+    from socialbot.commands.deploy import up_machine
+    from socialbot.deployment.deployment_file import is_deployment
     from socialbot.graph_file import load_graph
     from socialbot.live import run_live
     from socialbot.run_record import RunTrace
@@ -239,7 +240,7 @@ def show_graph(
 def main() -> None:
     """The entry point of the ``socialbot`` command."""
     arguments, ros_args = sys.argv[1:], []
-    if arguments[:1] == ["node"]:
+    if arguments[:1] in (["node"], ["translate"]):
         arguments, ros_args = divided(arguments)
     try:
         command()(arguments, obj=ros_args)
@@ -256,23 +257,24 @@ def command() -> TyperGroup:
 
 
 def _add_commands() -> None:
-    from socialbot.agent_cli import agent
-    from socialbot.asl_cli import asl
-    from socialbot.bridge.bag_cli import bag
-    from socialbot.bridge.player_cli import play
-    from socialbot.bridge.topic_cli import topic
-    from socialbot.demo_cli import demo, run
-    from socialbot.deploy_cli import systemd
-    from socialbot.doctor_cli import doctor
-    from socialbot.down_cli import down
-    from socialbot.evaluate_cli import evaluate
-    from socialbot.export_cli import export
-    from socialbot.inspect_cli import inspect
-    from socialbot.key_cli import key
-    from socialbot.new_cli import new
-    from socialbot.plan_cli import plan
-    from socialbot.status_cli import status
-    from socialbot.why_cli import diff, report, why
+    from socialbot.commands.agent import agent
+    from socialbot.commands.asl import asl
+    from socialbot.commands.bag import bag
+    from socialbot.commands.demo import demo, run
+    from socialbot.commands.deploy import systemd
+    from socialbot.commands.doctor import doctor
+    from socialbot.commands.down import down
+    from socialbot.commands.evaluate import evaluate
+    from socialbot.commands.export import export
+    from socialbot.commands.inspect import inspect
+    from socialbot.commands.key import key
+    from socialbot.commands.new import new
+    from socialbot.commands.plan import plan
+    from socialbot.commands.play import play
+    from socialbot.commands.status import status
+    from socialbot.commands.topic import topic
+    from socialbot.commands.translate import translate
+    from socialbot.commands.why import diff, report, why
 
     bag.command()(play)
     app.add_typer(bag, name="bag")
@@ -289,6 +291,7 @@ def _add_commands() -> None:
     app.command()(status)
     app.command()(down)
     app.command()(inspect)
+    app.command()(translate)
     app.command()(why)
     app.command()(diff)
     app.command()(report)

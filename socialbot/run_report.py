@@ -9,8 +9,8 @@ from socialbot.agents.hospital.chronicle import PHRASES
 from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
 from socialbot.errors import SocialbotError
 from socialbot.graph import Graph
-from socialbot.inspect_cli import recorded
 from socialbot.messages import Message, TraceRecord
+from socialbot.recorded_run import recorded
 from socialbot.report.run_page import page_of
 from socialbot.report.story import story_of
 from socialbot.report.summary import Summary

@@ -40,6 +40,17 @@ KEYS = ("graph", "domain", "discovery", "machines", "nodes", "pictures", "restar
 TRANSPORTS = ("jpeg", "raw")
 
 
+def is_deployment(name: str) -> bool:
+    """Whether ``name`` is a file that tells of machines, and so no graph."""
+    if name in GRAPHS:
+        return False
+    try:
+        text = Path(name).read_text("utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return any(line.startswith(("machines:", "machines :", '"machines"', "'machines'")) for line in text.splitlines())
+
+
 def load_deployment(path: Path) -> Deployment:
     """The deployment that the file at ``path`` describes; beside it nodes may read and write files.
 

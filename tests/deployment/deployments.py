@@ -7,10 +7,7 @@ from pathlib import Path
 from socialbot.deployment.deployment import Deployment
 from socialbot.deployment.deployment_file import parse_deployment
 
-PAGE = """\
-graph: waldo
-domain: 42
-discovery: peers
+PLACES = """\
 machines:
   robot: {address: 10.77.0.1}
   workstation: {address: 10.77.0.2}
@@ -22,13 +19,20 @@ nodes:
   person_detector: workstation
   bdi_engine: workstation
   listener: workstation
+"""
+"""Which node runs where; the addresses are those of the two hosts of the tests of whole systems."""
+PAGE = f"""\
+graph: waldo
+domain: 42
+discovery: peers
+{PLACES}\
 pictures:
   /camera/image_raw:
     transport: jpeg
     quality: 70
     rate_hz: 15
-restart: {times: 3, within_s: 30, first_s: 0.5, longest_s: 4}
-security: {keys: keys}
+restart: {{times: 3, within_s: 30, first_s: 0.5, longest_s: 4}}
+security: {{keys: keys}}
 parameters:
   bdi_engine:
     greeting: Hallo

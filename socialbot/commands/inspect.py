@@ -13,7 +13,6 @@ from rich.console import Console
 
 from socialbot.completion import run_folders
 from socialbot.ending import Ending
-from socialbot.errors import BagError
 
 if TYPE_CHECKING:
     from socialbot.graph import Graph
@@ -54,6 +53,7 @@ def inspect(
 ) -> None:
     """Show a run in the browser until Ctrl-C: what was seen, believed, wanted and done, and why."""
     from socialbot.inspect.serving import Address, serving, token_given
+    from socialbot.recorded_run import recorded
 
     address = Address(host, port, token_given(token))
     console = Console(highlight=False)
@@ -66,26 +66,6 @@ def inspect(
         tell_damage(run)
         announce(console, served, str(run.folder), show=show)
         until_told()
-
-
-@contextmanager
-def recorded(folder: Path | None) -> Iterator[RecordedRun]:
-    """The run in a folder, by default the newest, with its pictures. Raises RunError."""
-    from socialbot.bridge.bag_pictures import pictures_of
-    from socialbot.inspect.run_folder import newest_run, open_run
-
-    folder = newest_run() if folder is None else folder
-    run = open_run(folder)
-    with ExitStack() as stack:
-        bag = run.results.get("bag", {})
-        if "path" in bag:
-            try:
-                pictures = stack.enter_context(pictures_of(Path(bag["path"]), list(bag.get("topics", ()))))
-            except BagError as error:
-                run.damage.append(f"there are no pictures: {error.where}: {error.what}")
-            else:
-                run = open_run(folder, pictures) if pictures is not None else run
-        yield run
 
 
 @contextmanager
@@ -112,16 +92,12 @@ def attached(file: str, machine: str | None) -> Iterator[tuple[LiveRun, Office]]
 
 def graph_of(file: str, machine: str | None) -> Graph:
     """The graph that a file describes; this process becomes part of the deployment, where it is one."""
-    from socialbot.deploy_cli import is_deployment
+    from socialbot.commands.status import join
+    from socialbot.deployment.deployment_file import is_deployment, load_deployment
     from socialbot.graph_file import load_graph
-    from socialbot.status_cli import join
 
     join(file, machine)
-    if is_deployment(file):
-        from socialbot.deployment.deployment_file import load_deployment
-
-        return load_deployment(Path(file)).graph
-    return load_graph(file)
+    return load_deployment(Path(file)).graph if is_deployment(file) else load_graph(file)
 
 
 @contextmanager
@@ -155,6 +131,7 @@ def watched(
     from socialbot.inspect.commands import Shut
     from socialbot.inspect.live_run import LiveRun
     from socialbot.inspect.serving import Address, serving, token_given
+    from socialbot.recorded_run import recorded
 
     with ExitStack() as stack:
         pictures: Pictures | None = None

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -10,13 +9,18 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = Path(__file__).parent.parent / "examples" / "asl"
+from tests.system.running import socialbot_here
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "asl"
 
 
-def socialbot(*args: object, **kwargs) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "socialbot", "asl", *map(str, args)]
-    environment = {**os.environ, "COLUMNS": "200"}
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment, **kwargs)
+@pytest.fixture(autouse=True)
+def _wide(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+
+
+def socialbot(*args: object) -> subprocess.CompletedProcess[str]:
+    return socialbot_here("asl", *args)
 
 
 @pytest.fixture
@@ -118,10 +122,11 @@ def test_the_trace_is_written(written, tmp_path):
         (["run", "good.asl", "--trace", "no/such/folder.jsonl"], "no/such/folder.jsonl: cannot be written"),
     ],
 )
-def test_what_is_wrong_is_told_with_exit_code_4(written, tmp_path, args, message):
+def test_what_is_wrong_is_told_with_exit_code_4(written, tmp_path, monkeypatch, args, message):
     written(good="b(1).", bad="b(1).\n+!g <- .prnt(1).\n+!h <- move(Y).")
     (tmp_path / "latin.asl").write_bytes(b'b("\xe4").')
-    ended = socialbot(*args, cwd=tmp_path)
+    monkeypatch.chdir(tmp_path)
+    ended = socialbot(*args)
     assert message in ended.stderr
     assert "Traceback" not in ended.stderr
     assert ended.returncode == 4

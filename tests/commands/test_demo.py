@@ -6,12 +6,12 @@ from xml.etree import ElementTree
 
 import pytest
 
-from socialbot.demo_cli import NOT_REACHED
-from tests.system.running import results, socialbot
+from socialbot.commands.demo import NOT_REACHED
+from tests.system.running import results, socialbot, socialbot_here
 
 pytest.importorskip("kairos", reason="kairos-planner is not installed")
 
-BAGS = Path(__file__).parents[1] / "data" / "synthetic"
+BAGS = Path(__file__).parents[2] / "data" / "synthetic"
 
 
 @pytest.fixture(scope="module")
@@ -92,14 +92,14 @@ def test_the_committed_bags_are_small(run):
 
 
 def test_a_goal_that_is_not_reached_is_told_by_the_exit_code(tmp_path):
-    done = socialbot("demo", "cleaner-sweeper", "--limit", "5", "--out", tmp_path / "run")
+    done = socialbot_here("demo", "cleaner-sweeper", "--limit", "5", "--out", tmp_path / "run")
     assert done.returncode == NOT_REACHED
     assert "still wanted" in done.stdout
     assert (tmp_path / "run" / "report.html").exists()
 
 
 def test_a_parameter_that_is_wrong_is_an_error_in_words(tmp_path):
-    done = socialbot("demo", "warehouse", "--faults", "30 explodes", "--out", tmp_path / "run")
+    done = socialbot_here("demo", "warehouse", "--faults", "30 explodes", "--out", tmp_path / "run")
     assert done.returncode == 4
     assert "30 explodes" in done.stderr
     assert "Traceback" not in done.stderr
@@ -107,6 +107,6 @@ def test_a_parameter_that_is_wrong_is_an_error_in_words(tmp_path):
 
 def test_a_folder_that_holds_a_run_is_left_alone(tmp_path):
     (tmp_path / "trace.jsonl").write_text("mine", "utf-8")
-    done = socialbot("demo", "cleaner", "--out", tmp_path)
+    done = socialbot_here("demo", "cleaner", "--out", tmp_path)
     assert done.returncode == 4
     assert (tmp_path / "trace.jsonl").read_text("utf-8") == "mine"

@@ -6,8 +6,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from socialbot.commands.why import diff, report, seconds_of, why
 from socialbot.errors import ParameterError, RunError, SocialbotError
-from socialbot.why_cli import diff, report, seconds_of, why
 from tests.inspect.runs import greeting
 
 app = typer.Typer()

@@ -72,7 +72,7 @@ def evaluate(
     from socialbot.evaluate.evaluation import Plan
     from socialbot.evaluate.evaluation import evaluate as carry_out
     from socialbot.evaluate.markdown import write_markdown
-    from socialbot.evaluate.page import write_page
+    from socialbot.evaluate.page import page
     from socialbot.evaluate.tables import show
     from socialbot.evaluate.verdicts import Rules, parse_bands
 
@@ -96,7 +96,7 @@ def evaluate(
     if out is not None:
         write_markdown(evaluation, out)
     for path in pages:
-        write_page(evaluation, path)
+        page(evaluation).write(path)
         console.print(f"\nThe page: {path}", soft_wrap=True, markup=False)
 
 

@@ -18,12 +18,11 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.completion import graph_names
-from socialbot.deploy_cli import is_deployment
 from socialbot.ending import Ending
 from socialbot.errors import ParameterError
 from socialbot.health import HEALTH_TOPIC
 from socialbot.messages import Health, Message
-from socialbot.status import NodeStatus, RollCall, Spread, all_well
+from socialbot.status import PAUSED, NodeStatus, RollCall, Spread, all_well
 
 if TYPE_CHECKING:
     from socialbot.graph import WireForm
@@ -43,7 +42,7 @@ WIDE = 200
 LOOK_AGAIN_S = 0.05
 REFRESH_S = 0.5
 
-PASSING = {"unconfigured", "inactive", "starting", "configuring", "activating", "input silent", "no input yet"}
+PASSING = {"unconfigured", "inactive", "starting", "configuring", "activating", "input silent", "no input yet", PAUSED}
 """Conditions that may pass by themselves."""
 
 FileArgument = Annotated[
@@ -103,8 +102,9 @@ def join(file: str | None, machine: str | None) -> Party:
     Without a file it joins the ROS domain that the environment names, and nobody is expected. Raises GraphError and
     ParameterError for what does not fit.
     """
+    from socialbot.deployment.deployment_file import is_deployment, load_deployment
+
     if file is not None and is_deployment(file):
-        from socialbot.deployment.deployment_file import load_deployment
         from socialbot.deployment.entering import enter
 
         deployment = load_deployment(Path(file))
@@ -218,9 +218,9 @@ def remarks(one: NodeStatus) -> list[str]:
 
 
 def _style(one: NodeStatus) -> str:
-    if one.is_well:
-        return "green"
-    return "yellow" if one.condition in PASSING else "bold red"
+    if one.condition in PASSING:
+        return "yellow"
+    return "green" if one.is_well else "bold red"
 
 
 def _figure(value: float | None) -> str:

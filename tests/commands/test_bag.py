@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from socialbot.bridge.bag_cli import bag as app
 from socialbot.bridge.bags import BagWriter, RosbagsTypes, open_bag
 from socialbot.bridge.codec import encode
 from socialbot.bridge.ros_types import RclpyTypes, message_class
 from socialbot.clock import SECOND
+from socialbot.commands.bag import bag as app
 from socialbot.errors import BagError
 from socialbot.messages import CameraInfo, CompressedImage, Image, Utterance
 
@@ -190,7 +190,7 @@ def test_an_existing_bag_is_not_recorded_over(domain: int, tmp_path: Path) -> No
 def test_the_command_ends_well_with_a_readable_bag(domain: int, tmp_path: Path, end: signal.Signals | None) -> None:
     say = encode(SAY, RclpyTypes())
     out = tmp_path / "bag"
-    program = "from socialbot.bridge.bag_cli import bag; bag()"
+    program = "from socialbot.commands.bag import bag; bag()"
     options = ["--topics", "/speech/say", "--topics", "missing"] + ([] if end else ["--duration", "5"])
     command = [sys.executable, "-c", program, "record", str(out), *options]
     with robot() as node:

@@ -11,10 +11,10 @@ from typing import Literal, get_args
 
 import pytest
 
+from socialbot.commands.new import AgentKind, project_files, write_project
 from socialbot.deployment.deployment_file import load_deployment
 from socialbot.errors import ParameterError
 from socialbot.graph_file import load_graph
-from socialbot.new_cli import AgentKind, project_files, write_project
 from tests.system.running import socialbot
 
 NUMBERS = itertools.count()

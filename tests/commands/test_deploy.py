@@ -7,9 +7,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from socialbot import cli
-from socialbot.deploy_cli import is_deployment
 from socialbot.deployment import running
 from socialbot.deployment.deployment import Deployment
+from socialbot.deployment.deployment_file import is_deployment
 from socialbot.errors import SocialbotError
 from socialbot.graph import Graph
 from tests.deployment.deployments import PAGE

@@ -8,20 +8,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from socialbot.commands.inspect import PORT, watched
 from socialbot.errors import ParameterError
-from socialbot.graph_file import GRAPHS
-from socialbot.inspect_cli import PORT, watched
-
-
-def is_deployment(name: str) -> bool:
-    """Whether ``name`` is a file that tells of machines, and so no graph."""
-    if name in GRAPHS:
-        return False
-    try:
-        text = Path(name).read_text("utf-8")
-    except (OSError, UnicodeDecodeError):
-        return False
-    return any(line.startswith(("machines:", "machines :", '"machines"', "'machines'")) for line in text.splitlines())
 
 
 def up_machine(

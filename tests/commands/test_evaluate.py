@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.evaluate.scenes import drawn_bag, drawn_pictures
-from tests.system.running import eventually, running
+from tests.system.running import eventually, running, socialbot_here
 
 
 def socialbot(*args: object) -> subprocess.CompletedProcess[str]:
@@ -52,6 +52,10 @@ def test_other_bands_and_presence(tmp_path):
     assert said["settings"]["matching"] == "presence"
 
 
+def refused(*args: object) -> subprocess.CompletedProcess[str]:
+    return socialbot_here("evaluate", *args)
+
+
 def children(pid: int) -> list[int]:
     try:
         return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
@@ -86,7 +90,7 @@ def test_results_that_cannot_be_written_are_told_of_before_anything_is_looked_at
     places = {name: str(tmp_path / name) for name in ("file", "taken")} | {"folder": str(tmp_path)}
     bag = drawn_bag(tmp_path, frames=1)
     # A model that is not there: looking for people would be another error.
-    ended = socialbot(
+    ended = refused(
         bag, "--detector", "onnx", "--set", "model=none.onnx", *(word.format(**places) for word in arguments)
     )
     assert "cannot be written" in ended.stderr
@@ -112,7 +116,7 @@ def test_results_that_cannot_be_written_are_told_of_before_anything_is_looked_at
 )
 def test_what_cannot_be_evaluated(tmp_path, arguments, code, word):
     bag = drawn_bag(tmp_path, frames=1)
-    ended = socialbot(*(word.format(bag=bag) for word in arguments))
+    ended = refused(*(word.format(bag=bag) for word in arguments))
     assert word in ended.stderr
     assert ended.returncode == code
     assert "Traceback" not in ended.stderr

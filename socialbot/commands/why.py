@@ -92,7 +92,7 @@ def report(
 
 def _write_page(first: Path, second: Path, found: Difference, file: Path) -> None:
     """Writes the page of two runs, with the pictures of their bags."""
-    from socialbot.inspect_cli import recorded
+    from socialbot.recorded_run import recorded
     from socialbot.report.difference_page import difference_page
 
     with recorded(first) as one, recorded(second) as other:

@@ -31,7 +31,7 @@ def export(
     kind: Annotated[Format | None, typer.Option("--format", help="Default: as the name of the file says.")] = None,
 ) -> None:
     """Write a run as a file for Foxglove (.mcap) or Rerun (.rrd): pictures, people, minds, what was done and why."""
-    from socialbot.why_cli import opened
+    from socialbot.commands.why import opened
 
     kind = kind or SUFFIXES.get(out.suffix)
     if kind is None:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -11,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.planning.moving import DOMAIN, HARD_DOMAIN, PLAN, PROBLEM
+from tests.system.running import socialbot_here
 
 pytest.importorskip("kairos", reason="kairos-planner is not installed")
 
@@ -19,13 +19,13 @@ HARD_PROBLEM = f"""(define (problem far) (:domain hard) (:objects {" ".join(f"o{
   (:goal (and (p o39 o38 o37) (> (n) 5000))))"""
 
 
-def command(*args: object) -> list[str]:
-    return [sys.executable, "-m", "socialbot", "plan", *map(str, args)]
+@pytest.fixture(autouse=True)
+def _wide(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
 
 
-def socialbot(*args: object, **environment: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "COLUMNS": "200", **environment}
-    return subprocess.run(command(*args), capture_output=True, text=True, timeout=100, check=False, env=environment)
+def socialbot(*args: object) -> subprocess.CompletedProcess[str]:
+    return socialbot_here("plan", *args)
 
 
 @pytest.fixture
@@ -53,8 +53,10 @@ def test_into_a_pipe_a_plan_goes_as_planners_write_it_and_is_valid_when_read_aga
     assert (checked.stdout, checked.returncode) == ("valid: 4 steps, makespan 14.000 s\n", 0)
 
 
-def test_on_a_terminal_a_plan_is_a_table(files):
-    ended = socialbot(*files, "--timeout", 60, FORCE_COLOR="1", TERM="dumb")
+def test_on_a_terminal_a_plan_is_a_table(files, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "dumb")
+    ended = socialbot(*files, "--timeout", 60)
     assert ended.returncode == 0
     assert "rob cup kitchen" in ended.stdout
     assert "start, s" in ended.stdout
@@ -164,7 +166,8 @@ def test_a_plan_that_cannot_be_read(files, tmp_path):
 
 def test_a_signal_ends_it_well_and_the_planner_with_it(tmp_path):
     files = written(tmp_path, HARD_DOMAIN, HARD_PROBLEM)
-    running = subprocess.Popen(command(*files, "--timeout", 1000), stderr=subprocess.PIPE)
+    command = [sys.executable, "-m", "socialbot", "plan", *map(str, files), "--timeout", "1000"]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE)
     end = time.monotonic() + 60
     while not (planners := children_of(running.pid)) and time.monotonic() < end:
         time.sleep(0.01)

@@ -12,8 +12,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from socialbot.commands.inspect import PORT, InspectOption, PortOption, watched
 from socialbot.completion import graph_names
-from socialbot.inspect_cli import PORT, InspectOption, PortOption, watched
 
 if TYPE_CHECKING:
     from socialbot.demo import Run

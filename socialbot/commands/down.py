@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from socialbot.completion import graph_names
-from socialbot.deploy_cli import is_deployment
 from socialbot.ending import Ending
 from socialbot.errors import GraphError, ParameterError
 from socialbot.messages import UpStatus
@@ -120,8 +119,9 @@ def end(runs: Runs, found: Sequence[UpStatus], ending: Ending, timeout_s: float)
 
 def _enter(file: str | None, machine: str | None) -> Target:
     """Joins the graph of ``file``, and says what of it is to end."""
+    from socialbot.deployment.deployment_file import is_deployment, load_deployment
+
     if file is not None and is_deployment(file):
-        from socialbot.deployment.deployment_file import load_deployment
         from socialbot.deployment.entering import enter
 
         deployment = load_deployment(Path(file))

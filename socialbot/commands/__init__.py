@@ -1,0 +1,1 @@
+"""The commands of ``socialbot``, one a module; `socialbot.cli` puts them together."""
