@@ -25,6 +25,10 @@ ARGUMENTS = {
     "params_file": ("", "a ROS parameter file for all nodes"),
     "sim_time": ("false", "whether the time comes from /clock"),
     "respawn": ("true", "whether a node that ends is started again"),
+    "translate": (
+        "false",
+        "true: say all in types of RViz, vision_msgs and ROS4HRI, too; head: also where the head is",
+    ),
 }
 RESPAWN_DELAY_S = 1.0
 
@@ -41,7 +45,7 @@ def generate_launch_description():
 def nodes(context):
     """The nodes that the arguments ask for."""
     given = {name: context.launch_configurations[name] for name in ARGUMENTS}
-    return [
+    started = [
         Node(
             package="socialbot",
             executable="node",
@@ -55,6 +59,24 @@ def nodes(context):
         )
         for process in processes(given, Path(launch_config.log_dir) / "socialbot")
     ]
+    return started if given["translate"] == "false" else [*started, translator(given)]
+
+
+def translator(given):
+    """What says all again in types that other packages know."""
+    machine = ["--machine", machine_of(given)] if given["deployment"] else []
+    head = ["--head"] if given["translate"] == "head" else []
+    changes = [part for change in shlex.split(given["set"]) for part in ("--set", change)]
+    return Node(
+        package="socialbot",
+        executable="socialbot",
+        name="translator",
+        arguments=["translate", given["deployment"] or given["graph"], *machine, *head, *changes],
+        ros_arguments=["-p", f"use_sim_time:={given['sim_time']}"],
+        output="screen",
+        respawn=given["respawn"] == "true",
+        respawn_delay=RESPAWN_DELAY_S,
+    )
 
 
 def processes(given, folder):
@@ -62,7 +84,11 @@ def processes(given, folder):
     changes = shlex.split(given["set"])
     if given["deployment"]:
         deployment = load_deployment(Path(given["deployment"]))
-        machine = given["machine"] or deployment.this_machine()
-        return machine_processes(deployment, machine, folder, with_changes(deployment.graph, changes))
+        return machine_processes(deployment, machine_of(given), folder, with_changes(deployment.graph, changes))
     graph = with_changes(load_graph(given["graph"]), changes)
     return graph_processes(graph, folder, sim_time=given["sim_time"] == "true")
+
+
+def machine_of(given):
+    """Which machine of the deployment this is."""
+    return given["machine"] or load_deployment(Path(given["deployment"])).this_machine()

@@ -6,7 +6,6 @@ All topics are ROS 2 messages with their definitions inside, so other tools that
 from __future__ import annotations
 
 import heapq
-import math
 import tempfile
 from collections.abc import Iterator
 from operator import itemgetter
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from socialbot.bridge.bags import Bag, BagWriter, RosbagsTypes
+from socialbot.bridge.standard_messages import HeadPose, StandardMessages
 from socialbot.clock import SECOND
 from socialbot.errors import BagError
 from socialbot.inspect.run import Run
@@ -24,14 +24,10 @@ from socialbot.status import NodeStatus
 ANNOTATIONS = "/humans/bodies/image_annotations"
 DETECTIONS = "/humans/bodies/detections"
 DIAGNOSTICS_EVERY = SECOND
-BASE, PAN, TILT, CAMERA, OPTICAL = "base_link", "head_pan_link", "head_tilt_link", "camera_link", "camera_optical_frame"
-"""Frames, from the foot of the robot to its camera (REP-105); the last looks along z (REP-103)."""
-
-HEAD_HEIGHT_M = 1.2
 _LINE_LOOP = 2
 _INFO, _WARN = 20, 30
 _OK, _WARNING, _ERROR = 0, 1, 2
-_LEVELS = {"ok": _OK, "": _OK, "waiting": _WARNING, "degraded": _WARNING, "ended": _WARNING}
+_LEVELS = {"ok": _OK, "": _OK, "paused": _WARNING, "waiting": _WARNING, "degraded": _WARNING, "ended": _WARNING}
 
 Item = tuple[int, str, Any]
 """A time (ns), a topic and a ROS message or one of socialbot."""
@@ -79,12 +75,13 @@ class _Show:
 
     def __init__(self) -> None:
         self.types = RosbagsTypes()
+        self._standard = StandardMessages(self.types)
 
     def people(self, run: Run) -> Iterator[Item]:
         for found in detections_of(run):
             yield found.stamp, DETECTIONS, found
             yield found.stamp, ANNOTATIONS, self._annotations(found)
-            yield found.stamp, "/tf", self._bodies(found)
+            yield found.stamp, "/tf", self._standard.bodies(found)
 
     def log(self, run: Run) -> Iterator[Item]:
         for record in run.history:
@@ -98,14 +95,9 @@ class _Show:
 
     def head(self, run: Run) -> Iterator[Item]:
         start = run.history.start or 0
-        fixed = [
-            self._transform(start, TILT, CAMERA),
-            # From "x forward, y left, z up" to "z forward, x right, y down".
-            self._transform(start, CAMERA, OPTICAL, rotation=(-0.5, 0.5, -0.5, 0.5)),
-        ]
-        yield start, "/tf_static", self.types.make("tf2_msgs/msg/TFMessage", transforms=fixed)
+        yield start, "/tf_static", self._standard.mounting(start, camera_on_head=False)
         for pose in [Pose(start, 0.0, 0.0), *poses_of(run)]:
-            yield pose.stamp, "/tf", self._head(pose)
+            yield pose.stamp, "/tf", self._standard.head(pose.stamp, HeadPose(pose.pan, pose.tilt))
 
     def diagnostics(self, run: Run) -> Iterator[Item]:
         stamp, end = run.history.start or 0, run.history.end or 0
@@ -113,7 +105,7 @@ class _Show:
             nodes = run.nodes(stamp)
             if nodes:
                 status = [self._status(node) for node in nodes]
-                header = self._header(stamp)
+                header = self._standard.header(stamp)
                 yield (
                     stamp,
                     "/diagnostics",
@@ -121,18 +113,11 @@ class _Show:
                 )
             stamp += DIAGNOSTICS_EVERY
 
-    def _time(self, stamp: int) -> Any:
-        seconds, rest = divmod(stamp, SECOND)
-        return self.types.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
-
-    def _header(self, stamp: int, frame_id: str = "") -> Any:
-        return self.types.make("std_msgs/msg/Header", stamp=self._time(stamp), frame_id=frame_id)
-
     def _colour(self, red: float, green: float, blue: float, alpha: float) -> Any:
         return self.types.make("foxglove_msgs/msg/Color", r=red, g=green, b=blue, a=alpha)
 
     def _annotations(self, found: PersonDetections) -> Any:
-        make, time = self.types.make, self._time(found.stamp)
+        make, time = self.types.make, self._standard.time(found.stamp)
         outline, clear = self._colour(0.1, 0.8, 0.3, 1.0), self._colour(0.0, 0.0, 0.0, 0.0)
         boxes, texts = [], []
         for person in found.persons:
@@ -164,43 +149,10 @@ class _Show:
             )
         return make("foxglove_msgs/msg/ImageAnnotations", circles=[], points=boxes, texts=texts)
 
-    def _bodies(self, found: PersonDetections) -> Any:
-        bodies = []
-        for person in found.persons:
-            if person.distance_m is not None and person.bearing_rad is not None and person.track_id:
-                x, y = (person.distance_m * turn(person.bearing_rad) for turn in (math.cos, math.sin))
-                bodies.append(self._transform(found.stamp, BASE, f"body_{person.track_id}", (x, y, 0.0)))
-        return self.types.make("tf2_msgs/msg/TFMessage", transforms=bodies)
-
-    def _head(self, pose: Pose) -> Any:
-        half_pan, half_tilt = pose.pan / 2, -pose.tilt / 2  # a positive turn about y looks down
-        transforms = [
-            self._transform(
-                pose.stamp, BASE, PAN, (0.0, 0.0, HEAD_HEIGHT_M), (0.0, 0.0, math.sin(half_pan), math.cos(half_pan))
-            ),
-            self._transform(pose.stamp, PAN, TILT, rotation=(0.0, math.sin(half_tilt), 0.0, math.cos(half_tilt))),
-        ]
-        return self.types.make("tf2_msgs/msg/TFMessage", transforms=transforms)
-
-    def _transform(
-        self,
-        stamp: int,
-        parent: str,
-        child: str,
-        place: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        rotation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
-    ) -> Any:
-        make = self.types.make
-        moved = make("geometry_msgs/msg/Vector3", **dict(zip("xyz", place, strict=True)))
-        turned = make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", rotation, strict=True)))
-        transform = make("geometry_msgs/msg/Transform", translation=moved, rotation=turned)
-        header = self._header(stamp, parent)
-        return make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=transform)
-
     def _log(self, sentence: Sentence) -> Any:
         return self.types.make(
             "rcl_interfaces/msg/Log",
-            stamp=self._time(sentence.stamp),
+            stamp=self._standard.time(sentence.stamp),
             level=_WARN if sentence.is_failure else _INFO,
             name=sentence.source.strip("/"),
             msg=sentence.text,

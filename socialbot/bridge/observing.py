@@ -61,7 +61,8 @@ def observing(
 ) -> Iterator[Onlooker]:
     """Calls ``observe`` with each message of ``topics``, and ``note`` with each node's statistics, from one thread.
 
-    Of those that are ``latched`` it hears what was said last before it came. ``form`` is that of the graph's messages. Raises InstallationError when there is no ROS, or not that form.
+    Of those that are ``latched`` it hears what was said last before it came. ``form`` is that of the graph's messages.
+    Raises InstallationError when there is no ROS, or not that form.
     """
     environment.require_ros()
     from diagnostic_msgs.msg import DiagnosticArray

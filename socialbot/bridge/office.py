@@ -8,24 +8,32 @@ from typing import Any
 
 from socialbot.agents.agent_node import AGENT_ANSWERS, AGENT_COMMANDS
 from socialbot.bridge.qos import publisher_qos, subscription_qos
-from socialbot.bridge.wire import wire
+from socialbot.bridge.wire import KEYS_VARIABLE, reason_of, wire
 from socialbot.clock import WallClock
 from socialbot.errors import MessageError
 from socialbot.graph import Delivery, WireForm
-from socialbot.messages import AgentAnswer, AgentCommand, Command
+from socialbot.health import HEALTH_TOPIC
+from socialbot.messages import AgentAnswer, AgentCommand, Command, Health
 
 ANSWER_WITHIN_S = 3.0
+
+AT_ODDS = {
+    "sealed": f"the graph has keys and the inspector has none (set {KEYS_VARIABLE}, see docs/security.md)",
+    "unsealed": "the inspector has a key and the graph has none",
+    "unknown sender": "the inspector does not know the key of the graph",
+}
+"""By the reason why nothing that a graph says can be read: why it would not listen either."""
 
 
 class RosOffice:
     """Takes commands to agents by ``ros``, a node that spins; messages have the ``form`` of the graph.
 
-    Raises what `wire` does.
+    It is shut as long as it can read nothing of what the nodes say of their health. Raises what `wire` does.
     """
 
-    shut = ""
-
     def __init__(self, ros: Any, form: WireForm = "json") -> None:
+        self.shut = ""
+        self._understands = False
         self._wire = wire(form=form)
         self._clock = WallClock()
         self._waiting: dict[str, tuple[asyncio.AbstractEventLoop, asyncio.Future[AgentAnswer]]] = {}
@@ -37,6 +45,13 @@ class RosOffice:
             self._wire.message_class(AgentAnswer),
             AGENT_ANSWERS,
             self._hear,
+            subscription_qos(Delivery.EVERY, outside=False),
+        )
+        self._health = self._wire.inlet(HEALTH_TOPIC)
+        ros.create_subscription(
+            self._wire.message_class(Health),
+            HEALTH_TOPIC,
+            self._try_to_read,
             subscription_qos(Delivery.EVERY, outside=False),
         )
 
@@ -63,6 +78,16 @@ class RosOffice:
         if answer is not None and (waiting := self._waiting.get(answer.id)) is not None:
             loop, future = waiting
             loop.call_soon_threadsafe(_settle, future, answer)
+
+    def _try_to_read(self, ros_message: Any) -> None:
+        if self._understands:  # whatever strangers say then
+            return
+        try:
+            self._health.decode(Health, ros_message)
+        except MessageError as error:
+            self.shut = AT_ODDS.get(reason_of(error), self.shut)
+        else:
+            self._understands, self.shut = True, ""
 
 
 def _settle(future: asyncio.Future[AgentAnswer], answer: AgentAnswer) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-PACKAGES = ("foxglove_msgs", "tf2_msgs")
+PACKAGES = ("foxglove_msgs", "hri_msgs", "tf2_msgs", "vision_msgs")
 
 DEFINITIONS: Mapping[str, str] = MappingProxyType(
     {
@@ -47,6 +47,30 @@ foxglove_msgs/PointsAnnotation[] points
 foxglove_msgs/TextAnnotation[] texts
 """,
         "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
+        "vision_msgs/msg/Point2D": "float64 x\nfloat64 y\n",
+        "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta\n",
+        "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y\n",
+        "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
+        "vision_msgs/msg/ObjectHypothesisWithPose": """
+vision_msgs/ObjectHypothesis hypothesis
+geometry_msgs/PoseWithCovariance pose
+""",
+        "vision_msgs/msg/Detection2D": """
+std_msgs/Header header
+vision_msgs/ObjectHypothesisWithPose[] results
+vision_msgs/BoundingBox2D bbox
+string id
+""",
+        "vision_msgs/msg/Detection2DArray": "std_msgs/Header header\nvision_msgs/Detection2D[] detections\n",
+        "hri_msgs/msg/IdsList": "std_msgs/Header header\nstring[] ids\n",
+        "hri_msgs/msg/NormalizedRegionOfInterest2D": """
+std_msgs/Header header
+float32 xmin
+float32 ymin
+float32 xmax
+float32 ymax
+float32 c
+""",
     }
 )
 """The text of the definition of each type, by its name."""

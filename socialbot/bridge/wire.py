@@ -30,6 +30,9 @@ KEYS_VARIABLE = "SOCIALBOT_KEYS"
 """Names the folder of keys, and one's own among them: FOLDER or FOLDER:NAME."""
 
 WINDOW_VARIABLE = "SOCIALBOT_KEYS_WINDOW_S"
+SEALED = '{"schema":"socialbot/Sealed/'
+"""What is sealed begins so. Who has no keys need not load what opens it to know that."""
+
 LEAST_WINDOW_S, LONGEST_WINDOW_S = 0.1, 60.0
 
 RENEWALS_A_WINDOW = 2
@@ -94,9 +97,13 @@ class Inlet:
 
     def open(self, ros_message: Any) -> Any | None:
         """A String without its seal, if it has to have one; None and errors as in `decode`."""
-        if self._opener is None:
-            return ros_message
         text = getattr(ros_message, "data", None)
+        if self._opener is None:
+            if isinstance(text, str) and text.startswith(SEALED):
+                from socialbot.security.seal import SealError
+
+                raise SealError("sealed", "there is no key here")
+            return ros_message
         if not isinstance(text, str):
             raise MessageError(f"not a valid {STRING}: {type(ros_message).__name__} holds no text")
         payload = self._opener.open(text)

@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from socialbot.bridge import codec
-from socialbot.bridge.bag_cli import bag as commands
 from socialbot.bridge.bag_convert import convert_bag
 from socialbot.bridge.bags import BagWriter, RosbagsTypes, open_bag
+from socialbot.commands.bag import bag as commands
 from socialbot.errors import BagError
 from socialbot.messages import (
     CompressedImage,
@@ -114,4 +114,4 @@ def test_the_command_tells_what_it_did(recorded: Path, tmp_path: Path) -> None:
     answer = CliRunner().invoke(commands, ["convert", str(recorded), str(tmp_path / "t"), "--wire", "typed"])
     assert answer.exit_code == 0, answer.output
     assert "as before: /speech/say: 1, first: plain text" in answer.output
-    assert "5 of them now typed" in answer.output.replace("\n", " ")
+    assert "5 of them now typed" in " ".join(answer.output.split())

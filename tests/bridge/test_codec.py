@@ -28,7 +28,7 @@ from socialbot.agent_messages import (
     PlanExecutionInfo,
 )
 from socialbot.agents.hospital import messages as hospital
-from socialbot.agents.hospital import ward_messages as ward
+from socialbot.agents.hospital.ward import messages as ward
 from socialbot.agents.warehouse.messages import (
     BoxPosition,
     BoxPositions,

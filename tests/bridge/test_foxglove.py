@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 from socialbot.bridge.bags import BagWriter, open_bag
 from socialbot.bridge.foxglove import export_foxglove
+from socialbot.commands.export import export
 from socialbot.errors import BagError, ParameterError
-from socialbot.export_cli import export
 from socialbot.inspect.run_folder import RecordedRun, open_run
 from socialbot.inspect.streams import detections_of, minds_of, poses_of, sentences_of
 from socialbot.messages import CompressedImage, TraceRecord
@@ -114,8 +114,8 @@ def test_boxes_frames_and_turns_are_where_they_should_be(run: RecordedRun, tmp_p
     assert parents == {
         "head_pan_link": "base_link",
         "head_tilt_link": "head_pan_link",
-        "camera_link": "head_tilt_link",
-        "camera_optical_frame": "camera_link",
+        "camera_link": "base_link",
+        "camera_color_optical_frame": "camera_link",
         "body_t1": "base_link",
     }
     pan = [frame for frame in frames if frame.child_frame_id == "head_pan_link"][-1].transform.rotation

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from socialbot.agents.hospital.graphs import hospital
-from socialbot.agents.hospital.ward_messages import ActionCancel, ActionCommand, ActionResult
+from socialbot.agents.hospital.ward.messages import ActionCancel, ActionCommand, ActionResult
 from socialbot.agents.warehouse.messages import MoveCommand
 from socialbot.bridge.bag_writer import BagWriter
 from socialbot.bridge.bags import open_bag

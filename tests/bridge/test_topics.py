@@ -20,8 +20,8 @@ from typer.testing import CliRunner
 from socialbot.bridge.message_text import message_text
 from socialbot.bridge.round_trip import free_domain
 from socialbot.bridge.sending import send
-from socialbot.bridge.topic_cli import rate_line, topic
 from socialbot.bridge.topics import Arrivals, Rate, Topic, messages, onlooker, settled_topics
+from socialbot.commands.topic import rate_line, topic
 from socialbot.errors import GraphError, InstallationError
 from tests.system.running import eventually
 
@@ -292,7 +292,7 @@ class TestCommands:
         [(("echo", "/speech/say"), signal.SIGINT), (("hz", "/camera/image_raw"), signal.SIGTERM)],
     )
     def test_signals_end_it_well(self, arguments, number):
-        command = [sys.executable, "-c", "from socialbot.bridge.topic_cli import topic; topic()", *arguments]
+        command = [sys.executable, "-c", "from socialbot.commands.topic import topic; topic()", *arguments]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         try:
             assert process.stdout is not None

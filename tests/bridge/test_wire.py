@@ -98,6 +98,14 @@ def test_with_keys_nothing_else_is_heard(sealed):
     assert reason_of(none.value) == "unfit"
 
 
+def test_without_keys_what_is_sealed_is_told_as_that(sealed):
+    publisher = Publisher()
+    sealed.outlet(publisher).publish(WORD)
+    with pytest.raises(SealError, match="set SOCIALBOT_KEYS") as caught:
+        Wire(Types()).inlet(TOPIC).decode(Utterance, publisher.sent[0])
+    assert reason_of(caught.value) == "sealed"
+
+
 def test_a_command_cannot_be_moved_to_another_topic(sealed):
     publisher = Publisher("/head/command")
     sealed.outlet(publisher).publish(HeadCommand(stamp=1, mode="centre"))

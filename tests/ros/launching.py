@@ -93,8 +93,9 @@ class Node:
     executable: str
     name: str
     arguments: list[str]
-    additional_env: dict[str, str]
-    parameters: list[str] | None
+    additional_env: dict[str, str] | None = None
+    parameters: list[str] | None = None
+    ros_arguments: list[str] | None = None
     output: str
     respawn: bool
     respawn_delay: float
@@ -103,7 +104,8 @@ class Node:
     def command(self) -> list[str]:
         """The arguments of the executable, as `launch_ros` puts them together."""
         files = [part for file in self.parameters or [] for part in ("--params-file", file)]
-        return [*self.arguments, "--ros-args", "-r", f"__node:={self.name}", *files]
+        own = ["--ros-args", *self.ros_arguments] if self.ros_arguments else []
+        return [*self.arguments, *own, "--ros-args", "-r", f"__node:={self.name}", *files]
 
 
 def performed(value: Any, context: Context) -> str:

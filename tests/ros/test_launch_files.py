@@ -6,30 +6,16 @@ from pathlib import Path
 import pytest
 
 from socialbot.bridge.environment import DATAGRAM_VARIABLE, PACKET_BYTES, UNBOUNDED_BYTES
+from socialbot.bridge.ros_arguments import divided
 from socialbot.bridge.wire import KEYS_VARIABLE
 from socialbot.errors import GraphError, ParameterError
 from socialbot.graph import Graph
 from socialbot.graph_file import GRAPHS, load_graph
 from socialbot.security.paths import FOLDERS_VARIABLE
+from tests.deployment.deployments import PAGE
 from tests.ros.launching import Node, launched
 
 FILES = Path(__file__).parents[2] / "ros" / "launch"
-DEPLOYMENT = """
-graph: waldo
-domain: 42
-machines:
-  robot: {address: 10.77.0.1}
-  workstation: {address: 10.77.0.2}
-nodes:
-  camera: robot
-  speech: robot
-  head: robot
-  image_converter: workstation
-  person_detector: workstation
-  bdi_engine: workstation
-  listener: workstation
-security: {keys: keys}
-"""
 
 
 @pytest.fixture
@@ -84,6 +70,20 @@ def test_what_holds_for_all_nodes_reaches_them_through_the_launch_file_of_waldo(
     assert all("--sim-time" in node.arguments for node in nodes)
 
 
+def test_what_says_all_again_for_viewers_is_started_where_it_is_asked_for(launch, tmp_path):
+    assert "translator" not in names(launch("waldo"))
+    *_, translator = launch("waldo", translate="true", set="head.camera_on_head=true", sim_time="true")
+    assert (translator.name, translator.executable) == ("translator", "socialbot")
+    ours, ros = divided(translator.command)
+    assert ours[:2] == ["translate", "waldo"]
+    assert "head.camera_on_head=true" in ours
+    assert ros == ["--ros-args", "-p", "use_sim_time:=true", "--ros-args", "-r", "__node:=translator"]
+    file = tmp_path / "waldo.yaml"
+    file.write_text(PAGE)
+    *_, translator = launch("workstation", deployment=str(file), translate="head")
+    assert translator.command[:5] == ["translate", str(file), "--machine", "workstation", "--head"]
+
+
 def test_a_parameter_that_is_none_is_refused(launch):
     with pytest.raises(ParameterError, match="no parameter 'sauce'"):
         launch("graph", set="camera.sauce=0")
@@ -91,7 +91,7 @@ def test_a_parameter_that_is_none_is_refused(launch):
 
 def test_each_half_of_a_deployment_has_its_nodes_and_what_carries_its_pictures(launch, tmp_path):
     file = tmp_path / "waldo.yaml"
-    file.write_text(DEPLOYMENT)
+    file.write_text(PAGE)
     robot = launch("robot", deployment=str(file))
     assert names(robot) == {"camera", "speech", "head", "camera_image_raw_to_workstation"}
     workstation = launch("workstation", deployment=str(file))
@@ -101,9 +101,9 @@ def test_each_half_of_a_deployment_has_its_nodes_and_what_carries_its_pictures(l
 
 def test_each_half_knows_the_domain_the_other_machine_and_its_keys(launch, tmp_path):
     file = tmp_path / "waldo.yaml"
-    file.write_text(DEPLOYMENT)
+    file.write_text(PAGE)
     # What is right as it is they inherit.
-    nodes = {node.name: {**os.environ, **node.additional_env} for node in launch("robot", deployment=str(file))}
+    nodes = {node.name: {**os.environ, **(node.additional_env or {})} for node in launch("robot", deployment=str(file))}
     assert {env["ROS_DOMAIN_ID"] for env in nodes.values()} == {"42"}
     assert {env["ROS_STATIC_PEERS"] for env in nodes.values()} == {"10.77.0.2"}
     assert {env[KEYS_VARIABLE] for env in nodes.values()} == {f"{tmp_path / 'keys'}:robot"}
@@ -113,6 +113,6 @@ def test_each_half_knows_the_domain_the_other_machine_and_its_keys(launch, tmp_p
 
 def test_a_machine_that_is_none_is_refused(launch, tmp_path):
     file = tmp_path / "waldo.yaml"
-    file.write_text(DEPLOYMENT)
+    file.write_text(PAGE)
     with pytest.raises(GraphError, match="no machine 'kitchen'"):
         launch("graph", deployment=str(file), machine="kitchen")

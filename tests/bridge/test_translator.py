@@ -1,0 +1,138 @@
+"""A running graph in messages that other packages know."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from socialbot.clock import SECOND
+from socialbot.errors import InstallationError, ParameterError
+from socialbot.graph_file import load_graph
+from socialbot.messages import JointTrajectory, PersonDetection, PersonDetections
+from tests.system.running import eventually
+
+pytestmark = pytest.mark.ros
+
+WALDO = load_graph("waldo")
+
+
+def people(*persons: PersonDetection) -> PersonDetections:
+    return PersonDetections(stamp=SECOND, frame_id="camera", width=640, height=480, persons=persons)
+
+
+ANN = PersonDetection(x=10.0, y=20.0, w=80.0, h=200.0, score=0.9, track_id="t1", distance_m=2.0, bearing_rad=0.1)
+
+
+def turn(stamp: int, pan: float, tilt: float, duration_s: float) -> JointTrajectory:
+    names = ("head_pan_joint", "head_tilt_joint")
+    return JointTrajectory(
+        stamp=stamp, joint_names=names, positions=(pan, tilt), velocities=(0.0, 0.0), duration_s=duration_s
+    )
+
+
+def test_it_hears_people_and_the_joints_of_the_head() -> None:
+    from socialbot.bridge.translator import translated_topics
+
+    assert set(translated_topics(WALDO)) == {
+        "/humans/bodies/detections",
+        "/head_controller/joint_trajectory",
+    }
+
+
+def test_pictures_are_in_the_frame_that_the_camera_names() -> None:
+    from socialbot.bridge.translator import camera_frame
+
+    assert camera_frame(WALDO) == "camera_color_optical_frame"
+    assert camera_frame(WALDO.with_parameters({"camera": {"frame_id": "eye"}})) == "eye"
+    assert camera_frame(load_graph("warehouse")) == "camera_color_optical_frame"
+
+
+def test_what_is_seen_comes_as_markers_and_a_head_as_joints() -> None:
+    from sensor_msgs.msg import JointState
+    from visualization_msgs.msg import MarkerArray
+
+    from socialbot.bridge.session import spinning_node
+    from socialbot.bridge.translator import JOINTS, MARKERS, Translator
+
+    heard = SimpleNamespace(markers=[], joints=[])
+    with spinning_node("viewer") as viewer, spinning_node("translator") as ros:
+        viewer.create_subscription(MarkerArray, MARKERS, heard.markers.append, 10)
+        viewer.create_subscription(JointState, JOINTS, heard.joints.append, 10)
+        translator = Translator(ros, WALDO, head=True)
+
+        def told(one: Any, message: Any) -> bool:
+            translator.take("/x", message)
+            return eventually(lambda: bool(one), 0.3)
+
+        assert eventually(lambda: told(heard.markers, people(ANN)))
+        translator.take("/x", turn(ros.get_clock().now().nanoseconds - 5 * SECOND, 0.4, -0.1, 0.5))
+        assert eventually(lambda: heard.joints and heard.joints[-1].position[0] == pytest.approx(0.4))
+    before, body, text = heard.markers[-1].markers
+    assert before.action == before.DELETEALL
+    assert (body.type, text.type) == (body.CYLINDER, text.TEXT_VIEW_FACING)
+    assert (body.pose.position.x, body.pose.position.y) == pytest.approx((2 * math.cos(0.1), 2 * math.sin(0.1)))
+    assert text.text == "t1 2.0 m"
+    assert heard.joints[-1].name == ["head_pan_joint", "head_tilt_joint"]
+
+
+def test_people_stand_where_they_are_seen_by_a_camera_that_turns_with_the_head() -> None:
+    from visualization_msgs.msg import MarkerArray
+
+    from socialbot.bridge.session import spinning_node
+    from socialbot.bridge.translator import MARKERS, Translator
+
+    heard: list[Any] = []
+    graph = WALDO.with_parameters({"head": {"camera_on_head": True}})
+    with spinning_node("viewer") as viewer, spinning_node("translator") as ros:
+        viewer.create_subscription(MarkerArray, MARKERS, heard.append, 10)
+        translator = Translator(ros, graph, head=False)
+        translator.take("/x", turn(SECOND // 2, math.pi / 2, 0.0, 0.1))
+        translator.take("/x", turn(2 * SECOND, 0.0, 0.0, 0.1))
+
+        def told() -> bool:
+            translator.take("/x", people(ANN))
+            return eventually(lambda: bool(heard), 0.3)
+
+        assert eventually(told)
+    body = heard[-1].markers[1].pose.position
+    assert (body.x, body.y) == pytest.approx((2 * math.cos(math.pi / 2 + 0.1), 2 * math.sin(math.pi / 2 + 0.1)))
+
+
+def test_a_time_that_ros_does_not_know_is_passed_over() -> None:
+    from socialbot.bridge.session import spinning_node
+    from socialbot.bridge.translator import Translator
+
+    with spinning_node("translator") as ros:
+        translator = Translator(ros, WALDO, head=False)
+        for stamp in (10**30, -1):
+            translator.take("/x", PersonDetections(stamp=stamp, frame_id="", width=1, height=1, persons=(ANN,)))
+
+
+def test_there_is_nothing_to_say_of_a_head_that_is_not_there() -> None:
+    from socialbot.bridge.session import spinning_node
+    from socialbot.bridge.translator import Translator
+
+    with spinning_node("translator") as ros, pytest.raises(ParameterError, match="no node of warehouse turns a head"):
+        Translator(ros, load_graph("warehouse"), head=True)
+
+
+def test_what_is_not_installed_is_left_out_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    from socialbot.bridge import translator
+    from socialbot.bridge.session import spinning_node
+
+    real = translator.message_class
+
+    def lacking(kind: str) -> Any:
+        if kind.startswith(("vision_msgs", "hri_msgs", "tf2_msgs")):
+            raise InstallationError("not there")
+        return real(kind)
+
+    monkeypatch.setattr(translator, "message_class", lacking)
+    with spinning_node("translator") as ros:
+        translating = translator.Translator(ros, WALDO, head=True)
+        assert translating.missing == {"vision_msgs", "hri_msgs", "tf2_msgs"}
+        assert [topic.partition(" ")[0] for topic in translating.topics] == [translator.MARKERS, translator.JOINTS]
+        translating.take("/x", people(ANN))

@@ -1,0 +1,120 @@
+"""`socialbot translate` beside a running graph: what other packages of ROS hear of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from socialbot.bridge.bags import open_bag
+from socialbot.messages import CompressedImage
+from tests.ros.interfaces import install
+from tests.system.running import cut, eventually, running
+
+pytestmark = pytest.mark.ros
+
+ROOT = Path(__file__).parents[2]
+SEEING = """
+name: seeing
+inputs: [/camera/image_raw/compressed, /head/command]
+nodes:
+  camera: {type: camera, parameters: {source: PICTURES, loop: true}}
+  image_converter: {type: image_converter}
+  person_detector: {type: person_detector}
+  head: {type: head}
+"""
+BODY = re.compile(r"t\d+")
+HEAD = {"/tf_static": "tf2_msgs/msg/TFMessage", "/joint_states": "sensor_msgs/msg/JointState"}
+PEOPLE = {
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/humans/bodies/markers": "visualization_msgs/msg/MarkerArray",
+    "/humans/bodies/boxes": "vision_msgs/msg/Detection2DArray",
+    "/humans/bodies/tracked": "hri_msgs/msg/IdsList",
+    "/humans/bodies/<id>/roi": "hri_msgs/msg/NormalizedRegionOfInterest2D",
+}
+
+
+@pytest.fixture
+def graph(corridor: Path, tmp_path: Path) -> Iterator[Path]:
+    """A graph that is up, and sees again and again how somebody comes nearer."""
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    with open_bag(cut(corridor, tmp_path / "visit", 7.0, 11.0)) as bag:
+        (topic,) = bag.image_topics
+        for number, (_, picture) in enumerate(bag.messages({topic.name: topic.name})):
+            assert isinstance(picture, CompressedImage)
+            (pictures / f"{number:02}.jpg").write_bytes(picture.data.tobytes())
+    file = tmp_path / "seeing.yaml"
+    file.write_text(SEEING.replace("PICTURES", str(pictures)))
+    with running("up", file, "--out", tmp_path / "run"):
+        yield file
+
+
+@pytest.mark.slow
+def test_viewers_hear_of_people_until_it_is_told_to_end(graph: Path) -> None:
+    from visualization_msgs.msg import MarkerArray
+
+    from socialbot.bridge.session import spinning_node
+
+    heard: list[Any] = []
+    with spinning_node("viewer") as viewer, running("translate", graph) as translating:
+        viewer.create_subscription(MarkerArray, "/humans/bodies/markers", heard.append, 10)
+        assert eventually(lambda: any(len(array.markers) > 1 for array in heard), 180)
+        translating.send_signal(signal.SIGINT)
+        printed, _ = translating.communicate(timeout=15)
+    assert translating.returncode == 0, printed
+    assert "/humans/bodies/markers  visualization_msgs/msg/MarkerArray" in printed
+    cylinder, text = next(array.markers[1:3] for array in heard if len(array.markers) > 1)
+    assert cylinder.header.frame_id == "base_link"
+    assert 2.0 < cylinder.pose.position.x < 10.0
+    assert text.text.endswith(" m")
+
+
+@pytest.fixture
+def standard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Processes find the packages that are not among the wheels."""
+    prefix = install(("tf2_msgs", "vision_msgs", "hri_msgs"), tmp_path)
+    (packages,) = prefix.glob("lib/python*/site-packages")
+    for name, folder in {"PYTHONPATH": packages, "LD_LIBRARY_PATH": prefix / "lib"}.items():
+        monkeypatch.setenv(name, f"{folder}:{os.environ.get(name, '')}")
+
+
+def heard(types: dict[str, str]) -> dict[str, Any]:
+    """What somebody hears on each topic who knows their types."""
+    command = [sys.executable, "-m", "tests.system.listening", "120", *(f"{one}={kind}" for one, kind in types.items())]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("standard")
+def test_tf_vision_msgs_and_ros4hri_hear_of_people_in_their_own_types(graph: Path) -> None:
+    with running("translate", graph):
+        told = heard(PEOPLE)
+    assert set(told) == set(PEOPLE)
+    # On a busy machine, which sees few pictures, the same person may be another body a moment later.
+    assert all(BODY.fullmatch(body) for body in told["/humans/bodies/tracked"]["ids"])
+    (box,) = told["/humans/bodies/boxes"]["detections"]
+    assert BODY.fullmatch(box["id"])
+    assert box["results"][0]["hypothesis"]["class_id"] == "person"
+    region = told["/humans/bodies/<id>/roi"]
+    assert 0 <= region["xmin"] < region["xmax"] <= 1
+    assert 0 <= region["ymin"] < region["ymax"] <= 1
+    (frame,) = told["/tf"]["transforms"]
+    assert frame["header"]["frame_id"] == "base_link"
+    assert BODY.fullmatch(frame["child_frame_id"].removeprefix("body_"))
+    assert 2.0 < frame["transform"]["translation"]["x"] < 10.0
+    with running("translate", graph, "--head"):
+        told = heard(HEAD)
+    frames = {each["child_frame_id"]: each["header"]["frame_id"] for each in told["/tf_static"]["transforms"]}
+    assert frames == {"camera_link": "base_link", "camera_color_optical_frame": "camera_link"}
+    assert told["/joint_states"]["name"] == ["head_pan_joint", "head_tilt_joint"]
