@@ -10,7 +10,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
@@ -21,8 +20,10 @@ from rich.table import Table
 from evaluation.engine_host import host, latency
 from evaluation.engine_peers import Workload, peers
 from evaluation.engine_workloads import QUICK, WORKLOADS, Figures, Scale
-from evaluation.report import JsonOption, Machine, QuickOption, run
+from evaluation.report import JsonOption, Machine, QuickOption, run, setting, write
 from socialbot.errors import SocialbotError
+from socialbot.report.page import Page, Section
+from socialbot.report.page import table as html_table
 
 OnlyOption = Annotated[
     str | None, typer.Option("--only", metavar="W1,W2a", help="Only these workloads (W1 to W6, latency).")
@@ -33,6 +34,12 @@ MEASURES: dict[str, Callable[[Scale], Figures]] = {**WORKLOADS, "W6": host, "lat
 
 PAGE_WIDTH = 150
 
+NOTE = (
+    "Rates are per second of processor time, each the best of several passes; a ratio is the engine's rate by that of "
+    "the loop written by hand. An aim is what is hoped for beyond what is required."
+)
+VERDICT = 7
+"""The column of the table that says whether a figure is as required."""
 UNMET = frozenset({"below", "above"})
 MARKS = {
     "": "",
@@ -182,34 +189,64 @@ class Findings:
             return rates.get(line.key)
         return rates.get(line.rate, rates.get("engine_rate") if line.rate.startswith("engine_rate") else None)
 
+    def page(self) -> Page:
+        """The table as a page."""
+        judged = [line for line, value in self.measured() if line.verdict(value)]
+        unmet = self.unmet()
+        missed = f"; not met: {', '.join(unmet)}" if unmet else ""
+        rows = [[(text, "r" if n >= 2 else "") for n, text in enumerate(row)] for row in self._rows()]
+        for row in rows:
+            word, _ = row[VERDICT]
+            row[VERDICT] = (word, "bad" if word in UNMET else "good")
+        heads = ("", "", *self._heads())
+        content = html_table(heads, rows, right=range(2, len(heads))) if rows else ""
+        return Page(
+            title=f"engine{' (quick)' if self.quick else ''}",
+            lead=f"{len(judged) - len(unmet)} of {len(judged)} requirements are met{missed}." if judged else "",
+            verdict="" if not judged else "requirements not met" if unmet else "requirements met",
+            good=not unmet,
+            sections=[Section("Workloads", content, NOTE), setting(self.machine)],
+        )
+
     def show(self, console: Console) -> None:
         """Prints the table."""
         console.print(f"[bold]engine[/]{' (quick)' if self.quick else ''}: rates per second of processor time")
         self.machine.show(console)
         table = Table("", "", box=None, pad_edge=False, header_style="dim")
-        for column in ("by hand", "engine", "ratio", "required", "aim", "", *self.others, "times best"):
+        for column in self._heads():
             table.add_column(column, justify="right")
-        before = ""
-        for line, value in self.measured():
-            figures, sign = self.figures[line.workload], "≤ " if line.at_most else ""
-            rate = figures.get(line.rate) if line.rate else None
-            mark = MARKS[line.verdict(value)]
-            table.add_row(
-                line.workload if line.workload != before else "",
-                line.text,
-                _text(figures.get(line.hand)) if line.hand else "",
-                _text(rate),
-                _text(value) if line.key != line.rate else "",
-                f"{sign}{_text(line.required)}" if line.required is not None else "",
-                _text(line.aim),
-                mark,
-                *(_text(self.peer(name, line)) for name in self.others),
-                _times(self.best_peer(line)),
-            )
-            before = line.workload
+        for row in self._rows():
+            row[VERDICT] = MARKS[row[VERDICT]]
+            table.add_row(*row)
         console.print(table)
         unmet = self.unmet()
         console.print(f"not met: {', '.join(unmet)}" if unmet else "All requirements are met.")
+
+    def _heads(self) -> list[str]:
+        """What stands over the columns but the first two."""
+        return ["by hand", "engine", "ratio", "required", "aim", "", *self.others, "times best"]
+
+    def _rows(self) -> list[list[str]]:
+        """The table: workload, what it is, and the columns of `_heads`."""
+        rows: list[list[str]] = []
+        before = ""
+        for line, value in self.measured():
+            figures, sign = self.figures[line.workload], "≤ " if line.at_most else ""
+            row = [
+                line.workload if line.workload != before else "",
+                line.text,
+                _text(figures.get(line.hand)) if line.hand else "",
+                _text(figures.get(line.rate) if line.rate else None),
+                _text(value) if line.key != line.rate else "",
+                f"{sign}{_text(line.required)}" if line.required is not None else "",
+                _text(line.aim),
+                line.verdict(value),
+                *(_text(self.peer(name, line)) for name in self.others),
+                _times(self.best_peer(line)),
+            ]
+            rows.append(row)
+            before = line.workload
+        return rows
 
 
 def measure(names: list[str], scale: Scale, *, quick: bool = False) -> Findings:
@@ -243,16 +280,8 @@ def main(json: JsonOption = None, quick: QuickOption = False, only: OnlyOption =
     """Measure the engine beside a hand-written loop and other engines, workload by workload."""
     findings = measure(chosen(only), QUICK if quick else Scale(), quick=quick)
     if json is not None:
-        write(findings, json)
+        write(findings.content(), findings.page(), json)
     findings.show(Console(highlight=False, width=None if sys.stdout.isatty() else PAGE_WIDTH))
-
-
-def write(findings: Findings, file: Path) -> None:
-    """Writes the figures as JSON. Raises SocialbotError if it cannot."""
-    try:
-        file.write_bytes(msgspec.json.format(msgspec.json.encode(findings.content()), indent=2) + b"\n")
-    except OSError as error:
-        raise SocialbotError(f"cannot be written: {error.strerror}", where=str(file)) from error
 
 
 def _times(factor: float | None) -> str:

@@ -15,7 +15,7 @@ import msgspec
 from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
 from socialbot.agents.hospital.scripted import ScriptedCoordinator, ScriptedNurse, ScriptedSpot, ScriptedUvd
-from socialbot.agents.hospital.ward_node import HospitalWorld
+from socialbot.agents.hospital.ward.world_node import HospitalWorld
 from socialbot.clock import Clock
 from socialbot.errors import NodeError
 from socialbot.graph import Context, Graph, Node, Output, Parameter, Timer

@@ -20,8 +20,8 @@ from evaluation.hospital_runs import LIMIT_S, graph_for, is_drawn
 from socialbot.agents.hospital.coordinator_node import MISSIONS
 from socialbot.agents.hospital.graphs import WORLD
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, MissionView, Problem
-from socialbot.agents.hospital.ward import paper_ward
-from socialbot.agents.hospital.ward_messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState
+from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState
+from socialbot.agents.hospital.ward.ward import paper_ward
 from socialbot.bridge.launch import Launch
 from socialbot.bridge.observing import Fates, observing
 from socialbot.bridge.readiness import expect_free_names

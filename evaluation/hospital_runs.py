@@ -18,10 +18,10 @@ from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordin
 from socialbot.agents.hospital.graphs import WORLD, hospital
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.scripted import ScriptedCoordinator, scripted
-from socialbot.agents.hospital.ward import paper_ward
-from socialbot.agents.hospital.ward_faults import drawn_problems
-from socialbot.agents.hospital.ward_messages import COMMANDS, RESULTS, ActionResult
-from socialbot.agents.hospital.ward_node import HospitalWorld
+from socialbot.agents.hospital.ward.faults import drawn_problems
+from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, ActionResult
+from socialbot.agents.hospital.ward.ward import paper_ward
+from socialbot.agents.hospital.ward.world_node import HospitalWorld
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.graph import Graph
 from socialbot.inline import InlineRunner

@@ -16,8 +16,8 @@ from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordin
 from socialbot.agents.hospital.graphs import WORLD, large_hospital
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, Plan, Problem
 from socialbot.agents.hospital.missions import Policy
-from socialbot.agents.hospital.ward_messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState
-from socialbot.agents.hospital.ward_node import HospitalWorld
+from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState
+from socialbot.agents.hospital.ward.world_node import HospitalWorld
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.graph import Graph
 from socialbot.inline import InlineRunner

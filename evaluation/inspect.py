@@ -38,8 +38,8 @@ from socialbot.clock import SECOND
 from socialbot.errors import NodeError
 from socialbot.graph_file import load_graph
 from socialbot.inspect.serving import Address, serving
-from socialbot.inspect_cli import recorded
 from socialbot.messages import CompressedImage, TraceRecord
+from socialbot.recorded_run import recorded
 from socialbot.run_record import RunRecord
 
 AS_REQUIRED, NOT_AS_REQUIRED = 0, 10

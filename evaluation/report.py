@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -117,16 +117,9 @@ class Report:
         }
 
     def finish(self, file: Path | None) -> None:
-        """Prints the report and, where a ``file`` is given, writes it as JSON, and beside that as a page (.html).
-
-        Raises SocialbotError if it cannot.
-        """
+        """Prints the report and, where a ``file`` is given, writes it: `write`. Raises SocialbotError if it cannot."""
         if file is not None:
-            try:
-                file.write_bytes(msgspec.json.format(msgspec.json.encode(self.content()), indent=2) + b"\n")
-            except OSError as error:
-                raise SocialbotError(f"cannot be written: {error.strerror}", where=str(file)) from error
-            self.page().write(file.with_suffix(".html"))
+            write(self.content(), self.page(), file)
         self.show(Console(highlight=False, width=None if sys.stdout.isatty() else PAGE_WIDTH))
 
     def page(self) -> Page:
@@ -143,7 +136,7 @@ class Report:
             sections=[
                 Section("Figures", self._figures_html()),
                 *(Section(name, series_charts(rows) + _table_html(rows)) for name, rows in self.tables.items()),
-                Section("How this was measured", settings(self._setting())),
+                setting(self.machine),
             ],
         )
 
@@ -161,16 +154,6 @@ class Report:
         ]
         heads = ("figure", "value", "required", "ok", *(["others"] if others else []))
         return html_table(heads, rows, right=(1, 2)) if rows else ""
-
-    def _setting(self) -> dict[str, object]:
-        machine = self.machine
-        return {
-            "command": " ".join(["python", "-m", _module(), *sys.argv[1:]]),
-            "processor": f"{machine.processor}, {machine.cores} cores",
-            "system": machine.system,
-            "load before": machine.load_before,
-            **machine.versions,
-        }
 
     def show(self, console: Console) -> None:
         """Prints the tables."""
@@ -191,6 +174,27 @@ class Report:
                 escape(figure.text), _text(figure.value), limit, ok, *([escape(figure.others)] if others else [])
             )
         return table
+
+
+def write(content: Mapping[str, Any], page: Page, file: Path) -> None:
+    """Writes figures as JSON to ``file``, and their page beside it (.html). Raises SocialbotError if it cannot."""
+    try:
+        file.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
+    except OSError as error:
+        raise SocialbotError(f"cannot be written: {error.strerror}", where=str(file)) from error
+    page.write(file.with_suffix(".html"))
+
+
+def setting(machine: Machine) -> Section:
+    """Where and how figures were taken, for a page."""
+    told = {
+        "command": " ".join(["python", "-m", _module(), *sys.argv[1:]]),
+        "processor": f"{machine.processor}, {machine.cores} cores",
+        "system": machine.system,
+        "load before": machine.load_before,
+        **machine.versions,
+    }
+    return Section("How this was measured", settings(told))
 
 
 def run(command: Callable[..., None]) -> None:

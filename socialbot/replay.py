@@ -129,6 +129,8 @@ def replay(plan: Replay, record: RunRecord, show: Observer) -> Outcome:
     comparison = _compare(plan.bag, graph, decided)
     if comparison is not None:
         results["decisions"] = msgspec.to_builtins(comparison)
+    if scores is not None:
+        record.write_scored(scores.by_frame)
     record.write_results(results)
     if failure is not None:
         raise failure

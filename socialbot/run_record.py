@@ -1,11 +1,12 @@
 """The record of a run: a folder with trace.jsonl, written as things happen, and results.json at the end.
 
-``graph.yaml`` says what ran, ``seen.jsonl`` what a world showed and how the nodes were.
+``graph.yaml`` says what ran, ``seen.jsonl`` what a world showed and how the nodes were; ``scored.jsonl``, where the
+truth is known, what became of the people in each frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Protocol, TypeVar
@@ -28,6 +29,7 @@ from socialbot.messages import (
     Utterance,
 )
 from socialbot.security import paths
+from socialbot.vision.scoring import ScoredFrame
 
 T = TypeVar("T", bound="RunTrace")
 
@@ -45,6 +47,9 @@ STOPPED = "stopped by a signal"
 
 Of a run that failed the error is there.
 """
+
+SCORED = "scored.jsonl"
+"""The file that says whom the detector found and whom it missed, frame by frame, where the truth is known."""
 
 DIAGNOSTICS = "/diagnostics"
 """The topic on which nodes tell how they fare."""
@@ -141,6 +146,10 @@ class RunTrace:
         path = self.folder / "results.json"
         path.write_bytes(msgspec.json.format(msgspec.json.encode(results), indent=2) + b"\n")
         return path
+
+    def write_scored(self, frames: Iterable[ScoredFrame]) -> None:
+        """Writes scored.jsonl: a line for each frame that the truth was known of."""
+        (self.folder / SCORED).write_bytes(self._encoder.encode_lines(frames))
 
     def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None:
         """Takes what a node tells on /diagnostics at ``stamp`` (ns)."""

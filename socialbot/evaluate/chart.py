@@ -15,9 +15,13 @@ from socialbot.evaluate.scores import Curve
 
 __all__ = ["COLOURS", "Line", "Mark", "Point", "Track", "curves_chart", "sheet", "timeline"]
 
-COLOURS = ("#0b6e99", "#c45500", "#5b8c2a", "#8e3b8a", "#7a5c00")
-"""Those of the detectors, in their order; dark enough to be read on white."""
-PAPER_COLOUR = "#444444"
+COLOURS = ("#0b7fb0", "#c06a10", "#4f8a2a", "#a558a0", "#8a7015")
+"""Those of the detectors, in their order; to be told from white as from black."""
+SHEET_STYLE = (
+    "text{font:11px sans-serif;fill:#4a5560}.head{font-size:13px;font-weight:600;fill:#1b1f23}.grid{stroke:#e3e3e3}"
+    ".axes{fill:none;stroke:#999}.point{stroke:#fff}.paper{fill:#fff;stroke:#444}"
+)
+"""What is the page's to say of charts, for those that stand in a file of their own."""
 
 Point = tuple[float, float]
 """Recall and precision."""
@@ -48,13 +52,13 @@ def curves_chart(title: str, lines: Sequence[Line], paper: Point | None) -> str:
             x, y = _at(*line.point)
             label = f"{line.name}: recall {line.point[0]:.3f}, precision {line.point[1]:.3f}"
             parts.append(
-                f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4.5" fill="{line.colour}" stroke="#fff" stroke-width="1.5">'
+                f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4.5" fill="{line.colour}" class="point" stroke-width="1.5">'
                 f"<title>{escape(label)}</title></circle>"
             )
     if paper is not None:
         x, y = _at(*paper)
         parts.append(
-            f'<path d="M{x:.1f} {y - 6:.1f}l6 6l-6 6l-6-6z" fill="#fff" stroke="{PAPER_COLOUR}" stroke-width="1.8">'
+            f'<path d="M{x:.1f} {y - 6:.1f}l6 6l-6 6l-6-6z" class="paper" stroke-width="1.8">'
             f"<title>the paper: recall {paper[0]:.3f}, precision {paper[1]:.3f}</title></path>"
         )
     width, height = _LEFT + _SIZE + _RIGHT, _TOP + _SIZE + _BOTTOM
@@ -67,8 +71,7 @@ def sheet(charts: Sequence[str], colours: Sequence[tuple[str, str]], columns: in
     """``charts`` of `curves_chart` in rows of so many ``columns`` as a file of its own, with a key of ``colours``."""
     width, height, top = _LEFT + _SIZE + _RIGHT + 8, _TOP + _SIZE + _BOTTOM + 8, 26
     rows = -(-len(charts) // columns)
-    style = "text{font:11px sans-serif;fill:#4a5560}.head{font-size:13px;font-weight:600;fill:#1b1f23}"
-    parts = [f"<style>{style}</style>", '<rect width="100%" height="100%" fill="#fff"/>']
+    parts = [f"<style>{SHEET_STYLE}</style>", '<rect width="100%" height="100%" fill="#fff"/>']
     for number, (name, colour) in enumerate(colours):
         x = _LEFT + 130 * number
         parts.append(f'<circle cx="{x + 5}" cy="13" r="5" fill="{colour}"/>')
@@ -88,10 +91,10 @@ def _axes(title: str) -> str:
     parts = [f'<text x="{_LEFT}" y="16" class="head">{escape(title)}</text>']
     for tick in (0.0, 0.25, 0.5, 0.75, 1.0):
         x, y = _at(tick, tick)
-        parts.append(f'<path d="M{x:.1f} {_TOP}V{_TOP + _SIZE}M{_LEFT} {y:.1f}H{_LEFT + _SIZE}" stroke="#e3e3e3"/>')
+        parts.append(f'<path d="M{x:.1f} {_TOP}V{_TOP + _SIZE}M{_LEFT} {y:.1f}H{_LEFT + _SIZE}" class="grid"/>')
         parts.append(f'<text x="{x:.1f}" y="{_TOP + _SIZE + 14}" text-anchor="middle">{tick:g}</text>')
         parts.append(f'<text x="{_LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{tick:g}</text>')
-    parts.append(f'<rect x="{_LEFT}" y="{_TOP}" width="{_SIZE}" height="{_SIZE}" fill="none" stroke="#999"/>')
+    parts.append(f'<rect x="{_LEFT}" y="{_TOP}" width="{_SIZE}" height="{_SIZE}" class="axes"/>')
     middle = _TOP + _SIZE / 2
     parts.append(f'<text x="{_LEFT + _SIZE / 2}" y="{_TOP + _SIZE + 29}" text-anchor="middle">recall</text>')
     parts.append(f'<text transform="translate(10 {middle}) rotate(-90)" text-anchor="middle">precision</text>')
@@ -140,7 +143,7 @@ def timeline(seconds: float, tracks: Sequence[Track]) -> str:
     step = next((step for step in (1, 2, 5, 10, 20, 60, 120, 300, 600) if seconds / step <= 12), 3600)
     for tick in range(0, int(seconds) + 1, step):
         x = left + tick * scale
-        parts.append(f'<path d="M{x:.1f} 0V{height - 20}" stroke="#e3e3e3"/>')
+        parts.append(f'<path d="M{x:.1f} 0V{height - 20}" class="grid"/>')
         parts.append(f'<text x="{x:.1f}" y="{height - 6}" text-anchor="middle">{tick} s</text>')
     for number, track in enumerate(tracks):
         middle = row * number + row / 2
@@ -148,7 +151,7 @@ def timeline(seconds: float, tracks: Sequence[Track]) -> str:
         for begin, end, told in track.bars:
             at, long = left + begin * scale, max((end - begin) * scale, 2)
             parts.append(
-                f'<rect x="{at:.1f}" y="{middle - 5:.1f}" width="{long:.1f}" height="10" rx="2" fill="#b9c7d0">'
+                f'<rect x="{at:.1f}" y="{middle - 5:.1f}" width="{long:.1f}" height="10" rx="2" class="there">'
                 f"<title>{escape(told)}</title></rect>"
             )
         for mark in track.marks:

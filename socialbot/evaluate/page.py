@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from html import escape
-from pathlib import Path
 
 from socialbot.clock import SECOND
-from socialbot.errors import SocialbotError
 from socialbot.evaluate.behaviour import GREET_S, OUTCOMES, Deed
 from socialbot.evaluate.chart import Mark, Track, timeline
 from socialbot.evaluate.evaluation import ClipResult, Evaluation
@@ -27,68 +25,74 @@ from socialbot.evaluate.figures import (
     told_bands,
     told_of_any,
 )
-from socialbot.evaluate.markup import STYLE, bar, cell, interval, key, row, table
+from socialbot.evaluate.markup import bar, cell, interval, key, row, table
 from socialbot.evaluate.scores import DRAWS, BandScore
 from socialbot.evaluate.snapshots import STYLES, Pictures, drawn, worst
 from socialbot.evaluate.sources import BLOCK_S
 from socialbot.evaluate.verdicts import CAUSES
 from socialbot.replay import versions
+from socialbot.report.page import Page, Section, wide
 
-__all__ = ["page", "write_page"]
+__all__ = ["page"]
 
 WORST = 6
 """So many frames of each detector and scene are shown."""
+
+PAPER_NOTE = (
+    "The paper's rows are its Tables 2 and 3: other people, other pictures, and another rule for what is a hit. "
+    "Compare the detectors with each other; the paper's rows show where its detector was weak."
+)
+CURVES_NOTE = (
+    "Lines: the detector alone, at every threshold. Dots: the pipeline as it runs, with tracking and its own "
+    "threshold, which may lie off the line. Diamonds: the paper."
+)
+BEHAVIOUR_NOTE = (
+    "Waldo's own mind runs on the detections, and beside it on the truth: what he does there is due. In time is within "
+    f"{GREET_S:g} s of somebody being there. G greeting, H offer of help; green in time, amber late, red wrong; ? is "
+    "what was due and never came. Grey bars are people within his range."
+)
 
 GOOD, POOR, BAD = "#2f8f4e", "#b37a00", "#c0392b"
 _COLOUR_OF = {"in time": GOOD, "late": POOR}
 
 
-def write_page(evaluation: Evaluation, path: Path) -> None:
-    """Writes `page` to ``path``. Raises SocialbotError when that is not possible."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(page(evaluation), "utf-8")
-    except OSError as error:
-        raise SocialbotError(f"cannot be written: {error.strerror}", where=str(path)) from error
-
-
-def page(evaluation: Evaluation) -> str:
-    """The page as text. Reads the sources once more for the pictures of the worst frames."""
-    parts = [
-        "<h1>Seeing people</h1>",
-        _introduction(evaluation),
-        "<h2>F1 by distance</h2>",
-        _summary(evaluation),
-        *([] if evaluation.plan.rules.presence else ["<h2>Beside the paper</h2>", _paper(evaluation)]),
-        "<h2>In full</h2>",
-        *(_full(evaluation, name) for name in evaluation.detectors),
-        "<h2>Precision and recall</h2>",
-        _curves(evaluation),
-        *([] if evaluation.plan.rules.presence else ["<h2>Where false alarms come from</h2>", _causes(evaluation)]),
-        *_behaviour(evaluation),
-        "<h2>The worst frames</h2>",
-        _worst(evaluation),
-        "<h2>How this was measured</h2>",
-        _method(evaluation),
-    ]
-    head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>Seeing people</title>'
-    return (
-        f'<!doctype html>\n<html lang="en"><head>{head}<style>{STYLE}</style></head>\n<body><main>\n'
-        + "\n".join(parts)
-        + "\n</main></body></html>\n"
+def page(evaluation: Evaluation) -> Page:
+    """The page. Reads the sources once more for the pictures of the worst frames."""
+    by_boxes = not evaluation.plan.rules.presence
+    return Page(
+        title="Seeing people",
+        lead=_lead(evaluation),
+        tiles=_tiles(evaluation),
+        sections=[
+            Section("F1 by distance", _key(evaluation) + _summary(evaluation)),
+            Section("Beside the paper", _paper(evaluation) if by_boxes else "", PAPER_NOTE),
+            Section("In full", "".join(_full(evaluation, name) for name in evaluation.detectors)),
+            Section("Precision and recall", _curves(evaluation), CURVES_NOTE),
+            Section("Where false alarms come from", _causes(evaluation) if by_boxes else ""),
+            Section("What Waldo does with it", _behaviour(evaluation), BEHAVIOUR_NOTE),
+            Section("The worst frames", _worst(evaluation)),
+            Section("How this was measured", _method(evaluation)),
+        ],
     )
 
 
-def _introduction(evaluation: Evaluation) -> str:
-    sources = evaluation.plan.sources
+def _lead(evaluation: Evaluation) -> str:
     listed = ", ".join(
         f"{source.name} ({len(source.frames)} frames{', ' + source.split if source.split else ''})"
-        for source in sources
+        for source in evaluation.plan.sources
     )
     speeds = {name: result.speed for name, result in evaluation.detectors.items()}
-    told = [f"{name} {speed}" for name, speed in speeds.items() if speed is not None]
-    pace = f"<p>{escape('; '.join(told))}.</p>" if told else ""
-    return f"<p>{escape(', '.join(evaluation.detectors))} on {escape(listed)}.</p>{pace}{_key(evaluation)}"
+    told = "; ".join(f"{name} {speed}" for name, speed in speeds.items() if speed is not None)
+    return f"{', '.join(evaluation.detectors)} on {listed}.{f' {told}.' if told else ''}"
+
+
+def _tiles(evaluation: Evaluation) -> list[tuple[str, str]]:
+    """F1 at all distances, by detector and scene."""
+    return [
+        (rate(scored.score.overall.score.f1), f"F1 of {name}, {scene}")
+        for name, result in evaluation.detectors.items()
+        for scene, scored in result.scenes.items()
+    ]
 
 
 def _key(evaluation: Evaluation) -> str:
@@ -146,11 +150,7 @@ def _paper(evaluation: Evaluation) -> str:
             row(cells, " ".join(filter(None, ("first" if band != before else "", "paper" if who == "paper" else ""))))
         )
         before = band
-    note = (
-        "The paper's rows are its Tables 2 and 3: other people, other pictures, and another rule for what is a hit. "
-        "Compare the detectors with each other; the paper's rows show where its detector was weak."
-    )
-    return f'<p class="note">{note}</p>{table(heads, rows, left=range(2), groups=groups)}'
+    return table(heads, rows, left=range(2), groups=groups)
 
 
 def _full(evaluation: Evaluation, name: str) -> str:
@@ -187,11 +187,7 @@ def _full(evaluation: Evaluation, name: str) -> str:
 
 
 def _curves(evaluation: Evaluation) -> str:
-    note = (
-        "Lines: the detector alone, at every threshold. Dots: the pipeline as it runs, with tracking and its own "
-        "threshold, which may lie off the line. Diamonds: the paper."
-    )
-    return f'<p class="note">{note}</p>{_key(evaluation)}<div class="charts">{"".join(curve_charts(evaluation))}</div>'
+    return f'{_key(evaluation)}<div class="charts">{"".join(curve_charts(evaluation))}</div>'
 
 
 def _causes(evaluation: Evaluation) -> str:
@@ -211,7 +207,7 @@ def _causes(evaluation: Evaluation) -> str:
     return table(heads, rows, left=range(len(columns) + 2))
 
 
-def _behaviour(evaluation: Evaluation) -> list[str]:
+def _behaviour(evaluation: Evaluation) -> str:
     clips = [
         (name, clip)
         for name, result in evaluation.detectors.items()
@@ -220,7 +216,7 @@ def _behaviour(evaluation: Evaluation) -> list[str]:
         if clip.behaviour is not None
     ]
     if not clips:
-        return []
+        return ""
     heads = ["detector", "clip", *(outcome for outcomes in OUTCOMES.values() for outcome in outcomes)]
     groups = [("", 2), *((f"{deed}s", len(outcomes)) for deed, outcomes in OUTCOMES.items())]
     rows = []
@@ -232,21 +228,11 @@ def _behaviour(evaluation: Evaluation) -> list[str]:
             for number, count in enumerate(clip.behaviour.count(deed).values())
         ]
         rows.append(row([cell(name, "l"), cell(clip.source.name, "l"), *counts]))
-    note = (
-        "Waldo's own mind runs on the detections, and beside it on the truth: what he does there is due. In time is "
-        f"within {GREET_S:g} s of somebody being there. G greeting, H offer of help; green in time, amber late, red "
-        "wrong; ? is what was due and never came. Grey bars are people within his range."
-    )
     by_clip: dict[str, list[tuple[str, ClipResult]]] = {}
     for name, clip in clips:
         by_clip.setdefault(clip.source.name, []).append((name, clip))
     lines = [f"<h3>{escape(clip)}</h3>{_timeline(results)}" for clip, results in by_clip.items()]
-    return [
-        "<h2>What Waldo does with it</h2>",
-        f'<p class="note">{note}</p>',
-        table(heads, rows, left=range(2), groups=groups),
-        *lines,
-    ]
+    return table(heads, rows, left=range(2), groups=groups) + "".join(lines)
 
 
 def _timeline(results: Sequence[tuple[str, ClipResult]]) -> str:
@@ -272,7 +258,7 @@ def _timeline(results: Sequence[tuple[str, ClipResult]]) -> str:
             for act in acts
         )
         tracks.append(Track(name, (), marks))
-    return timeline(seconds, tracks)
+    return wide(timeline(seconds, tracks))
 
 
 def _letter(deed: Deed) -> str:
@@ -300,7 +286,7 @@ def _worst(evaluation: Evaluation) -> str:
                 caption += f": {errors['false']} false, {errors['missed']} missed"
                 figures.append(f"<figure>{drawn(shot, jpeg)}<figcaption>{caption}</figcaption></figure>")
         said = "The pictures of the errors cannot be read any more." if chosen else "No errors."
-        shown = f'<div class="shots">{"".join(figures)}</div>' if figures else f'<p class="note">{said}</p>'
+        shown = f'<div class="frames">{"".join(figures)}</div>' if figures else f'<p class="note">{said}</p>'
         parts.append(f"<h3>{escape(name)}, {escape(scene)}</h3>{shown}")
     return "\n".join(parts)
 
@@ -334,4 +320,4 @@ def _method(evaluation: Evaluation) -> str:
             if clip.missing_frames or clip.damaged
         ]
     items.append(", ".join(f"{name} {version}" for name, version in versions().items()))
-    return "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>"
+    return '<ul class="method">' + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>"

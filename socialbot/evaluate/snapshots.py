@@ -94,7 +94,7 @@ def drawn(shot: Snapshot, jpeg: str) -> str:
     parts += [_rectangle(verdict.box, *STYLES[verdict.kind], 3 * unit) for verdict in verdicts]
     parts += [_label(verdict, unit, width) for verdict in verdicts if verdict.kind in ("false", "missed")]
     label = escape(f"{shot.source.name}, {judged.frame.name}")
-    return f'<svg class="shot" viewBox="0 0 {width} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
+    return f'<svg class="frame" viewBox="0 0 {width} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
 
 
 def _rectangle(box: Box, colour: str, dashes: str, thick: float) -> str:

@@ -25,7 +25,9 @@ APART_S = 0.5
 LOOKED_BACK = 500
 """Among so many records before a moment its frame is looked for."""
 WIDTH, QUALITY = 480, 72
-LIGHT, DARK = "#35d07f", "#10161c"
+DARK = "#10161c"
+STYLES = {"seen": ("#35d07f", ""), "missed": ("#ffd60a", "7 4"), "false": ("#ff5a4f", "")}
+"""Colour and dashes of a box by its kind."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,18 @@ class Shot:
 
     detection: TraceRecord
     why: str
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box in a picture (pixels) with a word at it. ``kind``: seen, missed, or false if it fits nobody."""
+
+    x: float
+    y: float
+    w: float
+    h: float
+    text: str
+    kind: str = "seen"
 
 
 def shots_of(run: Run) -> list[Shot]:
@@ -59,8 +73,13 @@ def frame_of(run: Run, stamp: int, why: str) -> str:
     return "" if detection is None else _figure(run, Shot(detection, why))
 
 
-def drawn(picture: Picture, detection: TraceRecord, label: str) -> str:
-    """A picture as SVG with a box for each person; ``label`` says what it shows. Empty for a damaged picture."""
+def figure(picture: Picture, boxes: Sequence[Box], caption: str) -> str:
+    """A picture with ``boxes`` and a ``caption``. Empty for a damaged picture."""
+    shown = _drawn(picture, boxes, caption)
+    return f"<figure>{shown}<figcaption>{escape(caption)}</figcaption></figure>" if shown else ""
+
+
+def _drawn(picture: Picture, boxes: Sequence[Box], label: str) -> str:
     image = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
         return ""
@@ -69,18 +88,17 @@ def drawn(picture: Picture, detection: TraceRecord, label: str) -> str:
         image = cv2.resize(image, (WIDTH, max(1, round(height * WIDTH / width))), interpolation=cv2.INTER_AREA)
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     source = f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode()}"
-    boxes = "".join(_box(person, width) for person in detection.detail.get("persons", ()))
     return (
         f'<svg class="frame" viewBox="0 0 {width} {height}" role="img" aria-label="{escape(label)}">'
-        f'<image href="{source}" width="{width}" height="{height}"/>{boxes}</svg>'
+        f'<image href="{source}" width="{width}" height="{height}"/>{"".join(_box(box, width) for box in boxes)}</svg>'
     )
 
 
 def _figure(run: Run, shot: Shot) -> str:
     picture = run.picture(shot.detection.stamp)
     caption = f"{run.history.seconds(shot.detection.stamp):.2f} s: {shot.why}"
-    shown = "" if picture is None else drawn(picture, shot.detection, caption)
-    return f"<figure>{shown}<figcaption>{escape(caption)}</figcaption></figure>" if shown else ""
+    people = shot.detection.detail.get("persons", ())
+    return "" if picture is None else figure(picture, [_seen(person) for person in people], caption)
 
 
 def _first_and_most(run: Run) -> Iterator[Shot]:
@@ -109,17 +127,23 @@ def _last_frame(run: Run, stamp: int) -> TraceRecord | None:
     return next((record for record in before if record.kind == "detection"), None)
 
 
-def _box(person: dict[str, Any], width: int) -> str:
-    unit = width / 640
-    x, y, w, h = (float(person[side]) for side in "xywh")
+def _seen(person: dict[str, Any]) -> Box:
     distance = person.get("distance_m")
     text = " ".join(filter(None, (str(person.get("track_id") or ""), "" if distance is None else f"{distance:.1f} m")))
-    place = f'x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="{h:.1f}" fill="none"'
+    x, y, w, h = (float(person[side]) for side in "xywh")
+    return Box(x, y, w, h, text)
+
+
+def _box(box: Box, width: int) -> str:
+    unit = width / 640
+    place = f'x="{box.x:.1f}" y="{box.y:.1f}" width="{box.w:.1f}" height="{box.h:.1f}" fill="none"'
+    colour, dashes = STYLES[box.kind]
+    dash = f' stroke-dasharray="{dashes}"' if dashes else ""
     size = 19 * unit
     return (
         f'<rect {place} stroke="{DARK}" stroke-opacity=".6" stroke-width="{5 * unit:.1f}"/>'
-        f'<rect {place} stroke="{LIGHT}" stroke-width="{2.5 * unit:.1f}"/>'
-        f'<text x="{max(x, 2):.1f}" y="{max(y - 5 * unit, size):.1f}" font-size="{size:.1f}" fill="{LIGHT}" '
+        f'<rect {place} stroke="{colour}" stroke-width="{2.5 * unit:.1f}"{dash}/>'
+        f'<text x="{max(box.x, 2):.1f}" y="{max(box.y - 5 * unit, size):.1f}" font-size="{size:.1f}" fill="{colour}" '
         f'stroke="{DARK}" stroke-width="{4 * unit:.1f}" stroke-linejoin="round" paint-order="stroke">'
-        f"{escape(text)}</text>"
+        f"{escape(box.text)}</text>"
     )

@@ -1,4 +1,7 @@
-"""A chart of what went on when (SVG): a lane for each sort of thing, in it bars from one time to another."""
+"""A chart of what went on when (SVG): a lane for each sort of thing, in it bars from one time to another.
+
+Below the lanes there may be curves on the same scale of time.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
+from socialbot.report.curves import Plot, path
 from socialbot.report.page import wide
 
 LEFT, TOP, BAR, GAP, BETWEEN = 116.0, 22.0, 17.0, 3.0, 9.0
@@ -15,6 +19,8 @@ LEAST_PX, MOST_PX = 6.0, 240.0
 WIDEST_PX = 12_000.0
 LETTER_PX = 6.3
 DOT_PX = 5.0
+PLOT, PLOT_GAP, KEY = 64.0, 18.0, 14.0
+"""Height of curves, what is between them, and of a line of what they are called, pixels."""
 MOST_ROWS = 12
 """So many bars of a lane may lie one below the other; what goes on at the same time besides is drawn over those."""
 
@@ -51,24 +57,31 @@ class Mark:
 
 
 class Lanes:
-    """The chart of some lanes from ``begin_s`` to ``end_s``."""
+    """The chart of some lanes, and of curves below them, from ``begin_s`` to ``end_s``."""
 
     def __init__(
-        self, lanes: Sequence[Lane], end_s: float, *, begin_s: float = 0.0, marks: Sequence[Mark] = ()
+        self,
+        lanes: Sequence[Lane],
+        end_s: float,
+        *,
+        begin_s: float = 0.0,
+        marks: Sequence[Mark] = (),
+        plots: Sequence[Plot] = (),
     ) -> None:
         self._begin_s = begin_s
         self._span_s = max(end_s - begin_s, 0.1)
         usual = min(max(ROOM_PX / self._span_s, LEAST_PX), MOST_PX)
         self._scale = min(usual, WIDEST_PX / self._span_s)
         self._marks = marks
+        self._plots = plots
         self._rows = [(lane.name, _packed(lane.stripes, DOT_PX / self._scale)) for lane in lanes if lane.stripes]
         heights = (len(rows) * (BAR + GAP) + BETWEEN for _, rows in self._rows)
-        self.height = TOP + sum(heights)
+        self.height = TOP + sum(heights) + len(plots) * (PLOT + PLOT_GAP) + PLOT_GAP / 2 * bool(plots)
         self.width = LEFT + self._span_s * self._scale + 24
 
     def html(self, label: str) -> str:
-        """The chart, for a page; ``label`` is what it is called where it cannot be seen. Empty without any bars."""
-        if not self._rows:
+        """The chart, for a page; ``label`` is what it is called where it cannot be seen. Empty without any content."""
+        if not self._rows and not self._plots:
             return ""
         size = f'width="{self.width:.0f}" height="{self.height:.0f}" viewBox="0 0 {self.width:.0f} {self.height:.0f}"'
         parts = [f'<svg class="lanes" role="img" {size}><title>{escape(label)}</title>', *self._axis()]
@@ -82,6 +95,10 @@ class Lanes:
             for number, row in enumerate(rows):
                 parts += self._row(row, top + number * (BAR + GAP))
             top += high + BETWEEN
+        top += PLOT_GAP / 2
+        for plot in self._plots:
+            parts += self._plot(plot, top)
+            top += PLOT + PLOT_GAP
         return wide("".join([*parts, *self._marked(), "</svg>"]))
 
     def _x(self, seconds: float) -> float:
@@ -110,6 +127,21 @@ class Lanes:
             else:
                 yield f'<rect x="{x:.1f}" y="{y:.1f}" width="{end - x - 0.5:.1f}" height="{BAR}" rx="3"/>'
                 yield f'<text x="{x + 4:.1f}" y="{y + 12.5:.1f}">{escape(_cut(stripe.text, end - x - 8))}</text></g>'
+
+    def _plot(self, plot: Plot, top: float) -> Iterator[str]:
+        floor = top + PLOT
+        yield f'<rect class="lane" x="0" y="{top - 3:.1f}" width="{self.width:.0f}" height="{PLOT + 6:.1f}"/>'
+        yield f'<text class="name" x="4" y="{top + 10:.1f}">{escape(_cut(plot.name, LEFT - 24))}</text>'
+        for y, value in ((top, plot.most), (floor, 0.0)):
+            yield f'<line class="tick" x1="{LEFT}" x2="{self.width:.0f}" y1="{y:.1f}" y2="{y:.1f}"/>'
+            yield f'<text class="axis" x="{LEFT - 4}" y="{y + 4:.1f}" text-anchor="end">{value:g}</text>'
+        for number, curve in enumerate(plot.curves, 1):
+            points = [point for point in curve.points if 0.0 <= point[0] - self._begin_s <= self._span_s]
+            way = path(points, lambda at_s, value: (self._x(at_s), floor - PLOT * value / plot.most))
+            at = top + 10 + number * KEY
+            yield f'<g class="curve c-{curve.kind}"><title>{escape(curve.name)}</title><path d="{way}"/>'
+            yield f'<path d="M4 {at - 4:.1f}h12"/>'
+            yield f'<text class="axis" x="20" y="{at:.1f}">{escape(curve.name)}</text></g>'
 
     def _marked(self) -> Iterator[str]:
         for mark in self._marks:

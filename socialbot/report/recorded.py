@@ -14,10 +14,12 @@ from socialbot.inspect.sentences import Teller
 from socialbot.inspect.timeline import Bar
 from socialbot.inspect.why import Explanation, Reason, actions, explain
 from socialbot.messages import Health, TraceRecord
+from socialbot.report.curves import Plot
 from socialbot.report.frames import figures, shots_of
 from socialbot.report.lanes import Lane, Lanes, Mark, Stripe
 from socialbot.report.page import Section, folded, settings, table
 from socialbot.report.rates import rates_chart
+from socialbot.report.vitals import vitals_charts
 from socialbot.status import NodeStatus
 
 MOST_STRIPES = 1500
@@ -33,13 +35,28 @@ PRESENT = frozenset({"people", "head", "speech"})
 PLANNED = PRESENT | {"desires", "plans", "steps"}
 REACTIVE = PRESENT | {"beliefs", "goals", "actions"}
 """Lanes: of who is there and what is said; with what agents do that plan; or that do not."""
+VITALS_NOTE = (
+    "The charts go from the start of the run to its end; those of processor and memory have the same scale. A line is "
+    "broken where a node was silent; red, dashed: it was started again."
+)
+CURVES_NOTE = (
+    "The curves tell, by the ground truth, how many people were there and how many were found, and the rates over the "
+    "seconds around each moment; red lines mark the frames with the most errors."
+)
 FAILED = {"failed", "dropped", "replaced", "expired", "aborted", "lost"}
 
 
-def lanes_of(run: Run, names: Collection[str], *, marks: Sequence[Mark] = (), until_s: float = 0.0) -> str:
+def lanes_of(
+    run: Run,
+    names: Collection[str],
+    *,
+    marks: Sequence[Mark] = (),
+    plots: Sequence[Plot] = (),
+    until_s: float = 0.0,
+) -> str:
     """Who was there, what was believed, wanted, done and said, as a chart of the lanes called ``names``.
 
-    It goes on until ``until_s`` if the run ends before.
+    Below them are the curves of ``plots``. It goes on until ``until_s`` if the run ends before.
     """
     end_s = run.history.seconds(run.end)
     lanes = []
@@ -51,9 +68,9 @@ def lanes_of(run: Run, names: Collection[str], *, marks: Sequence[Mark] = (), un
             lanes.append(_lane(run, agent, name, [_stripe(bar, end_s) for bar in bars]))
     lanes += [_lane(run, agent, "beliefs", stripes) for agent, stripes in believed.items()]
     lanes, begin_s = _latest([lane for lane in lanes if lane.stripes])
-    chart = Lanes(lanes, max(end_s, until_s), begin_s=begin_s, marks=marks).html(f"What went on when in {run.title}")
+    chart = Lanes(lanes, max(end_s, until_s), begin_s=begin_s, marks=marks, plots=plots)
     earlier = f'<p class="note">What was before {begin_s:.0f} s is left out here.</p>' if begin_s else ""
-    return earlier + chart
+    return earlier + chart.html(f"What went on when in {run.title}")
 
 
 def frames(run: Run) -> Section:
@@ -130,6 +147,8 @@ def nodes(run: RecordedRun) -> Section:
     used = [key for key in _NODE_COLUMNS if any(row.get(key) for row in rows)]
     cells = [[(str(row.get(key) or ""), "" if key in _WORDS else "r") for key in used] for row in rows]
     content = table(used, cells, right=[n for n, key in enumerate(used) if key not in _WORDS]) if rows else ""
+    heard = run.told
+    content += vitals_charts({name: heard[name] for row in rows if (name := row["node"]) in heard})
     unwell = {health.node for _, health in run.health if health.state not in ("ok", "ended")}
     told = [
         [(f"{at_s:.2f} s", "r"), (health.node, ""), (health.state, _HEALTHY.get(health.state, "")), (_why(health), "")]
@@ -142,7 +161,7 @@ def nodes(run: RecordedRun) -> Section:
             table(("at", "node", "is", "why"), told[-MOST_EVENTS:], right=(0,)),
             opened=any(health.state in ("failed", "degraded") for _, health in run.health),
         )
-    return Section("How the nodes fared", content)
+    return Section("How the nodes fared", content, VITALS_NOTE if heard else "")
 
 
 def setting(run: RecordedRun) -> Section:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from socialbot.inspect.history import OF_TOPICS
@@ -11,6 +11,7 @@ from socialbot.inspect.why import actions
 from socialbot.report import deliberated, recorded
 from socialbot.report.deliberated import lead_of
 from socialbot.report.page import Page, Section
+from socialbot.report.sight import Sight
 from socialbot.report.story import Story, story_of
 from socialbot.report.summary import Summary
 from socialbot.report.worlds import World
@@ -29,10 +30,11 @@ def page_of(run: RecordedRun, title: str, world: World | None = None) -> Page:
     """The page of a run."""
     of_agents = (record for record in run.history if record.kind not in OF_TOPICS)
     story = story_of(of_agents, run.wording.phrases)
-    general = [recorded.frames(run), recorded.deeds(run), recorded.events(run)]
+    sight = Sight(run)
+    general = [sight.section(), recorded.frames(run), recorded.deeds(run), recorded.events(run)]
     last = [recorded.seen_well(run.results), recorded.nodes(run), recorded.setting(run)]
     if not story.desires:
-        lanes = Section("What went on when", recorded.lanes_of(run, recorded.REACTIVE), recorded.LANES_NOTE)
+        lanes = _lanes("What went on when", sight, recorded.REACTIVE)
         verdict, good = verdict_of(run)
         return Page(
             title=title,
@@ -45,7 +47,7 @@ def page_of(run: RecordedRun, title: str, world: World | None = None) -> Page:
         )
     summary = Summary(story, world.results(story) if world else {})
     scene = world.scene(story, _shots(world, story)) if world else None
-    lanes = Section("Who was there, and what was said", recorded.lanes_of(run, recorded.PRESENT), recorded.LANES_NOTE)
+    lanes = _lanes("Who was there, and what was said", sight, recorded.PRESENT)
     return Page(
         title=title,
         lead=lead_of(story),
@@ -56,6 +58,12 @@ def page_of(run: RecordedRun, title: str, world: World | None = None) -> Page:
         sections=[*deliberated.sections(story, scene), lanes, *general, *last],
         scripts=deliberated.scripts(story, scene),
     )
+
+
+def _lanes(title: str, sight: Sight, names: Collection[str]) -> Section:
+    plots = sight.plots()
+    chart = recorded.lanes_of(sight.run, names, marks=sight.marks(), plots=plots)
+    return Section(title, chart, f"{recorded.LANES_NOTE} {recorded.CURVES_NOTE}" if plots else recorded.LANES_NOTE)
 
 
 def warnings_of(run: RecordedRun) -> list[str]:

@@ -1,4 +1,4 @@
-"""How the page of a run looks and moves: its style sheet and script, for light and dark."""
+"""How pages look and move: their style sheet, for light and dark, and the script of a film."""
 
 from __future__ import annotations
 
@@ -114,6 +114,10 @@ a{color:var(--accent)}
 .s-person{fill:#2e7d68}.s-belief{fill:#6b7886}.s-desire,.s-goal{fill:#7c4fa0}.s-plan{fill:#4f63ad}
 .s-step,.s-action{fill:#9c5e12}.s-speech{fill:#2f6fa8}.s-head{fill:#8a4a68}
 .lanes .failed rect,.lanes .failed circle{stroke:var(--bad);stroke-width:2}
+.lanes .curve path{fill:none;stroke-width:1.8}.lanes text.axis{fill:var(--soft)}
+.c-there path{stroke:var(--soft)}.lanes .c-there path{stroke-width:4;opacity:.45}.c-found path{stroke:#2f8f4e}
+.c-false path{stroke:var(--bad)}.c-precision path,.c-first path{stroke:#0b7fb0}
+.c-recall path,.c-second path{stroke:#c06a10}.c-f1 path{stroke:#2f8f4e}
 .lanes .marked line{stroke:var(--bad);stroke-width:1.6;stroke-dasharray:5 3}
 .frames{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,17rem),1fr));gap:.9rem}
 figure{margin:0}
@@ -136,6 +140,27 @@ figcaption{font-size:13px;color:var(--soft)}
 .series .head{font-size:12.5px;font-weight:600;fill:var(--ink)}
 .series .axes{fill:none;stroke:var(--line)}.series .line{fill:none;stroke:var(--accent);stroke-width:2}
 .series circle{fill:var(--accent)}
+.vitals{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,12.5rem),1fr));gap:.7rem 1rem;
+margin:.4rem 0}
+.vitals svg{display:block;width:100%;height:46px;background:var(--lane)}
+.vitals b{color:var(--ink)}.vitals path{fill:none;stroke-width:1.5;vector-effect:non-scaling-stroke}
+.vitals .axes{stroke:var(--line)}.vitals .again{stroke:var(--bad);stroke-dasharray:4 3}
+.key svg.line{width:14px;height:4px;margin-right:.35rem;vertical-align:3px;stroke-width:2}
+table.scores{width:auto;margin:.6rem 0}
+.scores th,.scores td{text-align:right;padding:.2rem .5rem;font-variant-numeric:tabular-nums;white-space:nowrap}
+.scores th.l,.scores td.l{text-align:left}.scores th.g{text-align:center;border-bottom:0;padding-top:.5rem}
+.scores td.n,.scores th.n{padding-left:1.5rem}.scores td.best{font-weight:700}
+.scores tr.first td{border-top:2px solid var(--line)}.scores tr.paper td{color:var(--soft);font-style:italic}
+td small{color:var(--soft)}
+.bar{display:inline-block;height:9px;border-radius:2px;margin:0 .4rem}.room{display:inline-block;text-align:left}
+.charts{display:flex;flex-wrap:wrap;gap:.4rem 1rem}
+.chart{max-width:100%;height:auto}.timeline{width:100%;min-width:40rem;margin:.2rem 0 .8rem}
+.chart text,.timeline text{font-size:11px;fill:var(--soft)}
+.chart .head{font-size:13px;font-weight:600;fill:var(--ink)}.timeline .letter{fill:#fff;font-weight:700}
+.chart .grid,.timeline .grid{stroke:var(--line)}.chart .axes{fill:none;stroke:var(--soft)}
+.chart .point{stroke:var(--paper)}.chart .paper{fill:var(--paper);stroke:var(--ink)}
+.timeline .there{fill:var(--soft);opacity:.5}
+.method{color:var(--soft);font-size:13.5px;max-width:56rem;padding-left:1.2rem}
 .sides{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,24rem),1fr));gap:1rem}
 .sides>div{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:.6rem .9rem;min-width:0}
 .sides h3{margin:0 0 .4rem}

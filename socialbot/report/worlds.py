@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from socialbot.agents.hospital.outcome import MissionsTold, ward_in
-from socialbot.agents.hospital.ward import Ward
-from socialbot.agents.hospital.ward_film import WardFilm
+from socialbot.agents.hospital.ward.film import WardFilm
+from socialbot.agents.hospital.ward.ward import Ward
 from socialbot.agents.warehouse.cast import GRIPPER, Cast
 from socialbot.agents.warehouse.film import Film
 from socialbot.agents.warehouse.gripper import GripperAgent

@@ -11,15 +11,17 @@ from rich.console import Console
 
 from socialbot.evaluate.chart import Line, Mark, Track, curves_chart, timeline
 from socialbot.evaluate.markdown import markdown, write_markdown
-from socialbot.evaluate.page import page
+from socialbot.evaluate.page import page as page_of
 from socialbot.evaluate.paper import PAPER, paper_scene
 from socialbot.evaluate.pipeline import PipelineSettings, with_changes
 from socialbot.evaluate.scores import BandScore, Curve
 from socialbot.evaluate.sources import bag_source, picture_sources
 from socialbot.evaluate.tables import show
 from socialbot.evaluate.verdicts import Rules
+from socialbot.report.style import STYLE
 from socialbot.vision.scoring import Score
 from tests.evaluate.scenes import drawn_bag, drawn_pictures, evaluated, with_band
+from tests.report.pages import headings
 
 CURVE = Curve(np.array([0.1, 0.5, 0.9]), np.array([1.0, 0.9, 0.6]), np.array([0.9, 0.5, 0.1]))
 BLIND = with_changes(PipelineSettings("hog"), ["threshold=9", "tracker=none"])
@@ -41,6 +43,10 @@ def blind(tmp_path_factory):
     return evaluated([bag_source(bag)], BLIND)
 
 
+def page(evaluation):
+    return page_of(evaluation).html()
+
+
 class Checker(HTMLParser):
     """Notes links to the outside, and tags that are not closed."""
 
@@ -55,7 +61,7 @@ class Checker(HTMLParser):
 
     def handle_startendtag(self, tag, attrs):
         links = [value or "" for name, value in attrs if name in ("src", "href", "xlink:href")]
-        self.outside += [link for link in links if not link.startswith("data:")]
+        self.outside += [link for link in links if not link.startswith(("data:", "#"))]
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
@@ -89,6 +95,22 @@ def test_the_page_shows_what_the_evaluation_says(evaluation):
     assert "0.593" in text  # the paper's
 
 
+def test_the_page_looks_like_all_others_and_has_every_part(evaluation):
+    html = page(evaluation)
+    assert f"<style>{STYLE}</style>" in html
+    assert headings(html) == [
+        "F1 by distance",
+        "Beside the paper",
+        "In full",
+        "Precision and recall",
+        "Where false alarms come from",
+        "What Waldo does with it",
+        "The worst frames",
+        "How this was measured",
+    ]
+    assert html.count('<svg class="chart"') == 2  # precision over recall, for each scene with people
+
+
 def test_the_worst_frames_are_shown_with_what_was_missed(blind):
     text = page(blind)
     checked(text)
@@ -120,7 +142,7 @@ def test_the_summary_has_the_bands_of_every_detector(evaluation):
     other = with_band(hog, "scene1", "outside", BandScore(Score(tp=0, fp=7, fn=0)))
     none = with_band(hog, "scene1", "outside", BandScore(Score()))
     both = replace(evaluation, detectors={"hog": none, "other": other})
-    summary = page(both).partition("F1 by distance")[2].partition("</table>")[0]
+    summary = page(both).partition(">F1 by distance</h2>")[2].partition("</table>")[0]
     rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in summary.split("<tr")]
     assert [cells[1] for cells in rows if cells][:5] == ["0-2 m", "2-10 m", "10-20 m", "outside", "all"]
 

@@ -8,13 +8,15 @@ from rich.console import Console
 
 from evaluation import engine_hand as hand
 from evaluation import engine_programs as programs
-from evaluation.engine import MEASURES, Findings, Line, chosen, lines, write
+from evaluation.engine import MEASURES, Findings, Line, chosen, lines
 from evaluation.engine_hookless import hookless, without_hook
 from evaluation.engine_host import fresh, own_latencies, posted_latencies, wakes
 from evaluation.engine_workloads import QUICK, Scale, descend, join, peak_kib, post, react, ring, select, texts
+from evaluation.report import write
 from evaluation.timing import Passes, take_turns
 from socialbot.bdi import Engine
 from socialbot.errors import SocialbotError
+from tests.report.pages import headings, read
 
 TINY = Scale(
     events=60,
@@ -174,14 +176,25 @@ def findings():
 
 
 def test_the_json_goes_by_workload(findings, tmp_path):
-    write(findings, tmp_path / "engine.json")
+    write(findings.content(), findings.page(), tmp_path / "engine.json")
     content = json.loads((tmp_path / "engine.json").read_text())
     assert content["W1"]["ratio"] == 0.5
     assert content["W1"]["required"] == {"ratio": 0.45, "hook_cost": 0.05}
     assert content["W1"]["peers"] == {"snail": {"engine_rate": 10_000.0}, "turtle": {"engine_rate": 20_000.0}}
     assert content["unmet"] == ["W1.hook_cost", "W2a.ratio_1000"]
     with pytest.raises(SocialbotError, match="cannot be written"):
-        write(findings, tmp_path / "nowhere" / "engine.json")
+        write(findings.content(), findings.page(), tmp_path / "nowhere" / "engine.json")
+
+
+def test_the_page_beside_the_json_has_the_table_of_the_terminal(findings, tmp_path):
+    write(findings.content(), findings.page(), tmp_path / "engine.json")
+    html = (tmp_path / "engine.html").read_text("utf-8")
+    words = " ".join(read(html).split())
+    assert headings(html) == ["Workloads", "How this was measured"]
+    assert "2 of 4 requirements are met; not met: W1.hook_cost, W2a.ratio_1000." in words
+    assert "requirements not met" in words
+    assert "1000 plans for one kind of event 500 k 50 k 0.1 0.4 0.6 below 500 100" in words
+    assert html.count('class="bad"') == 2
 
 
 def test_the_table_tells_what_is_not_met_and_how_far_the_best_other_one_is(findings):

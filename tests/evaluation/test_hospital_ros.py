@@ -12,7 +12,7 @@ from evaluation.hospital_noted import Notes, Said, Work, name_of
 from evaluation.hospital_record import Share
 from evaluation.hospital_ros import Account, Seen, length, run_ros, union, without
 from socialbot.agents.hospital.messages import AclMessage, Belief, Problem
-from socialbot.agents.hospital.ward_messages import ActionCommand, ActionResult
+from socialbot.agents.hospital.ward.messages import ActionCommand, ActionResult
 from socialbot.errors import NodeError
 
 MS = 1_000_000

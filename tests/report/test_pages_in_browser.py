@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
+import msgspec
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser
 
 from evaluation.report import Report
+from socialbot.evaluate.page import page as evaluation_page
+from socialbot.evaluate.sources import bag_source
 from socialbot.inspect.difference import difference
 from socialbot.inspect.run_folder import open_run
 from socialbot.report.difference_page import difference_page
+from socialbot.run_record import SCORED
 from socialbot.run_report import write_report
+from tests.evaluate.scenes import drawn_bag, evaluated
 from tests.inspect.browsing import chromium, waldo_with_pictures
 from tests.inspect.runs import greeting
+from tests.report.test_sight import scored
 
 pytestmark = pytest.mark.slow
 
@@ -25,7 +32,9 @@ SERIOUS = ("serious", "critical")
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory) -> list[Path]:
     folder = tmp_path_factory.mktemp("pages")
+    evaluation = evaluated([bag_source(drawn_bag(folder, scene="scene1", frames=6))])
     run, later = waldo_with_pictures(folder), greeting(folder / "later", comes=15, tenths=40)
+    (run / SCORED).write_bytes(msgspec.json.Encoder().encode_lines(map(scored, range(40))))
     report = Report("Some figures", quick=True)
     report.add("late", "longest delay (ms)", 12.5, 10.0)
     report.tables["by rate"] = {f"{rate} %": {"seconds": rate / 7} for rate in (0, 10, 50)}
@@ -34,14 +43,20 @@ def pages(tmp_path_factory) -> list[Path]:
         write_report(run),
         difference_page(first, second, difference(first, second)).write(folder / "difference.html"),
         report.page().write(folder / "figures.html"),
+        evaluation_page(evaluation).write(folder / "evaluation.html"),
     ]
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (390, "light")])
-def test_pages_can_be_read(pages, width, scheme):
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
     with chromium() as browser:
-        for path in pages:
-            _look(browser, path, width, scheme)
+        yield browser
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (390, "light")])
+def test_pages_can_be_read(browser, pages, width, scheme):
+    for path in pages:
+        _look(browser, path, width, scheme)
 
 
 def _look(browser: Browser, path: Path, width: int, scheme: Literal["light", "dark"]) -> None:

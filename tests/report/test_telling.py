@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from socialbot.agents.hospital.ward_messages import ActionCommand
+from socialbot.agents.hospital.ward.messages import ActionCommand
 from socialbot.graph_file import load_graph
 from socialbot.messages import Message, TraceRecord
 from socialbot.report.telling import telling, told_topics
