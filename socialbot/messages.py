@@ -119,8 +119,9 @@ class PictureAck(Structured, frozen=True, kw_only=True):
     arrived: int
 
 
-State = Literal["ok", "waiting", "degraded", "failed", "ended"]
-"""How a node is: "waiting" for what has never come yet, "ended" of a recording that has been played."""
+State = Literal["ok", "paused", "waiting", "degraded", "failed", "ended"]
+"""How a node is: "paused" by a person, "waiting" for what has never come yet, "ended" of a recording that has been
+played."""
 
 
 class Health(Structured, frozen=True, kw_only=True):

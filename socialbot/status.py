@@ -23,8 +23,9 @@ LASTING = {"machine", "state", "restarts", "last_error", "failures", "first_fail
 """What is still true of a node that is not heard any more; its figures are not."""
 
 ACTIVE = "active"
-UNWELL = {"failed": "failed", "degraded": "input silent", "waiting": "no input yet"}
-"""What a node that is active is called when it says of its health what is not well."""
+PAUSED = "paused"
+CONDITIONS = {"failed": "failed", "degraded": "input silent", "waiting": "no input yet", "paused": PAUSED}
+"""What a node that is active is called when it says of its health something else than that all is well."""
 
 
 @dataclass(frozen=True)
@@ -81,12 +82,12 @@ class NodeStatus:
             return self.state or "unknown"
         if self.lifeless:
             return "no sign of life"
-        return UNWELL.get(self.health, ACTIVE)
+        return CONDITIONS.get(self.health, ACTIVE)
 
     @property
     def is_well(self) -> bool:
-        """Whether it is heard and active, and neither says nor shows that something is wrong."""
-        return self.condition == ACTIVE
+        """Whether it is heard and active, and neither says nor shows that something is wrong; a person may pause it."""
+        return self.condition in (ACTIVE, PAUSED)
 
 
 @dataclass

@@ -8,9 +8,9 @@ import json
 import pytest
 from rich.console import Console
 
+from socialbot.commands.status import as_text, page
 from socialbot.messages import Health, State
 from socialbot.status import RollCall, Spread, all_well, printable
-from socialbot.status_cli import as_text, page
 
 TOLD = {
     "machine": "robot", "state": "active", "restarts": "0", "last_error": "", "calls": "30", "failures": "0",
@@ -96,12 +96,24 @@ def test_states_other_than_active_are_not_well(roll, state):
 
 @pytest.mark.parametrize(
     ("state", "condition"),
-    [("ok", "active"), ("ended", "active"), ("failed", "failed"), ("degraded", "input silent")],
+    [("ok", "active"), ("ended", "active"), ("failed", "failed"), ("degraded", "input silent"), ("paused", "paused")],
 )
 def test_what_a_node_says_of_its_health_counts(roll, state, condition):
     roll.note_health(health("detector", state, "nothing on /image", ("/image",)), 11.0)
     detector = roll.statuses(11.0)[1]
     assert (detector.condition, detector.reason, detector.silent) == (condition, "nothing on /image", ("/image",))
+
+
+def test_who_is_paused_is_shown_as_that_and_is_well(roll):
+    roll.note_health(health("detector", "paused", "paused by a person"), 10.5)
+    statuses = roll.statuses(10.5)
+    assert all_well(statuses)
+    text = shown(statuses)
+    assert "paused" in text.splitlines()[2].split()
+    assert "detector: paused by a person" in text
+    assert "all 2 nodes are well" in text
+    roll.note_health(health("detector", "degraded", "paused by a person; nothing on /image", ("/image",)), 10.6)
+    assert not all_well(roll.statuses(10.6))
 
 
 def test_it_is_complete_when_everybody_was_heard_with_health():

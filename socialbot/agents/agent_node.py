@@ -31,6 +31,9 @@ class AgentNode(Node):
     With a ``mind_file`` the agent goes on where it was when its process was ended, in whatever way.
     """
 
+    called: ClassVar[str] = ""
+    """What people call it; where that is empty, by its name in the graph."""
+
     keeps_mind: ClassVar[bool] = True
     """Whether its mind is worth keeping: not so where its plans come by messages."""
 
@@ -136,7 +139,7 @@ class AgentNode(Node):
         """Says how the node is; while it is paused, that."""
         self._health = (state, reason)
         if self._paused:
-            super().say_health("degraded", "paused by a person")
+            super().say_health("paused", "paused by a person")
         else:
             super().say_health(state, reason)
 

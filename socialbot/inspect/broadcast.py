@@ -18,8 +18,9 @@ PERIOD_S = 0.1
 NODES_S = 1.0
 """So often it is told how the nodes are."""
 
-QUIET_S = 15.0
-"""After so long without news a sign of life is sent, so that neither side takes the connection for dead."""
+QUIET_S = 5.0
+"""After so long without news a sign of life is sent, also while the run is being looked at: a page that hears none for
+three times as long takes the connection for lost."""
 
 LONGEST_QUEUE = 50
 """A page that has so much news waiting is sent away; it comes back and begins anew."""
@@ -42,10 +43,14 @@ Look = Callable[[Callable[[], Any]], Awaitable[Any]]
 
 
 class Broadcast:
-    """Looks at the ``run`` as long as somebody listens; ``look`` calls a function in the run's thread."""
+    """Looks at the ``run`` as long as somebody listens; ``look`` calls a function in the run's thread.
 
-    def __init__(self, run: Callable[[], Run], look: Look) -> None:
+    ``shut`` gives why nothing can be asked of agents, as `Office.shut`.
+    """
+
+    def __init__(self, run: Callable[[], Run], shut: Callable[[], str], look: Look) -> None:
         self._run = run
+        self._shut = shut
         self._look = look
         self._pages: set[asyncio.Queue[bytes | None]] = set()
         self._task: asyncio.Task[None] | None = None
@@ -69,7 +74,7 @@ class Broadcast:
                 try:
                     event = await asyncio.wait_for(page.get(), QUIET_S)
                 except asyncio.TimeoutError:
-                    event = b": nothing new\n\n"
+                    event = _event("alive", {})
                 if event is None:
                     return
                 yield event
@@ -103,6 +108,7 @@ class Broadcast:
             if loop.time() >= nodes_due:
                 nodes_due = loop.time() + NODES_S
                 self._send(_event("nodes", await self._look(self._nodes)))
+                self._send(_event("office", self._shut()))
             due = max(due + PERIOD_S, loop.time() + PERIOD_S / 2)
             await asyncio.sleep(due - loop.time())
 

@@ -12,6 +12,9 @@ from socialbot.messages import TraceRecord
 OF_TOPICS = frozenset({"detection", "utterance", "speech", "head", "motion"})
 """Kinds of records whose source is a topic; that of all others is an agent."""
 
+LONGEST_CHAIN = 1000
+"""So many links of a chain of causes are followed at most: who goes on from what it did last may do so for days."""
+
 
 class History:
     """The records of a run by time, those of the same stamp in the order in which they came. It may grow.
@@ -119,14 +122,14 @@ class History:
         return next((each for each in reversed(found) if each.stamp <= record.stamp and each is not record), None)
 
     def chain(self, record: TraceRecord) -> list[TraceRecord]:
-        """``record``, what led to it, what led to that and so on. None of them comes twice."""
+        """``record``, what led to it, what led to that and so on, as far as `before` goes. None of them comes twice."""
         return [record, *self.before(record)]
 
     def before(self, record: TraceRecord) -> Iterator[TraceRecord]:
-        """What led to ``record``, what led to that and so on, one by one: there may be much of that."""
+        """What led to ``record``, what led to that and so on, one by one: `LONGEST_CHAIN` of them at most."""
         seen = {id(record)}
         cause = self.cause(record)
-        while cause is not None and id(cause) not in seen:
+        while cause is not None and id(cause) not in seen and len(seen) <= LONGEST_CHAIN:
             yield cause
             seen.add(id(cause))
             cause = self.cause(cause)

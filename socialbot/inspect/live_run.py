@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from socialbot.agents.agent_node import AgentNode
 from socialbot.graph import Graph
 from socialbot.inspect.course import Course
 from socialbot.inspect.history import History
@@ -42,8 +41,7 @@ class LiveRun:
         self._pictures = pictures
         self._heard: deque[_Heard | NodeTold] = deque()
         self._history = History()
-        agents = [placement.name for placement in graph.placements if issubclass(placement.type, AgentNode)]
-        self._wording = wording_of(graph, {}, agents)
+        self._wording = wording_of(graph)
         self._course = Course(self._history, self._wording)
         self._timeline = Timeline(self._history, self._wording)
         self._world: World | None = world_of(graph)

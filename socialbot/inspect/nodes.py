@@ -53,6 +53,11 @@ class NodesThen:
         return sorted(said, key=lambda pair: pair[0])
 
     @property
+    def told(self) -> Mapping[str, Sequence[tuple[float, NodeTold]]]:
+        """What each of them told on /diagnostics, and when, in order."""
+        return {name: list(zip(course.times, course.told, strict=True)) for name, course in self._told.items()}
+
+    @property
     def machines(self) -> Mapping[str, str]:
         """The machines of the nodes that have told theirs."""
         return {name: course.told[-1].values.get("machine", "") for name, course in self._told.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from socialbot.agents.agent_node import AgentNode
 from socialbot.agents.deliberating import Deliberating
 from socialbot.agents.hospital.chronicle import PHRASES
 from socialbot.errors import RunError, SocialbotError
@@ -23,8 +25,9 @@ from socialbot.inspect.trees import Tree, trees_at
 from socialbot.inspect.wording import Wording
 from socialbot.messages import Health, Message, TraceRecord
 from socialbot.report.worlds import World, world_of
-from socialbot.run_record import DIAGNOSTICS, NodeTold
+from socialbot.run_record import DIAGNOSTICS, SCORED, NodeTold
 from socialbot.status import NodeStatus
+from socialbot.vision.scoring import ScoredFrame
 
 T = TypeVar("T")
 TRACE = "trace.jsonl"
@@ -46,10 +49,13 @@ class RecordedRun:
         self._pictures = pictures
         start = self.results.get("bag", {}).get("start")
         self.history = History(self._records(folder / TRACE), start=start if isinstance(start, int) else None)
-        self.wording = wording_of(self._graph, self.results, self.history.agents)
+        self.wording = wording_of(self._graph)
         self._world: World | None = None if self._graph is None else world_of(self._graph)
         self._nodes = NodesThen([each.name for each in self._graph.placements] if self._graph else [])
         self._read_seen()
+        path = folder / SCORED
+        self.scored: list[ScoredFrame] = list(self._lines(path, ScoredFrame)) if path.is_file() else []
+        """What became of the people in each frame, where the truth is known."""
 
     @property
     def title(self) -> str:
@@ -77,6 +83,11 @@ class RecordedRun:
     def health(self) -> list[tuple[float, Health]]:
         """What nodes said of their health, each time it changed, and when (s from the start)."""
         return self._nodes.health
+
+    @property
+    def told(self) -> Mapping[str, Sequence[tuple[float, NodeTold]]]:
+        """What each node told of itself on /diagnostics, and when (s from the start), in order."""
+        return self._nodes.told
 
     @property
     def sees(self) -> bool:
@@ -190,14 +201,15 @@ class _Line(msgspec.Struct):
     message: msgspec.Raw
 
 
-def wording_of(graph: Graph | None, results: Mapping[str, Any], agents: Sequence[str]) -> Wording:
-    """How a run calls things: an agent that is alone bears the name of its graph."""
-    name = graph.name if graph is not None else str(results.get("graph", ""))
-    kinds = [placement.type for placement in graph.placements] if graph is not None else []
-    deliberating = [kind for kind in kinds if issubclass(kind, Deliberating)]
+def wording_of(graph: Graph | None) -> Wording:
+    """How a run of ``graph`` calls things: an agent as people call it, unless several are called so."""
+    placements = graph.placements if graph is not None else ()
+    deliberating = [placement.type for placement in placements if issubclass(placement.type, Deliberating)]
     phrases = {action: said for kind in deliberating for action, said in kind.phrases.items()}
-    alone = agents if len(agents) == 1 and name else ()
-    return Wording(dict.fromkeys(alone, name.capitalize()), {**PHRASES, **phrases})
+    called = {each.name: each.type.called for each in placements if issubclass(each.type, AgentNode)}
+    count = Counter(called.values())
+    names = {name: people_say for name, people_say in called.items() if people_say and count[people_say] == 1}
+    return Wording(names, {**PHRASES, **phrases})
 
 
 def open_run(folder: Path, pictures: Pictures | None = None) -> RecordedRun:

@@ -68,7 +68,7 @@ class Server:
         self.office: Office = office or Shut("this run is not live")
         self._desk = ThreadPoolExecutor(1, "inspect")
         self._darkroom = ThreadPoolExecutor(1, "pictures")
-        self._broadcast = Broadcast(lambda: self.run, self._look)
+        self._broadcast = Broadcast(lambda: self.run, lambda: self.office.shut, self._look)
 
     def application(self, token: str = "") -> Starlette:
         """The application; see `Guard` for the ``token``."""

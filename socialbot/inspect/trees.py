@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+
 import msgspec
 
 from socialbot.inspect.history import History
 from socialbot.inspect.wording import Wording
 from socialbot.messages import TraceRecord
-from socialbot.planning.plan import parse_plan
-from socialbot.report.trees import branches
+from socialbot.planning.plan import Step, parse_plan
+from socialbot.report.trees import Branch, branches
 
 
 class Line(msgspec.Struct, frozen=True):
@@ -37,53 +40,102 @@ class Tree(msgspec.Struct, frozen=True):
 def trees_at(history: History, stamp: int, wording: Wording) -> tuple[Tree, ...]:
     """The newest plan for each desire of each agent at ``stamp`` (ns)."""
     plans: dict[tuple[str, str], TraceRecord] = {}
-    ends: dict[tuple[str, object], TraceRecord] = {}
-    steps: dict[str, str] = {}
+    ends: dict[_Plan, TraceRecord] = {}
+    marks: dict[_Plan, _Marks] = defaultdict(_Marks)
     for record in history.part(0, history.until(stamp)):
         if record.kind == "plan_start":
             plans[record.source, record.what] = record
             ends.pop((record.source, record.detail.get("plan")), None)
+            marks.pop((record.source, record.detail.get("plan", 0)), None)
         elif record.kind == "plan_end":
             ends[record.source, record.detail.get("plan")] = record
         elif record.kind == "step":
-            steps[_key(history, record)] = "running"
+            marks[_plan(history, record)].begin(record.what)
         elif record.kind == "step_end":
-            steps[_key(history, history.find(record.cause) or record)] = _mark(record)
+            step = history.find(record.cause) or record
+            marks[_plan(history, step)].end(step.what, _mark(record))
     return tuple(
-        _tree(plan, ends.get((plan.source, plan.detail.get("plan"))), steps, wording) for plan in plans.values()
+        _tree(
+            plan,
+            ends.get((plan.source, plan.detail.get("plan"))),
+            marks[plan.source, plan.detail.get("plan", 0)],
+            wording,
+        )
+        for plan in plans.values()
     )
 
 
-def _tree(plan: TraceRecord, end: TraceRecord | None, steps: dict[str, str], wording: Wording) -> Tree:
+_Plan = tuple[str, object]
+"""The agent whose plan it is, and its number."""
+
+
+class _Marks:
+    """How far the steps of a plan have come. Of equal ones the next is begun only when the one before is done."""
+
+    def __init__(self) -> None:
+        self._calls: dict[str, list[str]] = {}
+
+    def begin(self, call: str) -> None:
+        begun = self._calls.setdefault(call, [])
+        if not begun or begun[-1] == "done":
+            begun.append("running")
+        else:
+            begun[-1] = "running"  # tried again
+
+    def end(self, call: str, mark: str) -> None:
+        begun = self._calls.setdefault(call, [""])
+        begun[-1] = mark
+
+    def of(self, call: str, number: int) -> str:
+        """The mark of the step of this ``call`` and ``number`` among the equal ones."""
+        begun = self._calls.get(call, [])
+        return begun[number] if 0 <= number < len(begun) else ""
+
+
+def _tree(plan: TraceRecord, end: TraceRecord | None, marks: _Marks, wording: Wording) -> Tree:
     number = plan.detail.get("plan", 0)
-    drawing = (end.detail.get("tree") if end else None) or plan.detail.get("tree", "")
+    made = str(plan.detail.get("tree", ""))
+    drawing = (end.detail.get("tree") if end else None) or made
     if drawing:
-        lines = tuple(
-            Line(
-                branch.depth,
-                branch.text,
-                branch.method,
-                branch.mark or steps.get(f"{plan.source} {number} {_call(branch.text)}", ""),
-                branch.former,
-            )
-            for branch in branches(drawing)
-        )
+        lines = tuple(_lines_drawn(branches(drawing), branches(made), marks))
     else:
-        found = parse_plan("\n".join(plan.detail.get("steps", ()))).steps
-        lines = tuple(
-            Line(0, wording.call(step.action, step.args), mark=steps.get(f"{plan.source} {number} {step.call}", ""))
-            for step in found
-        )
+        lines = tuple(_lines(parse_plan("\n".join(plan.detail.get("steps", ()))).steps, marks, wording))
     outcome = str(end.detail.get("outcome", "")) if end else ""
     return Tree(plan.id, plan.source, f"plan {number} for {plan.what}", outcome, lines)
 
 
-def _key(history: History, step: TraceRecord) -> str:
-    """The plan that a step belongs to, and its call."""
-    detail = step.detail
-    plan = next((each for each in history.before(step) if each.kind == "plan_start"), None)
-    number = detail.get("plan", plan.detail.get("plan", 0) if plan else 0)
-    return f"{detail.get('directed_by', step.source)} {number} {step.what}"
+def _lines(steps: Sequence[Step], marks: _Marks, wording: Wording) -> Iterator[Line]:
+    equal: Counter[str] = Counter()
+    for step in steps:
+        yield Line(0, wording.call(step.action, step.args), mark=marks.of(step.call, equal[step.call]))
+        equal[step.call] += 1
+
+
+def _lines_drawn(drawn: Sequence[Branch], made: Sequence[Branch], marks: _Marks) -> Iterator[Line]:
+    """The lines of a tree as ``drawn`` last; what was done when it was ``made`` belongs to an earlier plan."""
+    equal: Counter[str] = Counter()
+    for branch in made:
+        if _is_action(branch) and branch.mark:
+            equal[branch.text] -= 1
+    for branch in drawn:
+        mark: str = branch.mark
+        if _is_action(branch):
+            mark = mark or marks.of(_call(branch.text), equal[branch.text])
+            equal[branch.text] += 1
+        yield Line(branch.depth, branch.text, branch.method, mark, branch.former)
+
+
+def _is_action(branch: Branch) -> bool:
+    return not (branch.method or branch.former)
+
+
+def _plan(history: History, step: TraceRecord) -> _Plan:
+    """The plan that a step belongs to."""
+    agent, number = str(step.detail.get("directed_by", step.source)), step.detail.get("plan")
+    if number is None:
+        plan = next((each for each in history.before(step) if each.kind == "plan_start"), None)
+        number = plan.detail.get("plan", 0) if plan else 0
+    return agent, number
 
 
 def _call(text: str) -> str:

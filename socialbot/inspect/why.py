@@ -20,6 +20,10 @@ SILENT = {"plan", "planning", "asked"}
 DEEDS = {"action", "step"}
 ACTED = {"goal", *DEEDS}
 
+MOST_LINKS = 500
+MOST_EFFECTS = 100
+LEFT_OUT = f"of what came before, which is left out after {MOST_LINKS} links"
+
 
 class Reason(msgspec.Struct, frozen=True):
     """A link of a chain: a clause with who did what. ``id`` is empty for the last one, where that is no record.
@@ -49,13 +53,16 @@ class Explanation(msgspec.Struct, frozen=True):
     """Why something was done: first what it was, then what led to that, and so on.
 
     ``rejected`` are the plans that were not chosen on the way, ``effects`` what came of it; ``frame_s`` is the time of
-    the frame at the end of the chain, where there is one.
+    the frame at the end of the chain, where there is one. ``is_cut`` says that the chain is so long that it is not told
+    to its end, ``effects_left_out`` how many more there were than are told.
     """
 
     chain: tuple[Reason, ...]
     rejected: tuple[Rejected, ...]
     effects: tuple[Reason, ...]
     frame_s: float | None
+    is_cut: bool = False
+    effects_left_out: int = 0
 
     def text(self) -> str:
         """In one sentence, a line a link; of what was done one after the other the last is told."""
@@ -71,7 +78,7 @@ class Explanation(msgspec.Struct, frozen=True):
 def explain(history: History, wording: Wording, record: TraceRecord) -> Explanation:
     """Why ``record`` came to be."""
     teller = Teller(history, wording)
-    whole = history.chain(record)
+    whole = [record, *islice(history.before(record), MOST_LINKS)]
     told = list(_worth_telling(history, whole))
     chain: list[Reason] = []
     subject, at = "", record.stamp
@@ -83,17 +90,18 @@ def explain(history: History, wording: Wording, record: TraceRecord) -> Explanat
         link = "after" if number and _goes_before(each, told[number - 1]) else "because"
         chain.append(Reason(each.id, history.seconds(each.stamp), each.kind, clause.subject, sentence, link))
         subject, at = clause.subject or subject, each.stamp
-    outside = teller.outside(whole[-1])
+    is_cut = len(whole) > MOST_LINKS and history.cause(whole[-1]) is not None
+    outside = LEFT_OUT if is_cut else teller.outside(whole[-1])
     if outside:
         chain.append(Reason("", history.seconds(whole[-1].stamp), "outside", "", outside))
     frame = next((history.seconds(each.stamp) for each in reversed(whole) if each.kind == "detection"), None)
     rejected = tuple(reason for each in whole for reason in _rejected(history, each))
+    came = [each for each in history.effects(record) if each.kind not in SILENT]
     effects = tuple(
         Reason(each.id, history.seconds(each.stamp), each.kind, teller.agent(each), teller.clause(each).told())
-        for each in history.effects(record)
-        if each.kind not in SILENT
+        for each in came[:MOST_EFFECTS]
     )
-    return Explanation(tuple(chain), rejected, effects, frame)
+    return Explanation(tuple(chain), rejected, effects, frame, is_cut, len(came) - len(effects))
 
 
 def _worth_telling(history: History, chain: Sequence[TraceRecord]) -> Iterator[TraceRecord]:

@@ -7,9 +7,10 @@ from pathlib import Path
 from socialbot.clock import SECOND
 from socialbot.graph_file import load_graph
 from socialbot.inline import InlineRunner
+from socialbot.inspect.live_run import LiveRun
 from socialbot.messages import PersonDetection, PersonDetections
 from socialbot.replay import observed_topics
-from socialbot.run_record import RunRecord
+from socialbot.run_record import RunRecord, RunTrace
 
 START = 1_700_000_000 * SECOND
 
@@ -39,3 +40,18 @@ def greeting(folder: Path, *, comes: int = 5, tenths: int = 20) -> Path:
         runner.close()
         record.write_results({"graph": "waldo", "runner": "inline", "parameters": {"bdi_engine": {"range_m": 6.0}}})
     return folder
+
+
+def waldo_at_work(folder: Path, live: LiveRun, tenths: range, runner: InlineRunner | None = None) -> InlineRunner:
+    """Shows Waldo somebody; what happens is told to ``live`` as the record of a run tells it."""
+    if runner is None:
+        graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
+        runner = InlineRunner(graph, start=START)
+        record = RunTrace(folder)
+        record.tell(live)
+        for topic in observed_topics(graph):
+            runner.tap(topic, record.observe)
+        runner.start()
+    for tenth in tenths:
+        runner.feed("/humans/bodies/detections", frame(tenth, *([4.0] if tenth >= 5 else [])))
+    return runner

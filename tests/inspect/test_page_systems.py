@@ -17,6 +17,7 @@ pytest.importorskip("playwright", reason="needs playwright")
 
 from playwright.sync_api import Browser, expect
 
+from socialbot.security.keys import new_key
 from tests.inspect.browsing import Visit, chromium, served
 
 expect.set_options(timeout=60_000)
@@ -46,6 +47,8 @@ def test_a_run_of_agents_shows_their_world_and_their_plans(browser, tmp_path, sy
         visit = Visit(browser, url, f"agent={agent}")
         visit.seek(round(visit.number("document.querySelector('#scrubber').max") / 2, 1))
         assert visit.number("document.querySelector('#map').naturalWidth") > 100
+        mind, world = visit.place("#mind"), visit.place("#world")
+        assert world["y"] + world["height"] == pytest.approx(mind["y"] + mind["height"], abs=2)
         expect(visit.page.locator(".tree .done").first).to_be_visible()
         expect(visit.page.locator("#agent-list [aria-current=true]")).to_contain_text(agent)
         assert visit.page.locator("#timeline .bar.step").count() > 0
@@ -55,11 +58,10 @@ def test_a_run_of_agents_shows_their_world_and_their_plans(browser, tmp_path, sy
 
 
 @contextmanager
-def running(*arguments: str | Path) -> Iterator[str]:
-    """A command that serves the page until Ctrl-C; gives the address."""
-    process = subprocess.Popen(
-        socialbot(*arguments), stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"}
-    )
+def running(*arguments: str | Path, key: str = "") -> Iterator[str]:
+    """A command that serves the page until Ctrl-C, with a key if one is named; gives the address."""
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1", **({"SOCIALBOT_KEYS": key} if key else {})}
+    process = subprocess.Popen(socialbot(*arguments), stdout=subprocess.PIPE, text=True, env=environment)
     assert process.stdout is not None
     try:
         for line in process.stdout:
@@ -107,3 +109,42 @@ def test_the_page_follows_a_run_and_takes_what_people_ask(browser, tmp_path):
         expect(page.locator("#state")).to_have_text("recorded", timeout=120_000)
         visit.seek(1.0)
         visit.close()
+
+
+KEYED = """
+name: waldo
+inputs: [/humans/bodies/detections]
+nodes:
+  bdi_engine: {type: waldo, parameters: {vanish_s: 0.5}}
+"""
+
+
+@pytest.mark.ros
+def test_the_page_asks_a_graph_with_keys_with_a_key_and_without_one_says_why_not(browser, tmp_path):
+    graph, keys = tmp_path / "waldo.yaml", tmp_path / "keys"
+    graph.write_text(KEYED)
+    new_key("robot", keys)
+    new_key("desk", keys)
+    attach = ("inspect", graph, "--port", "0")
+    up = ("up", graph, "--out", tmp_path / "run", "--inspect", "--port", "0")
+    with running(*up, key=f"{keys}:robot"):
+        with running(*attach) as url:
+            visit = Visit(browser, url)
+            visit.page.click("#tab-ask")
+            expect(visit.page.locator("#pane-ask")).to_contain_text("the graph has keys and the inspector has none")
+            assert visit.page.locator("#pane-ask button:enabled").count() == 0
+            visit.close()
+        with running(*attach, key=f"{keys}:desk") as url:
+            visit = Visit(browser, url)
+            first = {"agent": "bdi_engine", "command": "believe", "text": "visitor(bob)"}  # until then nothing is heard
+            assert visit.page.request.post(f"{url}api/command", data=first).json()["accepted"]
+            visit.page.click("#tab-ask")
+            expect(visit.page.locator("#mind-title")).to_have_text("Waldo")
+            visit.page.fill("#ask-belief", "visitor(ann)")
+            visit.page.click("[name=believe]")
+            expect(visit.page.locator("#ask-belief-answer")).to_have_text("Done.")
+            expect(visit.page.locator("#beliefs")).to_contain_text("visitor(ann)")
+            assert "Nothing can be asked" not in "".join(visit.texts("#pane-ask"))
+            visit.close()
+    asked = (tmp_path / "run" / "trace.jsonl").read_text()
+    assert "believe visitor(ann)" in asked

@@ -8,7 +8,7 @@ import pytest
 from socialbot.errors import RunError
 from socialbot.graph_file import load_graph
 from socialbot.inspect.run import Picture
-from socialbot.inspect.run_folder import newest_run, open_run
+from socialbot.inspect.run_folder import newest_run, open_run, wording_of
 from socialbot.messages import Health
 from socialbot.run_record import RunRecord
 from tests.inspect.runs import START, greeting
@@ -25,6 +25,31 @@ def test_a_folder_of_a_run_is_opened(tmp_path):
     assert {node.name for node in view.nodes} >= {"person_detector", "bdi_engine", "speech"}
     assert view.topics["/speech/say"] == "Utterance"
     assert (run.world(START), run.trees(START), run.picture(START)) == (None, (), None)
+
+
+NODES = """
+name: my_robot
+nodes:
+  mind: {type: "evaluation.inspect_agents:Walker"}
+"""
+WALDOS = """
+name: waldos
+inputs: [/humans/bodies/detections]
+nodes:
+  left: {type: waldo}
+  right: {type: waldo}
+"""
+
+
+@pytest.mark.parametrize(
+    ("graph", "names"),
+    [(NODES, {"mind": "mind"}), (WALDOS, {"left": "left", "right": "right"})],
+    ids=["called nothing else", "called the same"],
+)
+def test_an_agent_bears_the_name_that_it_has_in_the_graph(tmp_path, graph, names):
+    (tmp_path / "graph.yaml").write_text(graph)
+    wording = wording_of(load_graph(str(tmp_path / "graph.yaml")))
+    assert {name: wording.name(name) for name in names} == names
 
 
 def test_pictures_are_those_that_were_handed_in(tmp_path):

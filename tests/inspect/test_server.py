@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import httpx
@@ -13,16 +12,13 @@ import pytest
 
 from socialbot.clock import SECOND
 from socialbot.graph_file import load_graph
-from socialbot.inline import InlineRunner
 from socialbot.inspect.guard import COOKIE
 from socialbot.inspect.live_run import LiveRun
 from socialbot.inspect.run import Picture, Run
 from socialbot.inspect.run_folder import open_run
 from socialbot.inspect.server import Server
 from socialbot.messages import AgentAnswer
-from socialbot.replay import observed_topics
-from socialbot.run_record import RunTrace
-from tests.inspect.runs import START, frame, greeting
+from tests.inspect.runs import START, greeting, waldo_at_work
 
 HOME = "http://127.0.0.1:8765"
 TOKEN = "correct-horse"
@@ -292,21 +288,6 @@ def test_where_nothing_can_be_asked_the_reason_is_told(get):
 
 
 # What happens
-
-
-def waldo_at_work(folder: Path, live: LiveRun, tenths: range, runner: InlineRunner | None = None) -> InlineRunner:
-    """Shows Waldo somebody; what happens is told to ``live`` as the record of a run tells it."""
-    if runner is None:
-        graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
-        runner = InlineRunner(graph, start=START)
-        record = RunTrace(folder)
-        record.tell(live)
-        for topic in observed_topics(graph):
-            runner.tap(topic, record.observe)
-        runner.start()
-    for tenth in tenths:
-        runner.feed("/humans/bodies/detections", frame(tenth, *([4.0] if tenth >= 5 else [])))
-    return runner
 
 
 def events(text: str) -> list[str]:

@@ -7,7 +7,7 @@ from socialbot.clock import SECOND
 from socialbot.errors import RunError
 from socialbot.inspect.history import History
 from socialbot.inspect.run_folder import RecordedRun, open_run
-from socialbot.inspect.why import actions, decided_at, explain, why_not
+from socialbot.inspect.why import MOST_LINKS, actions, decided_at, explain, why_not
 from socialbot.inspect.wording import Wording, past
 from socialbot.messages import TraceRecord
 from tests.inspect.runs import greeting
@@ -83,6 +83,22 @@ def test_what_was_done_before_is_told_by_its_last_step():
     assert explain(history, Wording(), history[3]).text() == (
         "At 3.00 s ann did walk(3),\n  after it did walk(2) (at 2.00 s) and 2 steps before."
     )
+
+
+def test_of_a_chain_without_end_so_much_is_told_and_that_there_is_more():
+    steps = [record(float(second), "ann", "action", f"walk({second})") for second in range(3_000)]
+    history = following(*steps)
+    told = explain(history, Wording(), history[len(history) - 1])
+    assert (told.is_cut, len(told.chain)) == (True, MOST_LINKS + 2)
+    assert told.chain[-1].sentence == "of what came before, which is left out after 500 links"
+    assert not explain(history, Wording(), history[MOST_LINKS]).is_cut
+
+
+def test_of_effects_without_number_so_many_are_told_and_how_many_more_there_are():
+    asked = record(0.0, "ann", "command", "believe news", id="person-1")
+    beliefs = [record(1.0, "ann", "belief", f"news({n})", "person-1", id=f"b{n}") for n in range(250)]
+    told = explain(History([asked, *beliefs], start=100 * SECOND), Wording(), asked)
+    assert (len(told.effects), told.effects_left_out) == (100, 150)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ import httpx
 import pytest
 
 from socialbot.security.keys import new_key
-from tests.system.running import eventually, running
+from tests.system.running import eventually, running, socialbot
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -79,6 +80,11 @@ def test_up_shows_a_page_and_takes_commands(tmp_path: Path) -> None:
         assert client.get("/api/run").json()["live"] is True
         does_what_it_is_asked_for(client)
         assert "person: believe present(1)" in str(client.get("/api/log").json())
+        assert ask(client, "pause")["accepted"] is True
+        assert eventually(lambda: says_that_it_is_paused(client), 20)
+        told = socialbot("status", tmp_path / "waldo.yaml", "--json")
+        (mind,) = json.loads(told.stdout)["nodes"]
+        assert (told.returncode, mind["condition"], mind["well"]) == (0, "paused", True)
 
 
 def test_it_attaches_to_what_runs_with_a_key_of_its_own(tmp_path: Path) -> None:

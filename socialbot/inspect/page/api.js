@@ -3,8 +3,21 @@
 /** An answer of the server that says what is wrong. */
 export class Refusal extends Error {}
 
+/** The server is not there, or cannot be reached. */
+export class Unreachable extends Error {
+  message = 'The server does not answer.';
+}
+
+async function reach(address, options) {
+  try {
+    return await fetch(address, options);
+  } catch {
+    throw new Unreachable();
+  }
+}
+
 async function ask(name, query = {}) {
-  const response = await fetch(`/api/${name}?${new URLSearchParams(query)}`);
+  const response = await reach(`/api/${name}?${new URLSearchParams(query)}`);
   if (!response.ok) throw new Refusal(await fault(response));
   return response;
 }
@@ -51,7 +64,7 @@ export async function* log(to) {
 
 /** Asks an agent for something, and says whether it does it, or why not. */
 export async function command(agent, name, text) {
-  const response = await fetch('/api/command', {
+  const response = await reach('/api/command', {
     method: 'POST',
     headers: { 'Content-Type': 'application/json' },
     body: JSON.stringify({ agent, command: name, text }),

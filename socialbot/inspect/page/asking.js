@@ -22,11 +22,11 @@ export class Asking {
     find('pane-ask').replaceChildren(this.#reason, this.#form);
   }
 
-  /** Whether agents may be asked for something, and why not. */
-  allow({ commands, why_not: reason }) {
-    this.#form.disabled = !commands;
-    say(this.#reason, commands ? '' : `Nothing can be asked: ${reason}.`);
-    this.#reason.hidden = commands;
+  /** Agents may be asked for something, unless there is a `reason` why not. */
+  allow(reason) {
+    this.#form.disabled = Boolean(reason);
+    say(this.#reason, reason ? `Nothing can be asked: ${reason}.` : '');
+    this.#reason.hidden = !reason;
   }
 
   show(name, called, paused) {

@@ -1,3 +1,7 @@
+import { Unreachable } from './api.js';
+
+const AGAIN_MS = 1000;
+
 /** Fetches what was asked for last: what was asked for meanwhile is left out. */
 export class Latest {
   #fetch;
@@ -21,17 +25,26 @@ export class Latest {
   async #work() {
     this.#busy = true;
     while (this.#wanted) {
-      const { what } = this.#wanted;
       const began = performance.now();
-      this.#wanted = undefined;
-      try {
-        await this.#show(await this.#fetch(what), what);
-      } catch (error) {
-        document.dispatchEvent(new CustomEvent('fault', { detail: error }));
-      }
-      const rest = this.#apart - (performance.now() - began);
+      const again = await this.#once(this.#wanted);
+      const rest = (again ? AGAIN_MS : this.#apart) - (performance.now() - began);
       if (rest > 0) await new Promise(resolve => setTimeout(resolve, rest));
     }
     this.#busy = false;
+  }
+
+  /** Whether it has to be tried again, as the server could not be reached. */
+  async #once(wanted) {
+    this.#wanted = undefined;
+    try {
+      await this.#show(await this.#fetch(wanted.what), wanted.what);
+      document.dispatchEvent(new CustomEvent('answered'));
+      return false;
+    } catch (error) {
+      document.dispatchEvent(new CustomEvent('fault', { detail: error }));
+      if (!(error instanceof Unreachable)) return false;
+      this.#wanted ??= wanted;
+      return true;
+    }
   }
 }

@@ -1,16 +1,46 @@
+// The server gives a sign of life every five seconds at least: after so long without one nobody is there any more.
+const SILENT_MS = 15_000;
+const AGAIN_MS = 2000;
+
 /** Listens to a run that goes on. After the connection was lost it comes back by itself, and begins anew. */
-export function listen({ begin, news, nodes, ended, lost }) {
+export function listen(hearer) {
   const source = new EventSource('/api/live');
-  source.addEventListener('moment', event => begin(JSON.parse(event.data)));
-  source.addEventListener('news', event => news(JSON.parse(event.data)));
-  source.addEventListener('nodes', event => nodes(JSON.parse(event.data)));
-  source.addEventListener('ended', () => {
+  const left = new AbortController();
+  let silence;
+
+  function leave() {
+    left.abort();
+    clearTimeout(silence);
     source.close();
-    ended();
+  }
+
+  function comeBack(wait) {
+    leave();
+    hearer.lost();
+    setTimeout(() => listen(hearer), wait);
+  }
+
+  function hear(name, take) {
+    source.addEventListener(name, event => {
+      clearTimeout(silence);
+      silence = setTimeout(() => comeBack(0), SILENT_MS);
+      take(JSON.parse(event.data));
+    });
+  }
+
+  silence = setTimeout(() => comeBack(0), SILENT_MS);
+  hear('alive', () => {});
+  hear('moment', hearer.begin);
+  hear('news', hearer.news);
+  hear('nodes', hearer.nodes);
+  hear('office', hearer.office);
+  hear('ended', () => {
+    leave();
+    hearer.ended();
   });
-  source.addEventListener('error', () => {
-    if (source.readyState !== EventSource.CLOSED) lost();
-    else setTimeout(() => listen({ begin, news, nodes, ended, lost }), 2000);
-  });
-  addEventListener('pagehide', () => source.close());
+  source.addEventListener('error', () => comeBack(AGAIN_MS));
+  addEventListener('pagehide', () => {
+    leave();
+    addEventListener('pageshow', () => comeBack(0), { once: true }); // it was kept, and somebody came back to it
+  }, { signal: left.signal });
 }

@@ -12,8 +12,9 @@ const FAULTS = new Set(['failure', 'dropped', 'desire_dropped', 'desire_refused'
 
 export class Log {
   #lines = [];
+  #known = new Set();
   #own = null;
-  #shown = [];
+  #shown = this.#lines;
   #now = -1;
   #due = 0;
 
@@ -22,15 +23,24 @@ export class Log {
     this.pick = pick;
   }
 
-  /** Takes lines that are older or newer than all before. */
-  add(lines) {
+  /** Takes lines that are older or newer than all before; those that it has it leaves out. */
+  add(told) {
+    const lines = told.filter(line => !this.#known.has(line.id));
+    for (const line of lines) this.#known.add(line.id);
     const older = this.#lines.length && lines.length && lines[0].t < this.#lines[0].t;
-    this.#lines = older ? [...lines, ...this.#lines] : [...this.#lines, ...lines];
-    this.#choose();
+    if (older) {
+      this.#lines = [...lines, ...this.#lines];
+      this.#choose();
+      return;
+    }
+    this.#lines.push(...lines);
+    if (this.#own !== null) this.#shown.push(...lines.filter(line => line.source === this.#own));
+    this.#now = -1;
   }
 
   clear() {
     this.#lines = [];
+    this.#known.clear();
     this.#choose();
   }
 

@@ -27,6 +27,7 @@ const NODES_MS = 1000;
 class Page {
   #live = null;
   #told = '';
+  #loading = null;
 
   constructor(run) {
     this.run = run;
@@ -158,19 +159,23 @@ class Page {
     state.hidden = false;
     say(state, run.live ? 'live' : 'recorded');
     state.classList.toggle('live', run.live);
-    this.asking.allow(run.has);
+    this.asking.allow(run.has.why_not);
     this.#talks = run.has.pictures || run.live;
     find('trees').hidden = !run.has.trees;
     find('unseen-world').hidden = run.has.pictures || run.has.world || run.live;
     find('log-choice').hidden = run.agents.length < 2;
     document.body.classList.toggle('many', run.agents.length > 1);
     document.body.classList.toggle('mapped', run.has.world && !run.has.pictures);
-    if (run.damage?.length) notice(`Not all of this run could be read: ${run.damage.join('; ')}.`);
+    if (run.damage?.length) notice({ run: `Not all of this run could be read: ${run.damage.join('; ')}.` });
   }
 
+  /** Fetches all that happened, anew; what an earlier call still waits for is dropped. */
   async #load() {
+    const loading = this.#loading = {};
+    this.log.clear();
     this.timeline.load(await api.timeline());
     for await (const lines of api.log(this.playhead.end)) {
+      if (loading !== this.#loading) return;
       this.log.add(lines);
       this.#tell();
     }
@@ -179,32 +184,32 @@ class Page {
 
   #listen() {
     listen({
-      begin: async moment => {
-        notice('');
+      begin: reporting(async moment => {
+        notice({ connection: '', answer: '' });
         this.#live = moment;
-        this.playhead.extend(moment.at_s);
+        this.playhead.restart(moment.at_s);
         await this.#refresh();
-        this.log.clear();
         await this.#load();
-      },
+      }),
       news: ({ t, moment, bars, log }) => {
         const minds = new Map((this.#live?.agents ?? []).map(agent => [agent.name, agent]));
         for (const agent of moment.agents) minds.set(agent.name, agent);
         this.#live = { ...moment, agents: [...minds.values()] };
-        if (minds.size !== this.run.agents.length) this.#refresh();
+        if (minds.size !== this.run.agents.length) reporting(() => this.#refresh())();
         this.timeline.take(bars);
         if (log.length) this.log.add(log);
         this.playhead.extend(t);
       },
       nodes: found => { if (this.playhead.following) this.nodes.show(found); },
-      ended: async () => {
+      office: reason => this.asking.allow(reason),
+      ended: reporting(async () => {
         this.#live = null;
         await this.#refresh();
         this.playhead.finish();
         this.#describe();
-        notice('The run has ended; this is its record.');
-      },
-      lost: () => notice('The connection is lost; trying again …'),
+        notice({ run: 'The run has ended; this is its record.' });
+      }),
+      lost: () => notice({ connection: 'The connection is lost; trying again …' }),
     });
   }
 
@@ -215,7 +220,7 @@ class Page {
     this.agents.take(this.run.agents);
     if (this.run.graph.nodes.length !== graph) this.nodes = new Nodes(this.run.graph);
     this.#describe();
-    if (!this.agent && this.run.agents.length) this.choose(this.run.agents[0].name);
+    if (!this.run.agents.some(agent => agent.name === this.agent)) this.choose(this.run.agents[0]?.name ?? '');
   }
 
   // What people do
@@ -274,16 +279,32 @@ class Page {
   }
 }
 
-function notice(text) {
+const notices = {};
+
+/** Says what is to be known about the `connection`, the last `answer` or the `run`; of several the first. */
+function notice(told) {
+  Object.assign(notices, told);
+  const text = notices.connection || notices.answer || notices.run || '';
   find('notice').hidden = !text;
   say(find('notice'), text);
 }
 
-document.addEventListener('fault', ({ detail }) => notice(`The server does not answer: ${detail.message}`));
+/** Does something that the server has to answer; when it does not, the page says so. */
+function reporting(work) {
+  return (...given) => work(...given).catch(fault);
+}
+
+function fault(error) {
+  const lost = error instanceof api.Unreachable;
+  notice({ answer: lost ? 'The server does not answer; trying again …' : `The server does not answer: ${error.message}` });
+}
+
+document.addEventListener('fault', ({ detail }) => fault(detail));
+document.addEventListener('answered', () => notice({ answer: '' }));
 
 try {
   await new Page(await api.run()).start();
 } catch (error) {
   say(find('title'), 'This run cannot be shown');
-  notice(error.message);
+  notice({ run: error.message });
 }

@@ -40,6 +40,13 @@ export class Playhead {
     this.#tell();
   }
 
+  /** The run has begun anew, or was out of sight: it goes until `end`. */
+  restart(end) {
+    this.end = end;
+    this.time = this.following ? end : Math.min(this.time, end);
+    this.#tell();
+  }
+
   /** The run is over. */
   finish() {
     this.live = this.following = false;

@@ -42,7 +42,7 @@ export class Why {
     pane.scrollTop = 0;
   }
 
-  #told({ chain, rejected, effects, frame_s: frame }) {
+  #told({ chain, rejected, effects, frame_s: frame, effects_left_out: more }) {
     return [
       element('ol', { class: 'chain' }, ...chain.map((reason, n) => this.#reason(reason, n))),
       frame === null || frame === undefined ? null : this.#frame(frame),
@@ -50,6 +50,7 @@ export class Why {
       rejected.length ? element('ul', { class: 'rejected' }, ...rejected.map(each => this.#rejected(each))) : null,
       effects.length ? element('h3', { text: 'What came of it' }) : null,
       effects.length ? element('ul', { class: 'effects' }, ...effects.map(each => this.#effect(each))) : null,
+      more ? element('p', { class: 'note', text: `and ${more} more` }) : null,
     ];
   }
 

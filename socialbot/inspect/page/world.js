@@ -1,13 +1,13 @@
 // The world of the agents: a map that the server draws.
 
-import { worldAt } from './api.js';
+import { Unreachable, worldAt } from './api.js';
 import { find, seconds } from './dom.js';
 
 /** The map at a time, ready to be shown. */
 export async function fetchMap(t) {
   const image = new Image();
   image.src = worldAt(t);
-  await image.decode();
+  await image.decode().catch(() => { throw new Unreachable(); });
   return image.src;
 }
 

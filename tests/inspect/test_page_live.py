@@ -1,0 +1,128 @@
+"""The page of a run that goes on, in a browser: its server goes and comes back; many agents are at work."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+pytest.importorskip("playwright", reason="needs playwright")
+
+from playwright.sync_api import Browser, expect
+
+from socialbot.graph_file import load_graph
+from socialbot.inspect.live_run import LiveRun
+from socialbot.inspect.run_folder import open_run
+from socialbot.inspect.serving import Address, serving
+from tests.inspect.browsing import Visit, chromium
+from tests.inspect.runs import greeting, waldo_at_work
+
+expect.set_options(timeout=60_000)
+
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("browser")]
+
+ANY = Address(port=0)
+SOMEBODY = 'personDetected("Yes")'
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+def same(url: str) -> Address:
+    """The address of a server that was there before."""
+    return Address(port=urlsplit(url).port or 0)
+
+
+def test_a_live_page_that_loses_its_server_says_so_keeps_what_it_shows_and_comes_back(browser, tmp_path):
+    live = LiveRun(load_graph("waldo"))
+    runner = waldo_at_work(tmp_path / "run", live, range(10))
+    with serving(live, ANY) as served:
+        visit = Visit(browser, served.url)
+        expect(visit.page.locator("#beliefs")).to_contain_text(SOMEBODY)
+        visit.wait(0.9)
+    notice = visit.page.locator("#notice")
+    expect(notice).to_have_text("The connection is lost; trying again …")
+    assert SOMEBODY in "".join(visit.texts("#beliefs .what"))
+    visit.page.locator("#beliefs button").first.click()
+    expect(visit.page.locator("#pane-why")).to_contain_text("The server does not answer")
+    waldo_at_work(tmp_path / "run", live, range(10, 20), runner)
+    with serving(live, same(served.url)):
+        expect(notice).to_be_hidden()
+        visit.page.keyboard.press("End")
+        visit.wait(1.9)
+        waldo_at_work(tmp_path / "run", live, range(20, 25), runner)
+        visit.wait(2.4)
+        expect(visit.page.locator("#state")).to_have_text("live")
+        visit.close(lost=True)
+    runner.close()
+
+
+def test_a_page_that_comes_back_to_a_run_begun_anew_shows_that(browser, tmp_path):
+    first, second = (LiveRun(load_graph("waldo")) for _ in range(2))
+    waldo_at_work(tmp_path / "first", first, range(20)).close()
+    waldo_at_work(tmp_path / "second", second, range(4)).close()
+    with serving(first, ANY) as served:
+        visit = Visit(browser, served.url)
+        visit.wait(1.9)
+    expect(visit.page.locator("#notice")).to_contain_text("lost")
+    with serving(second, same(served.url)):
+        visit.wait(0.3)
+        expect(visit.page.locator("#clock")).to_have_text("0.30 s")
+        expect(visit.page.locator("#beliefs")).not_to_contain_text(SOMEBODY)
+        expect(visit.page.locator("#log")).not_to_contain_text("Hello")
+        visit.close(lost=True)
+
+
+@dataclass
+class Jam:
+    """Takes nothing to agents, and while it is not ``free`` holds up who asks whether it does: the whole server."""
+
+    free: threading.Event = field(default_factory=threading.Event)
+
+    @property
+    def shut(self) -> str:
+        self.free.wait()
+        return "nobody is there"
+
+    async def ask(self, agent: str, command: str, text: str) -> None:
+        return None
+
+
+def test_a_server_of_which_nothing_is_heard_is_lost_too(browser, tmp_path):
+    live, jam = LiveRun(load_graph("waldo")), Jam()
+    jam.free.set()
+    runner = waldo_at_work(tmp_path / "run", live, range(10))
+    with serving(live, ANY, jam) as served:
+        visit = Visit(browser, served.url)
+        visit.wait(0.9)
+        jam.free.clear()
+        try:
+            expect(visit.page.locator("#notice")).to_contain_text("The connection is lost")
+        finally:
+            jam.free.set()
+        expect(visit.page.locator("#notice")).to_be_hidden()
+        waldo_at_work(tmp_path / "run", live, range(10, 15), runner)
+        visit.wait(1.4)
+        visit.close()
+    runner.close()
+
+
+def test_a_page_of_a_record_comes_back_to_where_somebody_went_meanwhile(browser, tmp_path: Path):
+    run = open_run(greeting(tmp_path / "run"))
+    with serving(run, ANY) as served:
+        visit = Visit(browser, served.url)
+    visit.page.locator("#scrubber").fill("1.5")
+    notice = visit.page.locator("#notice")
+    expect(notice).to_have_text("The server does not answer; trying again …")
+    with serving(run, same(served.url)):
+        visit.wait(1.5)
+        expect(notice).to_be_hidden()
+        expect(visit.page.locator("#beliefs")).to_contain_text(SOMEBODY)
+        visit.close(lost=True)
