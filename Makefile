@@ -1,9 +1,11 @@
 # make demo   Waldo on the committed bag, through real ROS 2 nodes
 # make test   the tests that take minutes; make test-all adds the slow ones
+# make test-pages   what people follow and see: tutorials and how-tos word by word, and pages in a browser
 # make inspect   the page on which Waldo is seen to think, for the committed bag
 # make evaluate   how well people are seen, by HOG and by the network, beside the paper's tables
 # make check  style and types
-# make interfaces   builds and installs socialbot_msgs, the messages as ROS types of their own, and tests it
+# make interfaces   builds and installs socialbot_msgs, the messages as ROS types of their own; make test tests them then
+# make rerun   installs what `socialbot export` writes for Rerun with; make test tests it then
 # make docs   the site, in site/
 # make fuzz   bytes that follow what the code does with them, for each reader; DECODER=graph SECONDS=600 for one of them
 # All set up .venv first, from the pinned and hashed requirements.lock.
@@ -13,10 +15,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 BAG := data/synthetic/corridor
 SCENES := $(addprefix data/synthetic/,scene1_tune scene1_heldback scene2_tune scene2_heldback)
+PAGES := tests/system/test_tutorial*.py tests/system/test_howto.py tests/inspect/test_page*.py tests/report/test_pages_in_browser.py
 JOBS ?= 2
 SECONDS ?= 30
 
-.PHONY: setup demo inspect evaluate test test-all fuzz interfaces check lock clean
+.PHONY: setup demo inspect evaluate test test-all test-pages fuzz interfaces rerun check docs lock clean
 
 setup: $(VENV)/installed
 
@@ -48,6 +51,9 @@ test: setup
 test-all: setup
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup
 
+test-pages: setup
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m slow $(PAGES)
+
 fuzz: setup
 	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check 'atheris>=2.3,<4'
 	for decoder in $(or $(DECODER),$$($(BIN)/python tools/fuzz.py --list)); do \
@@ -55,7 +61,9 @@ fuzz: setup
 
 interfaces: setup
 	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check --no-deps ./interfaces/socialbot_msgs
-	$(BIN)/python -m pytest -q tests/bridge/test_typed.py
+
+rerun: setup
+	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check 'rerun-sdk>=0.26'
 
 check: setup
 	$(BIN)/ruff check .

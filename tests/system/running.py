@@ -2,24 +2,56 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
+from unittest.mock import patch
 
 import msgspec
 
 from socialbot.bridge.bags import BagWriter, open_bag
+from socialbot.cli import main
 
 
 def socialbot(*arguments: object, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
     """Runs ``socialbot`` to its end."""
     command = [sys.executable, "-m", "socialbot", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, stdin=subprocess.DEVNULL)
+
+
+@contextmanager
+def logging_of_its_own() -> Iterator[None]:
+    """Commands settle how their process logs: each begins anew, and what others here have settled stays."""
+    loggers = [logging.getLogger(name) for name in ("socialbot", "socialbot.bdi")]
+    before = [(logger, logger.level, logger.handlers[:]) for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.NOTSET)
+        logger.handlers[:] = []
+    try:
+        yield
+    finally:
+        for logger, level, handlers in before:
+            logger.setLevel(level)
+            logger.handlers[:] = handlers
+
+
+def socialbot_here(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """The same without a process of its own, whose start takes longer than most commands and all mistakes."""
+    command, output, errors, code = ["socialbot", *map(str, arguments)], StringIO(), StringIO(), 0
+    given = patch.multiple(sys, argv=command, stdin=StringIO())
+    with given, redirect_stdout(output), redirect_stderr(errors), logging_of_its_own():
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+    return subprocess.CompletedProcess(command, code, output.getvalue(), errors.getvalue())
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from socialbot.bridge.bags import open_bag
 from socialbot.messages import CompressedImage, TraceRecord
 from socialbot.security.keys import new_key
 from socialbot.vision.encodings import bgr_from_compressed
+from tests.deployment.deployments import PLACES
 from tests.system.running import eventually
 from tests.system.two_hosts import ROBOT, WORKSTATION, Host, two_hosts
 
@@ -27,17 +28,7 @@ pytestmark = pytest.mark.ros
 ROOT = Path(__file__).parents[2]
 PAGE = f"""
 graph: waldo
-machines:
-  robot: {{address: {ROBOT}}}
-  workstation: {{address: {WORKSTATION}}}
-nodes:
-  camera: robot
-  speech: robot
-  head: robot
-  image_converter: workstation
-  person_detector: workstation
-  bdi_engine: workstation
-  listener: workstation
+{PLACES}\
 parameters:
   camera: {{source: film.avi, rate_hz: 10, loop: true}}
   bdi_engine: {{greeting: Hallo}}
