@@ -38,7 +38,7 @@ NODE_TYPES: Mapping[str, str] = {
     "gripper": "socialbot.agents.warehouse.gripper:Gripper",
     "head": "socialbot.agents.waldo.head:Head",
     "hospital_coordinator": "socialbot.agents.hospital.coordinator_node:HospitalCoordinator",
-    "hospital_world": "socialbot.agents.hospital.ward_node:HospitalWorld",
+    "hospital_world": "socialbot.agents.hospital.ward.world_node:HospitalWorld",
     "image_converter": "socialbot.vision.image_converter:ImageConverter",
     "listener": "socialbot.agents.waldo.listener:Listener",
     "nurse": "socialbot.agents.hospital.robot_node:Nurse",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from socialbot.agent_messages import AGENT_MESSAGES
 from socialbot.agents.hospital.messages import MISSION_MESSAGES
-from socialbot.agents.hospital.ward_messages import WARD_MESSAGES
+from socialbot.agents.hospital.ward.messages import WARD_MESSAGES
 from socialbot.agents.warehouse.messages import WAREHOUSE_MESSAGES
 from socialbot.messages import (
     ActionRequest,

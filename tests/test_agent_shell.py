@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from socialbot import agent_cli
 from socialbot.agent_shell import Shell
 from socialbot.bdi import Engine
 from socialbot.clock import ManualClock, WallClock
+from socialbot.commands import agent as agent_command
 from socialbot.errors import ParameterError
 from tests.bdi.lab import X, do, go, p
 
@@ -215,7 +215,7 @@ def build(clock) -> Engine:
 
 
 def run(*arguments: str, typed: str = "") -> tuple[int, list[str]]:
-    result = CliRunner().invoke(agent_cli.agent, ["shell", *arguments], input=typed)
+    result = CliRunner().invoke(agent_command.agent, ["shell", *arguments], input=typed)
     if isinstance(result.exception, ParameterError):
         raise result.exception
     return result.exit_code, result.output.splitlines()

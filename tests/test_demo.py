@@ -9,10 +9,10 @@ from socialbot.agent_messages import Desire, DesireSet
 from socialbot.agents.warehouse.graphs import KINDS, cast_with, warehouse
 from socialbot.bridge.bags import open_bag
 from socialbot.clock import SECOND, nanoseconds
+from socialbot.commands.new import write_project
 from socialbot.demo import QUIET_S, Run, Wishes, Worlds, left_in, replayable, results_of, run, watched
 from socialbot.graph_file import load_graph
 from socialbot.messages import Health, Message, State, TraceRecord
-from socialbot.new_cli import write_project
 from socialbot.run_record import NOTHING_SHOWN, RunRecord
 from socialbot.run_report import RunReport
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
 import re
 import sys
 from pathlib import Path
@@ -11,9 +12,9 @@ from typer import Typer
 from typer.testing import CliRunner
 
 from socialbot import doctor as doctor_module
-from socialbot import doctor_cli
 from socialbot.bridge import environment, ros_checks
 from socialbot.bridge.round_trip import Trial, cause
+from socialbot.commands import doctor as doctor_command
 from socialbot.errors import NodeError
 from socialbot.findings import Finding
 from socialbot.vision import nanodet as nanodet_module
@@ -21,7 +22,7 @@ from socialbot.vision import nanodet as nanodet_module
 ROOT = Path(__file__).parents[1]
 
 app = Typer()
-app.command()(doctor_cli.doctor)
+app.command()(doctor_command.doctor)
 
 FINDINGS = (
     Finding("Python", "ok", "3.11"),
@@ -37,7 +38,7 @@ def wheels(monkeypatch) -> None:
 
 class TestCommand:
     def run(self, monkeypatch, findings, *arguments: str):
-        monkeypatch.setattr(doctor_cli, "examine", lambda quick: iter(findings))
+        monkeypatch.setattr(doctor_command, "examine", lambda quick: iter(findings))
         return CliRunner().invoke(app, arguments, env={"COLUMNS": "80"}, catch_exceptions=False)
 
     def test_ends_with_5_where_there_is_an_error(self, monkeypatch):
@@ -113,6 +114,12 @@ class TestRosChecks:
         assert finding is not None
         assert (finding.state, bool(finding.remedy)) == (state, state != "ok")
 
+    def test_it_names_the_packages_that_could_be_spoken(self, monkeypatch):
+        monkeypatch.setattr(ros_checks.importlib.util, "find_spec", lambda name: None if name == "hri_msgs" else name)
+        finding = ros_checks.viewers()
+        assert (finding.state, finding.remedy) == ("ok", "")
+        assert finding.text == "speaks visualization_msgs, tf2_msgs, vision_msgs; not installed: hri_msgs"
+
     @pytest.mark.usefixtures("wheels")
     def test_a_second_ros_is_a_warning(self):
         finding = ros_checks.other_ros({"ROS_DISTRO": "humble", "AMENT_PREFIX_PATH": "/opt/ros/humble"})
@@ -168,13 +175,14 @@ class TestRosChecks:
         for name in ("0123456789abcdef", "fedcba9876543210", "port7411"):
             (tmp_path / f"fastrtps_{name}").write_bytes(bytes(5000))
             (tmp_path / f"fastrtps_{name}_el").touch()
+            os.utime(tmp_path / f"fastrtps_{name}_el", (0, 0))
         (tmp_path / "fastrtps_notes_el").touch()
         with (tmp_path / "fastrtps_fedcba9876543210_el").open("rb") as alive:
             fcntl.flock(alive, fcntl.LOCK_EX)
             finding = ros_checks.stale_memory(tmp_path)
         assert finding is not None
         assert finding.state == "warning"
-        assert finding.text.startswith("2 segments and ports")
+        assert finding.text.startswith("1 segment of dead")
 
     def test_shared_memory_needs_to_be_there_with_room(self, tmp_path, monkeypatch):
         missing = ros_checks.shared_memory(tmp_path / "none")

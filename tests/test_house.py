@@ -143,6 +143,13 @@ def test_agents_know_the_parts_but_not_the_bridge():
     assert offenders(modules("agents"), ("socialbot.bridge",)) == []
 
 
+def test_the_ward_of_the_hospital_knows_nothing_of_its_missions():
+    hospital, ward = "socialbot.agents.hospital.", "socialbot.agents.hospital.ward."
+    known = {name for path in modules("agents/hospital/ward") for name in imports(path) if name.startswith(hospital)}
+    assert ward + "ward.Ward" in known
+    assert {name for name in known if not name.startswith(ward)} == set()
+
+
 def test_what_was_recorded_is_looked_at_without_the_bridge():
     seen_live = {ROOT / "inspect" / "live_run.py"}  # of a graph that runs, an onlooker of the bridge tells
     assert offenders([path for path in modules("inspect") if path not in seen_live], ("socialbot.bridge",)) == []

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from socialbot.clock import SECOND
 from socialbot.inspect.moment import AgentMoment, HeadNow, Moment, Seen
-from socialbot.inspect_cli import recorded
+from socialbot.recorded_run import recorded
 
 SIZE = (720, 360)
 SCENE = (480, 360)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from socialbot.agents.hospital.ward_messages import STATE, WardState
+from socialbot.agents.hospital.ward.messages import STATE, WardState
 from socialbot.bridge.bags import open_bag
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.errors import ParameterError

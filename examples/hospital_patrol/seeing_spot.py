@@ -12,7 +12,7 @@ from room_camera import PATROL, frame_of
 
 from socialbot.agents.hospital.robot_node import Spot
 from socialbot.agents.hospital.robots import Deed, names_of
-from socialbot.agents.hospital.ward_messages import PERSON_IN_ROOM, ActionCancel, ActionResult
+from socialbot.agents.hospital.ward.messages import PERSON_IN_ROOM, ActionCancel, ActionResult
 from socialbot.bdi import Action, Engine, Sensor
 from socialbot.bdi.literals import Literal, literal
 from socialbot.bdi.terms import Atom

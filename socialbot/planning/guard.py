@@ -2,7 +2,8 @@
 
 ``python -I -S guard.py MEMORY_BYTES CPU_S PARENT COMMAND...`` takes the limits upon itself, asks the kernel to be
 killed when the process PARENT dies (on Linux), and becomes COMMAND. A script of its own, because a process with
-threads cannot safely do anything between fork and exec.
+threads cannot safely do anything between fork and exec. ``bridge/bound.py`` does the same without limits; they share
+nothing, because planning does not know the bridge, and a script that starts this fast has no package to import from.
 """
 
 from __future__ import annotations

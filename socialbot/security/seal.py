@@ -62,6 +62,7 @@ messages only whose signature is right.
 
 _DECODER = msgspec.json.Decoder(Sealed)
 _REMEDIES = {
+    "sealed": "set SOCIALBOT_KEYS to a key that its sender trusts, see docs/security.md",
     "unsealed": "give its sender a key: SOCIALBOT_KEYS, see docs/security.md",
     "unknown sender": "copy the sender's .pub into the folder of keys, if you trust it",
     "forged": "somebody may be pretending; or the sender has a new key or another ROS domain: socialbot key list",
@@ -71,7 +72,7 @@ _REMEDIES = {
 
 
 class SealError(MessageError):
-    """A message that is not to be believed; ``reason`` is one of `REASONS`."""
+    """A message that is not to be believed; ``reason`` is one of `REASONS`, or ``sealed`` to who has no keys."""
 
     def __init__(self, reason: str, what: str) -> None:
         super().__init__(f"{reason}: {what}", remedy=_REMEDIES.get(reason))

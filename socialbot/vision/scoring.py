@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 
 from socialbot.messages import PersonDetection, PersonDetections
@@ -21,8 +22,8 @@ from socialbot.vision.boxes import iou
 from socialbot.vision.truth import Truth, TruthFrame, TruthPerson
 
 __all__ = [
-    "BANDS", "FALSE", "LEAST_IOU", "LEAST_VISIBLE", "OUTSIDE", "SPARED", "UNKNOWN", "Band", "Score", "Scores",
-    "band_name", "pair", "ranked", "score",
+    "BANDS", "FALSE", "LEAST_IOU", "LEAST_VISIBLE", "OUTSIDE", "SPARED", "UNKNOWN", "Band", "Score", "ScoredFrame",
+    "Scores", "band_name", "pair", "ranked", "score",
 ]  # fmt: skip
 
 Band = tuple[float, float]
@@ -71,9 +72,28 @@ def _share(part: int, whole: int) -> float | None:
     return part / whole if whole else None
 
 
+class ScoredFrame(msgspec.Struct, frozen=True):
+    """One frame (``stamp``, ns, of its image): who was found, who was missed, and the boxes that fit nobody."""
+
+    stamp: int
+    found: tuple[TruthPerson, ...] = ()
+    missed: tuple[TruthPerson, ...] = ()
+    false: tuple[PersonDetection, ...] = ()
+
+    @property
+    def score(self) -> Score:
+        """The counts, at all distances."""
+        return Score(len(self.found), len(self.false), len(self.missed))
+
+    @property
+    def errors(self) -> int:
+        """How many were missed or seen where nobody is."""
+        return len(self.missed) + len(self.false)
+
+
 @dataclass
 class Scores:
-    """The scores by band ("2-10 m", ..., "outside", "unknown").
+    """The scores by band ("2-10 m", ..., "outside", "unknown"), and each frame by itself.
 
     ``frames`` were judged; ``missing_frames`` have a truth but no detections message and were left out,
     ``unjudged_frames`` the other way round. ``ignored`` people were hardly visible.
@@ -84,6 +104,7 @@ class Scores:
     missing_frames: int = 0
     unjudged_frames: int = 0
     ignored: int = 0
+    by_frame: list[ScoredFrame] = field(default_factory=list)
 
     @property
     def overall(self) -> Score:
@@ -106,7 +127,10 @@ def score(truth: Truth, detections: Iterable[PersonDetections], bands: Sequence[
             result.missing_frames += 1
         else:
             result.frames += 1
-            _score_frame(frame, answer.persons, bands, result)
+            scored = _scored(frame, answer.persons)
+            _count(scored, bands, result)
+            result.by_frame.append(scored)
+            result.ignored += sum(person.visible < LEAST_VISIBLE for person in frame.persons)
     result.unjudged_frames = len(answers)
     return result
 
@@ -141,20 +165,26 @@ def ranked(found: Iterable[PersonDetection]) -> list[PersonDetection]:
     return sorted(found, key=key)
 
 
-def _score_frame(frame: TruthFrame, found: Sequence[PersonDetection], bands: Sequence[Band], result: Scores) -> None:
+def _scored(frame: TruthFrame, found: Sequence[PersonDetection]) -> ScoredFrame:
     counted = [person for person in frame.persons if person.visible >= LEAST_VISIBLE]
     ignored = [person for person in frame.persons if person.visible < LEAST_VISIBLE]
-    result.ignored += len(ignored)
     detections = ranked(found)
     pairs = pair(_boxes(detections), _boxes(counted), _boxes(ignored))
-    for detection, who in zip(detections, pairs, strict=True):
-        if who >= 0:
-            result.bands[_band_of(counted[who].distance_m, bands)].tp += 1
-        elif who == FALSE:
-            result.bands[_band_of(detection.distance_m, bands)].fp += 1
-    for number, person in enumerate(counted):
-        if number not in pairs:
-            result.bands[_band_of(person.distance_m, bands)].fn += 1
+    return ScoredFrame(
+        frame.stamp,
+        found=tuple(person for number, person in enumerate(counted) if number in pairs),
+        missed=tuple(person for number, person in enumerate(counted) if number not in pairs),
+        false=tuple(detection for detection, who in zip(detections, pairs, strict=True) if who == FALSE),
+    )
+
+
+def _count(frame: ScoredFrame, bands: Sequence[Band], result: Scores) -> None:
+    for person in frame.found:
+        result.bands[_band_of(person.distance_m, bands)].tp += 1
+    for detection in frame.false:
+        result.bands[_band_of(detection.distance_m, bands)].fp += 1
+    for person in frame.missed:
+        result.bands[_band_of(person.distance_m, bands)].fn += 1
 
 
 def _boxes(persons: Sequence[PersonDetection | TruthPerson]) -> np.ndarray:

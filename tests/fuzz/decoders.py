@@ -25,8 +25,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from socialbot import graph_file
 from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
 from socialbot.agents.hospital.missions import Memory
-from socialbot.agents.hospital.ward import paper_ward
-from socialbot.agents.hospital.ward_faults import parse_faults as parse_ward_faults
+from socialbot.agents.hospital.ward.faults import parse_faults as parse_ward_faults
+from socialbot.agents.hospital.ward.ward import paper_ward
 from socialbot.agents.waldo.head import Head
 from socialbot.agents.waldo.listener import Listener
 from socialbot.agents.waldo.waldo_node import WaldoNode

@@ -12,9 +12,9 @@ from socialbot.bridge.bags import open_bag
 from socialbot.bridge.observing import observing
 from socialbot.bridge.recorder import Recording, record
 from socialbot.bridge.sending import send
-from socialbot.bridge.topic_cli import topic
 from socialbot.bridge.topics import onlooker
 from socialbot.bridge.wire import KEYS_VARIABLE
+from socialbot.commands.topic import topic
 from socialbot.messages import Message, Utterance
 from socialbot.security.keys import new_key
 from tests.system.running import eventually
