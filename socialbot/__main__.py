@@ -2,12 +2,14 @@
 
 import sys
 
+from socialbot.bridge.heap import keep_freed_memory
 from socialbot.ending import end_well_on_signals
 
 
 def run() -> None:
     """Runs the command line. Signals that come while it is still being imported end it well, too."""
     end_well_on_signals()
+    keep_freed_memory()
     from socialbot.cli import main
 
     main()

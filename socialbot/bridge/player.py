@@ -16,7 +16,6 @@ from typing import Any
 from socialbot.bridge import environment
 from socialbot.bridge.bags import IMAGE_TYPES, Bag, RosbagsTypes
 from socialbot.bridge.codec import MESSAGE_TYPES, ROS_TYPES, STRING, decode, raw_stamp, with_stamp
-from socialbot.bridge.heap import keep_freed_memory
 from socialbot.bridge.readiness import Connection, await_graph, publisher_connection, subscription_connection
 from socialbot.bridge.reenactment import Played, Reenactment
 from socialbot.bridge.ros_types import message_class
@@ -198,7 +197,6 @@ def play_bag(bag: Bag, topics: Mapping[str, str], playing: Playing, *, parent: i
     environment.require_ros()
     from socialbot.bridge.session import spinning_node
 
-    keep_freed_memory()
     with Ending(parent).on_signals() as ending, spinning_node("bag_player") as ros:
         graph = playing.await_graph
         pictures = any(bag.topic(name).type in IMAGE_TYPES for name in topics)

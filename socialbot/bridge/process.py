@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bridge import environment
-from socialbot.bridge.heap import keep_freed_memory
 from socialbot.bridge.lifeline import Lifeline, own_lifeline
 from socialbot.bridge.readiness import expect_free_names
 from socialbot.ending import Ending
@@ -50,7 +49,6 @@ def run_nodes(
     from socialbot.bridge.host import NodeHost
     from socialbot.bridge.session import ros_context
 
-    keep_freed_memory()
     _read_by_udp(graph, names)
     lifeline = own_lifeline()
     with Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
