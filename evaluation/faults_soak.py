@@ -166,17 +166,18 @@ def soak(report: Report, plan: Plan) -> str:
 
 
 def replayed(folder: Path, bag_s: float, plan: Plan) -> Course:
-    """The course of a replay of the bag of laps. Raises NodeError when it does not end well."""
+    """The course of a replay of the bag of laps; each look is kept. Raises NodeError when it does not end well."""
     command = ["replay", folder / "laps", "--rate", RATE, "--no-video", "--out", folder / "run"]
     settings = ("speech.playback=off", "person_detector.threads=2")
     command += [word for setting in settings for word in ("--set", setting)]
     course, told, begun = Course(), 0, time.monotonic()
-    with beside(plan, folder, "replay", *command) as process:
+    with beside(plan, folder, "replay", *command) as process, (folder / "looks.jsonl").open("wb") as kept:
         while process.poll() is None:
             looks = {process_name(pid): found for pid in descendants(process.pid) if (found := look(pid))}
             looks.pop("", None)
             if looks.keys() & PLAYER:  # all others have started before it
                 course.note(looks)
+                kept.write(msgspec.json.encode(looks) + b"\n")
             minutes = int((time.monotonic() - begun) / 60)
             if minutes > told:
                 told = minutes

@@ -20,6 +20,7 @@ import msgspec
 
 from socialbot.bridge import environment
 from socialbot.bridge.codec import ros_type
+from socialbot.bridge.heap import keep_freed_memory
 from socialbot.bridge.wire import KEYS_VARIABLE
 from socialbot.clock import SECOND
 from socialbot.deployment.deployment import Deployment
@@ -93,6 +94,7 @@ def watch(deployment: Deployment, topics: list[str], file: Path, end: threading.
 
 def main(deployment: str, machine: str, file: str, *topics: str) -> None:
     """Watches until SIGINT or SIGTERM."""
+    keep_freed_memory()
     end = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: end.set())

@@ -1,8 +1,9 @@
 """What the inspector costs, and how fast its page is served: ``python -m evaluation.inspect``.
 
-100 agents are up in one process, and recorded. What a decision costs them is measured without the inspector and with a
-page that listens to it, in turns. Then ten minutes of a run are scrubbed through, and the
-first picture of a page is waited for. Exit code 10 when something is not as required.
+Ten minutes of a run are scrubbed through, and the first picture of a page is waited for: what the server takes for
+them, and what somebody sees of them in headless Chromium. Then 100 agents are up in one process, and recorded. What a
+decision costs them is measured without the inspector and with a page that listens to it, in turns; and how often a page
+in Chromium is brought up to date. Exit code 10 when something is not as required.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from evaluation.inspect_browser import first_picture_ms, page, steps_ms, update_ms
 from socialbot.bridge.bags import BagWriter
 from socialbot.bridge.observing import observing
 from socialbot.clock import SECOND
@@ -155,6 +157,13 @@ def cost(folder: Path, agents: int, seconds: float, turns: int) -> list[Row]:
     ]
 
 
+def update(folder: Path, agents: int, seconds: float) -> Row:
+    """How often a page in a browser shows what the agents do now."""
+    with crowd(folder, agents, inspected=True) as (_, _, address), page() as visit:
+        time.sleep(SETTLE_S)
+        return Row(f"{agents} agents: from one update of the page to the next", update_ms(visit, address, seconds), 110.0, "ms")
+
+
 # How fast it is
 
 
@@ -184,7 +193,7 @@ def long_run(folder: Path, seconds: int) -> Path:
 
 
 def speed(folder: Path, seconds: int, steps: int) -> list[Row]:
-    """How long a page waits for its first picture, and for each step through the run."""
+    """How long a page waits for its first picture, and for each step through the run; both in a browser, too."""
     run_folder = long_run(folder, seconds)
     with recorded(run_folder) as run, serving(run, Address(port=0)) as served, httpx.Client() as client:
 
@@ -201,6 +210,9 @@ def speed(folder: Path, seconds: int, steps: int) -> list[Row]:
         moments = sorted(timed(f"api/moment?t={at}") for at in times)
         pictures = sorted(timed(f"api/picture?t={at}") for at in times)
         both = sorted(timed(f"api/moment?t={at + 0.05}", f"api/picture?t={at + 0.05}") for at in times)
+        with page() as visit:
+            seen = first_picture_ms(visit, served.url)
+            shown = sorted(steps_ms(visit, times))
 
     def p99(found: list[float]) -> float:
         return found[min(len(found) - 1, int(0.99 * len(found)))]
@@ -210,6 +222,9 @@ def speed(folder: Path, seconds: int, steps: int) -> list[Row]:
         Row(f"a moment of {seconds / 60:g} min, p99", p99(moments), 20.0, "ms"),
         Row(f"a picture of {seconds / 60:g} min, p99", p99(pictures), 50.0, "ms"),
         Row("a step of the scrubber, p99", p99(both), 100.0, "ms"),
+        Row("page to first picture, in a browser", seen, 1000.0, "ms"),
+        Row("a step of the scrubber, in a browser, median", statistics.median(shown), 100.0, "ms"),
+        Row("a step of the scrubber, in a browser, p99", p99(shown), 100.0, "ms"),
     ]
 
 
@@ -221,7 +236,9 @@ def main(
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         rows = speed(folder, 20 if quick else 600, 20 if quick else 200)
-        rows += cost(folder, 5 if quick else AGENTS, 2.0 if quick else 15.0, 1 if quick else 3)
+        agents, listened_s = (5, 2.0) if quick else (AGENTS, 15.0)
+        rows += cost(folder, agents, listened_s, 1 if quick else 3)
+        rows.append(update(folder, agents, listened_s))
     table = Table("", "measured", "required", "")
     for row in rows:
         figures = f"{row.value:.1f} {row.unit}", f"< {row.most:g} {row.unit}"

@@ -72,5 +72,5 @@ class Hints:
 
     def _before(self, record: TraceRecord) -> Iterator[TraceRecord]:
         """The records near in time and not later, the last one first."""
-        near = self._history.between(record.stamp - NEAR_NS, record.stamp)
-        return (each for each in reversed(near) if each is not record)
+        near = self._history.back(record.stamp - NEAR_NS, record.stamp)
+        return (each for each in near if each is not record)

@@ -97,6 +97,11 @@ class History:
         """The records from ``begin`` to ``end`` (ns), both included."""
         return self._records[bisect_left(self._stamps, begin) : bisect_right(self._stamps, end)]
 
+    def back(self, begin: int, end: int) -> Iterator[TraceRecord]:
+        """The records from ``end`` back to ``begin`` (ns), both included, one by one."""
+        first = bisect_left(self._stamps, begin)
+        return (self._records[place] for place in range(bisect_right(self._stamps, end) - 1, first - 1, -1))
+
     def part(self, begin: int, end: int) -> Sequence[TraceRecord]:
         """The records from one place to another, which is not included."""
         return self._records[begin:end]

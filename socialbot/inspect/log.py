@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import islice
 
 import msgspec
 
@@ -36,5 +37,5 @@ def told(run: Told, records: Iterable[TraceRecord]) -> list[LogLine]:
 
 def told_between(run: Told, begin: int, end: int, most: int) -> list[LogLine]:
     """The last lines, at most so many, from ``begin`` to ``end`` (ns)."""
-    records = [each for each in run.history.between(begin, end) if each.kind not in UNTOLD]
-    return told(run, records[-most:])
+    newest = (each for each in run.history.back(begin, end) if each.kind not in UNTOLD)
+    return told(run, reversed(list(islice(newest, most))))

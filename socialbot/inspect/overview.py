@@ -71,6 +71,7 @@ def overview(run: Run, office: Office) -> Overview:
 
 
 def _agents(run: Run) -> Iterator[AgentView]:
+    """Those that have done something in the order in which they did, and those of which nothing is known yet."""
     chosen: dict[tuple[str, str], int] = {}
     rejected: dict[tuple[str, str], int] = {}
     for record in run.history:
@@ -82,7 +83,8 @@ def _agents(run: Run) -> Iterator[AgentView]:
             key = (record.source, str(each.get("plan", "")))
             rejected[key] = rejected.get(key, 0) + 1
     known = dict.fromkeys([*chosen, *rejected])
-    for name in run.history.agents:
+    silent = (node.name for node in run.graph().nodes if node.agent)
+    for name in dict.fromkeys((*run.history.agents, *silent)):
         plans = (
             PlanView(label, chosen.get((agent, label), 0), rejected.get((agent, label), 0))
             for agent, label in known

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import msgspec
 
+from socialbot.agents.agent_node import AgentNode
 from socialbot.graph import Graph
 from socialbot.inspect.course import Course
 from socialbot.inspect.history import History
@@ -32,13 +33,17 @@ class Pictures(Protocol):
 
 
 class NodeView(msgspec.Struct, frozen=True):
-    """A node of a graph, the machine it runs on (empty if unknown), and the topics that it takes and gives."""
+    """A node of a graph, the machine it runs on (empty if unknown), and the topics that it takes and gives.
+
+    An ``agent`` has a mind.
+    """
 
     name: str
     type: str
     machine: str
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    agent: bool
 
 
 class GraphView(msgspec.Struct, frozen=True):
@@ -130,6 +135,7 @@ def graph_view(graph: Graph, machines: Mapping[str, str] | None = None) -> Graph
             (machines or {}).get(placement.name, ""),
             tuple(topic for topic, _ in placement.subscriptions),
             tuple(topic for topic, _ in placement.publications),
+            issubclass(placement.type, AgentNode),
         )
         for placement in graph.placements
     )

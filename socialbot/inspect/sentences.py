@@ -196,8 +196,8 @@ def plan_of(history: History, step: TraceRecord) -> TraceRecord | None:
             return each
     if number is None:
         return None
-    before = history.between(history.start, step.stamp)
-    numbered = (each for each in reversed(before) if each.kind == "plan_start" and each.source == director)
+    before = history.back(history.start, step.stamp)
+    numbered = (each for each in before if each.kind == "plan_start" and each.source == director)
     return next((each for each in numbered if each.detail.get("plan") == number), None)
 
 

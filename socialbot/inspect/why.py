@@ -195,7 +195,7 @@ def decided_at(history: History, stamp: int) -> list[TraceRecord]:
     done = actions(history)
     taken = {id(record) for record in done}
     found: list[TraceRecord] = []
-    for record in reversed(history.between(history[0].stamp if len(history) else 0, stamp)):
+    for record in history.back(history[0].stamp if len(history) else 0, stamp):
         if found and record.stamp != found[-1].stamp:
             break
         if id(record) in taken or record.kind in DECIDED:

@@ -35,6 +35,7 @@ def test_records_are_in_the_order_of_time_whenever_they_come():
     history = History([one, three, two])
     assert list(history) == [one, two, three]
     assert history.between(two.stamp, three.stamp) == [two, three]
+    assert list(history.back(one.stamp, two.stamp)) == [two, one]
     assert (history.until(two.stamp), history.until(two.stamp - 1), len(history)) == (2, 1, 3)
     assert (history.duration_s, history.stamp(1.0), history.seconds(two.stamp)) == (2.0, two.stamp, 1.0)
 

@@ -64,6 +64,22 @@ def test_a_live_page_that_loses_its_server_says_so_keeps_what_it_shows_and_comes
     runner.close()
 
 
+def test_the_plans_of_a_live_run_are_those_of_now(browser, tmp_path):
+    live = LiveRun(load_graph("waldo"))
+    with serving(live, ANY) as served:
+        visit = Visit(browser, served.url)
+        expect(visit.page.locator("#mind-title")).to_have_text("Waldo")
+        visit.page.locator("#tab-plans").click()
+        plans = visit.page.locator("#pane-plans")
+        expect(plans).to_contain_text("No plan was considered yet.")
+        waldo_at_work(tmp_path / "run", live, range(20)).close()
+        visit.wait(1.9)
+        visit.page.locator("#tab-log").click()
+        visit.page.locator("#tab-plans").click()
+        expect(plans).to_contain_text("chosen 1 ×")
+        visit.close()
+
+
 def test_a_page_that_comes_back_to_a_run_begun_anew_shows_that(browser, tmp_path):
     first, second = (LiveRun(load_graph("waldo")) for _ in range(2))
     waldo_at_work(tmp_path / "first", first, range(20)).close()

@@ -304,6 +304,11 @@ def test_a_live_run_shows_what_a_record_of_it_shows(tmp_path):
     assert live.wording.name("bdi_engine") == "Waldo"
 
 
+def test_an_agent_of_which_nothing_was_heard_yet_is_there_all_the_same():
+    (agent,) = client(LiveRun(load_graph("waldo")))("/api/run").json()["agents"]
+    assert (agent["name"], agent["called"], agent["plans"]) == ("bdi_engine", "Waldo", [])
+
+
 def test_news_are_told_once_and_only_those_of_agents_that_have_changed(tmp_path):
     live = LiveRun(load_graph("waldo"))
     runner = waldo_at_work(tmp_path / "run", live, range(5))

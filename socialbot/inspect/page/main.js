@@ -20,7 +20,7 @@ import { Why } from './why.js';
 import { fetchMap, showMap } from './world.js';
 
 const FEW_AGENTS = 12;
-const FRAME_MS = 50;
+const FRAME_MS = 33;
 const TREES_MS = 300;
 const NODES_MS = 1000;
 
@@ -59,6 +59,10 @@ class Page {
     else await this.#load();
   }
 
+  #known(name) {
+    return this.run.agents.some(agent => agent.name === name);
+  }
+
   /** What people call an agent. */
   called(name) {
     return this.run.agents.find(agent => agent.name === name)?.called ?? name;
@@ -68,8 +72,12 @@ class Page {
     this.agent = name;
     this.timeline.show(name, this.run.agents.length > FEW_AGENTS);
     this.log.only(find('log-own').checked ? name : null);
-    listPlans(this.run.agents.find(agent => agent.name === name), label => this.why.explainPlan(label));
+    this.#listPlans();
     this.#moved();
+  }
+
+  #listPlans() {
+    listPlans(this.run.agents.find(agent => agent.name === this.agent), label => this.why.explainPlan(label));
   }
 
   /** Explains a record, at its time where that is given. */
@@ -195,7 +203,7 @@ class Page {
         const minds = new Map((this.#live?.agents ?? []).map(agent => [agent.name, agent]));
         for (const agent of moment.agents) minds.set(agent.name, agent);
         this.#live = { ...moment, agents: [...minds.values()] };
-        if (minds.size !== this.run.agents.length) reporting(() => this.#refresh())();
+        if (moment.agents.some(agent => !this.#known(agent.name))) reporting(() => this.#refresh())();
         this.timeline.take(bars);
         if (log.length) this.log.add(log);
         this.playhead.extend(t);
@@ -220,7 +228,8 @@ class Page {
     this.agents.take(this.run.agents);
     if (this.run.graph.nodes.length !== graph) this.nodes = new Nodes(this.run.graph);
     this.#describe();
-    if (!this.run.agents.some(agent => agent.name === this.agent)) this.choose(this.run.agents[0]?.name ?? '');
+    if (this.#known(this.agent)) this.#listPlans();
+    else this.choose(this.run.agents[0]?.name ?? '');
   }
 
   // What people do
@@ -247,7 +256,10 @@ class Page {
     find('whole').addEventListener('click', () => timeline.whole());
     find('help').addEventListener('click', () => find('keys').showModal());
     find('log-own').addEventListener('change', () => this.choose(this.agent));
-    find('side').addEventListener('opened', event => { if (event.detail === 'log') this.#scrollLog(); });
+    find('side').addEventListener('opened', ({ detail }) => {
+      if (detail === 'log') this.#scrollLog();
+      if (detail === 'plans' && this.run.live) reporting(() => this.#refresh())();
+    });
     startTabs();
     startKeys({
       ' ': () => playhead.toggle(),

@@ -24,6 +24,7 @@ export class Timeline {
   #alone = false;
   #selected = '';
   #due = false;
+  #width = 0;
 
   /** `seek` is called with a time, `pick` with a bar, `called` gives the name of an agent. */
   constructor(playhead, { seek, pick, called }) {
@@ -33,8 +34,14 @@ export class Timeline {
     this.#box.append(this.#chart, this.#cursor);
     find('timeline').append(this.#names, this.#box);
     this.#listen();
-    new ResizeObserver(() => this.#draw()).observe(this.#box);
+    new ResizeObserver(() => this.#fit()).observe(this.#box);
     playhead.watch(() => this.#move());
+  }
+
+  /** Asked for once, as to ask for it again and again makes the browser lay out the page each time. */
+  #fit() {
+    this.#width = this.#box.clientWidth;
+    this.#draw();
   }
 
   /** Shows all of these lanes instead of those before. */
@@ -105,7 +112,7 @@ export class Timeline {
 
   #place() {
     const { from, to } = this.#view;
-    const x = ((this.playhead.time - from) / (to - from)) * this.#box.clientWidth;
+    const x = ((this.playhead.time - from) / (to - from)) * this.#width;
     this.#cursor.style.transform = `translateX(${x}px)`;
   }
 
@@ -118,7 +125,7 @@ export class Timeline {
   // Drawing
 
   #draw() {
-    const width = this.#box.clientWidth;
+    const width = this.#width;
     if (!width) return;
     const lanes = this.#visible();
     const names = [];
@@ -229,7 +236,7 @@ export class Timeline {
 
   #pan(pixels) {
     const { from, to } = this.#view;
-    this.#look(from + (pixels / this.#box.clientWidth) * (to - from), to - from);
+    this.#look(from + (pixels / this.#width) * (to - from), to - from);
   }
 }
 
