@@ -38,16 +38,30 @@ from socialbot.bridge.bags import BagWriter
 from socialbot.bridge.observing import observing
 from socialbot.clock import SECOND
 from socialbot.errors import NodeError
-from socialbot.graph_file import load_graph
-from socialbot.inspect.serving import Address, serving
-from socialbot.messages import CompressedImage, TraceRecord
-from socialbot.recorded_run import recorded
+from socialbot.graph_file import parse_graph
+from socialbot.inline import InlineRunner
+from socialbot.messages import CompressedImage, PersonDetection, PersonDetections
+from socialbot.replay import observed_topics
 from socialbot.run_record import RunRecord
 
 AS_REQUIRED, NOT_AS_REQUIRED = 0, 10
 START = 1_700_000_000 * SECOND
 AGENTS = 100
 PICTURES = "/camera/image_raw/compressed"
+DETECTIONS = "/humans/bodies/detections"
+BEHIND_THE_DETECTOR = f"""
+name: waldo
+inputs: [{DETECTIONS}]
+nodes:
+  bdi_engine: {{type: waldo}}
+  listener:   {{type: listener}}
+  speech:
+    type: speaker
+    parameters: {{engine: bdi_engine, playback: "off"}}
+    remap: {{health: /bdi_engine/health}}
+  head:       {{type: head, parameters: {{engine: bdi_engine}}, remap: {{health: /bdi_engine/health}}}}
+"""
+"""Waldo's graph without what sees."""
 BEGINS_WITHIN_S = 120.0
 SETTLE_S = 5.0
 
@@ -161,14 +175,16 @@ def update(folder: Path, agents: int, seconds: float) -> Row:
     """How often a page in a browser shows what the agents do now."""
     with crowd(folder, agents, inspected=True) as (_, _, address), page() as visit:
         time.sleep(SETTLE_S)
-        return Row(f"{agents} agents: from one update of the page to the next", update_ms(visit, address, seconds), 110.0, "ms")
+        return Row(
+            f"{agents} agents: from one update of the page to the next", update_ms(visit, address, seconds), 110.0, "ms"
+        )
 
 
 # How fast it is
 
 
 def long_run(folder: Path, seconds: int) -> Path:
-    """A run of Waldo's graph of so many seconds, with a bag of its pictures, ten of each a second."""
+    """A run of Waldo of so many seconds, to whom people come and go, with a bag of ten pictures of each second."""
     bag, stamps = folder / "bag", [START + tenth * SECOND // 10 for tenth in range(seconds * 10)]
     shades = np.add.outer(np.arange(480), np.arange(640)).astype(np.uint8)
     with BagWriter(bag) as writer:
@@ -176,31 +192,58 @@ def long_run(folder: Path, seconds: int) -> Path:
             data = cv2.imencode(".jpg", np.roll(shades, stamp // SECOND % 640, axis=1))[1].reshape(-1)
             picture = CompressedImage(stamp=stamp, frame_id="camera", format="jpeg", data=data)
             writer.write(PICTURES, picture, stamp)
+    graph = parse_graph(BEHIND_THE_DETECTOR, where="evaluation.inspect")
+    runner = InlineRunner(graph, start=START)
     with RunRecord(folder / "run") as record:
-        record.describe(load_graph("waldo"))
-        for number, stamp in enumerate(stamps):
-            for kind, what, cause in (("belief", f"seen({number})", ""), ("unbelief", f"seen({number - 1})", "")):
-                id = f"bdi_engine-{kind}-{number}"
-                told = TraceRecord(stamp=stamp, id=id, source="bdi_engine", kind=kind, what=what, cause=cause)
-                record.observe("/waldo/trace", told)
-            if number % 20 == 0:
-                goal = TraceRecord(stamp=stamp, id=f"g{number}", source="bdi_engine", kind="goal", what=f"g({number})")
-                record.observe("/waldo/trace", goal)
+        record.describe(graph)
+        for topic in observed_topics(graph):
+            runner.tap(topic, record.observe)
+        runner.start()
+        for stamp in stamps:
+            runner.feed(DETECTIONS, people(stamp))
+        runner.close()
         record.write_results(
             {"graph": "waldo", "bag": {"path": str(bag), "start": START, "topics": {PICTURES: PICTURES}}}
         )
     return folder / "run"
 
 
+def people(stamp: int) -> PersonDetections:
+    """Whom a camera sees at ``stamp``: in each minute somebody new comes, stays for half of it, and goes."""
+    minute, within_s = divmod((stamp - START) / SECOND, 60.0)
+    far_m = 3.0 + abs(within_s - 25.0) / 4.0
+    one = PersonDetection(
+        x=40.0 + 8.0 * within_s, y=60.0, w=160.0, h=380.0, score=0.9, track_id=f"t{minute:.0f}", distance_m=far_m
+    )
+    there = (one,) if 5.0 <= within_s < 40.0 else ()
+    return PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=there)
+
+
+@contextmanager
+def inspector(run: Path) -> Iterator[str]:
+    """The address of a page of ``run``, served as users do it."""
+    command = [sys.executable, "-m", "socialbot", "inspect", str(run), "--port", "0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if found := re.search(r"Inspector: (\S+)", line):
+                yield found[1]
+                return
+        raise NodeError(f"ended with {process.wait()}", where="socialbot inspect")
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(60)
+
+
 def speed(folder: Path, seconds: int, steps: int) -> list[Row]:
     """How long a page waits for its first picture, and for each step through the run; both in a browser, too."""
-    run_folder = long_run(folder, seconds)
-    with recorded(run_folder) as run, serving(run, Address(port=0)) as served, httpx.Client() as client:
+    with inspector(long_run(folder, seconds)) as url, httpx.Client() as client:
 
         def timed(*paths: str) -> float:
             begun = time.perf_counter()
             for path in paths:
-                client.get(served.url + path, timeout=60).raise_for_status()
+                client.get(url + path, timeout=60).raise_for_status()
             return 1e3 * (time.perf_counter() - begun)
 
         first = timed("", "api/run", "api/moment?t=0", "api/picture?t=0")
@@ -211,7 +254,7 @@ def speed(folder: Path, seconds: int, steps: int) -> list[Row]:
         pictures = sorted(timed(f"api/picture?t={at}") for at in times)
         both = sorted(timed(f"api/moment?t={at + 0.05}", f"api/picture?t={at + 0.05}") for at in times)
         with page() as visit:
-            seen = first_picture_ms(visit, served.url)
+            seen = first_picture_ms(visit, url)
             shown = sorted(steps_ms(visit, times))
 
     def p99(found: list[float]) -> float:
