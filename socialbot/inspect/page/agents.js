@@ -1,6 +1,6 @@
 // The agents to choose from.
 
-import { element, find, say, sync } from './dom.js';
+import { byNumber, element, find, say, sync } from './dom.js';
 
 const FILTERED = 8;
 
@@ -16,7 +16,7 @@ export class Agents {
   }
 
   take(agents) {
-    this.#agents = agents;
+    this.#agents = agents.toSorted((one, other) => byNumber(one.called, other.called));
     find('agents').hidden = agents.length < 2;
     find('agent-filter').hidden = agents.length <= FILTERED;
   }

@@ -53,6 +53,9 @@ export function say(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
+/** Compares names, `agent9` before `agent10`. */
+export const { compare: byNumber } = new Intl.Collator('en', { numeric: true });
+
 /** A time or how long something lasts, as all of socialbot writes it. */
 export function seconds(value, digits = 2) {
   return `${value.toFixed(digits)} s`;

@@ -41,7 +41,7 @@ class Page {
     this.agents = new Agents(run.agents, name => this.choose(name));
     this.asking = new Asking();
     this.nodes = new Nodes(run.graph);
-    this.sight = run.has.pictures || run.live ? new Sight() : null;
+    this.sight = this.#looks ? new Sight() : null;
     this.frames = new Latest(t => this.#fetch(t), found => this.#show(found), FRAME_MS);
     this.trees = new Latest(api.trees, trees => showTrees(trees, this.agent, name => this.called(name)), TREES_MS);
     this.statuses = new Latest(api.nodes, found => this.nodes.show(found), NODES_MS);
@@ -57,6 +57,12 @@ class Page {
     else this.#moved();
     if (this.run.live) this.#listen();
     else await this.#load();
+  }
+
+  /** Whether there is something to see: pictures, or at least people who are detected while the run goes on. */
+  get #looks() {
+    const { has, live, graph } = this.run;
+    return has.pictures || (live && Object.values(graph.topics).includes('PersonDetections'));
   }
 
   #known(name) {
@@ -168,9 +174,10 @@ class Page {
     say(state, run.live ? 'live' : 'recorded');
     state.classList.toggle('live', run.live);
     this.asking.allow(run.has.why_not);
-    this.#talks = run.has.pictures || run.live;
+    this.#talks = this.#looks;
     find('trees').hidden = !run.has.trees;
-    find('unseen-world').hidden = run.has.pictures || run.has.world || run.live;
+    find('unseen-world').hidden = this.#looks || run.has.world;
+    if (run.live) say(find('unseen-world'), 'Nothing here has a camera.');
     find('log-choice').hidden = run.agents.length < 2;
     document.body.classList.toggle('many', run.agents.length > 1);
     document.body.classList.toggle('mapped', run.has.world && !run.has.pictures);

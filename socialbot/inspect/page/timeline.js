@@ -1,6 +1,6 @@
 // Everything as bars in lanes, with the time that is shown as a line through all of them.
 
-import { drawn, element, find, say, seconds, sync } from './dom.js';
+import { byNumber, drawn, element, find, say, seconds, sync } from './dom.js';
 import { drawable, packed } from './rows.js';
 import { colour } from './sight.js';
 
@@ -246,8 +246,6 @@ const ORDER = ['people', 'speech', 'head', 'desires', 'plans', 'steps', 'goals',
 function place(lane) {
   return lane.agent ? ORDER.length : ORDER.indexOf(lane.name);
 }
-
-const { compare: byNumber } = new Intl.Collator('en', { numeric: true });
 
 function key(agent, lane) {
   return `${agent}\n${lane}`;
