@@ -188,6 +188,7 @@ class Page {
   async #load() {
     const loading = this.#loading = {};
     this.log.clear();
+    this.#tell();
     this.timeline.load(await api.timeline());
     for await (const lines of api.log(this.playhead.end)) {
       if (loading !== this.#loading) return;
