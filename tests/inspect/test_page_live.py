@@ -14,12 +14,14 @@ pytest.importorskip("playwright", reason="needs playwright")
 
 from playwright.sync_api import Browser, expect
 
+from socialbot.clock import SECOND
 from socialbot.graph_file import load_graph
 from socialbot.inspect.live_run import LiveRun
 from socialbot.inspect.run_folder import open_run
 from socialbot.inspect.serving import Address, serving
+from socialbot.messages import TraceRecord
 from tests.inspect.browsing import Visit, chromium
-from tests.inspect.runs import greeting, waldo_at_work
+from tests.inspect.runs import START, greeting, waldo_at_work
 
 expect.set_options(timeout=60_000)
 
@@ -94,6 +96,22 @@ def test_a_page_that_comes_back_to_a_run_begun_anew_shows_that(browser, tmp_path
         expect(visit.page.locator("#beliefs")).not_to_contain_text(SOMEBODY)
         expect(visit.page.locator("#log")).not_to_contain_text("Hello")
         visit.close(lost=True)
+
+
+def test_of_a_long_log_the_beginning_is_fetched_when_somebody_goes_back_to_it(browser):
+    live = LiveRun(load_graph("waldo"))
+    for number in range(6000):
+        stamp, id = START + number * SECOND // 100, f"b{number}"
+        what = f"seen({number})"
+        live.observe("/waldo/trace", TraceRecord(stamp=stamp, id=id, source="bdi_engine", kind="belief", what=what))
+    with serving(live, ANY) as served:
+        visit = Visit(browser, served.url)
+        visit.wait(59.99)
+        asked = "performance.getEntriesByType('resource').filter(each => each.name.includes('/api/log')).length"
+        assert visit.number(asked) == 5, "2000 lines, of which each request after the first gives one that is known"
+        visit.seek(1.0)
+        expect(visit.page.locator("#log .now")).to_contain_text("seen(100)")
+        visit.close()
 
 
 @dataclass

@@ -23,6 +23,15 @@ export class Log {
     this.pick = pick;
   }
 
+  get count() {
+    return this.#lines.length;
+  }
+
+  /** The time of the first line that is known; before that there may be more. */
+  get oldest() {
+    return this.#lines[0]?.t ?? Infinity;
+  }
+
   /** Takes lines that are older or newer than all before; those that it has it leaves out. */
   add(told) {
     const lines = told.filter(line => !this.#known.has(line.id));

@@ -23,11 +23,13 @@ const FEW_AGENTS = 12;
 const FRAME_MS = 33;
 const TREES_MS = 300;
 const NODES_MS = 1000;
+const MANY_LINES = 2000;
 
 class Page {
   #live = null;
   #told = '';
-  #loading = null;
+  #older = null;
+  #recalling = false;
 
   constructor(run) {
     this.run = run;
@@ -115,6 +117,7 @@ class Page {
     this.frames.ask(time);
     if (this.run.has.trees) this.trees.ask(time);
     if (this.run.graph.nodes.length && !following) this.statuses.ask(time);
+    if (time < this.log.oldest) reporting(() => this.#recallNow())();
     clearTimeout(this.noting);
     this.noting = setTimeout(() => this.#note(), 400);
   }
@@ -184,18 +187,40 @@ class Page {
     if (run.damage?.length) notice({ run: `Not all of this run could be read: ${run.damage.join('; ')}.` });
   }
 
-  /** Fetches all that happened, anew; what an earlier call still waits for is dropped. */
+  /** Fetches what happened, anew; what is long ago is fetched when somebody goes back to it. */
   async #load() {
-    const loading = this.#loading = {};
+    this.#older = api.log(this.playhead.end);
     this.log.clear();
     this.#tell();
     this.timeline.load(await api.timeline());
-    for await (const lines of api.log(this.playhead.end)) {
-      if (loading !== this.#loading) return;
-      this.log.add(lines);
-      this.#tell();
-    }
+    await this.#recall(() => this.log.count >= MANY_LINES && this.log.oldest <= this.playhead.time);
     document.body.dataset.loaded = true;
+  }
+
+  /** Fetches what happened earlier until that is `enough`, or all; what an earlier load waits for is dropped. */
+  async #recall(enough) {
+    const older = this.#older;
+    try {
+      while (!enough()) {
+        const { value: lines, done } = await older.next();
+        if (done || older !== this.#older) return;
+        this.log.add(lines);
+        this.#tell();
+      }
+    } catch (error) {
+      this.#older = api.log(Math.min(this.log.oldest, this.playhead.end)); // for when the server is there again
+      throw error;
+    }
+  }
+
+  async #recallNow() {
+    if (this.#recalling || !this.#older) return;
+    this.#recalling = true;
+    try {
+      await this.#recall(() => this.log.oldest <= this.playhead.time);
+    } finally {
+      this.#recalling = false;
+    }
   }
 
   #listen() {
@@ -245,10 +270,11 @@ class Page {
   #wire() {
     const { playhead, timeline } = this;
     const step = by => playhead.seek(playhead.time + by);
-    const decide = way => {
-      const t = this.log.decision(playhead.time, way);
-      if (t !== null) playhead.seek(t);
-    };
+    const decide = reporting(async way => {
+      const found = () => this.log.decision(playhead.time, way);
+      if (way < 0) await this.#recall(() => found() !== null);
+      if (found() !== null) playhead.seek(found());
+    });
     const why = () => {
       const line = this.log.decided(playhead.time);
       if (line) this.pick(line.id);
