@@ -14,7 +14,7 @@ from socialbot.bridge import environment
 from socialbot.bridge.readiness import Connection, subscription_connection
 from socialbot.bridge.wire import Inlet, wire
 from socialbot.errors import MessageError
-from socialbot.graph import Delivery, Graph, WireForm
+from socialbot.graph import Graph, WireForm
 from socialbot.messages import Message
 
 log = logging.getLogger("socialbot.observer")
@@ -67,7 +67,7 @@ def observing(
     environment.require_ros()
     from diagnostic_msgs.msg import DiagnosticArray
 
-    from socialbot.bridge.qos import subscription_qos
+    from socialbot.bridge.qos import onlooker_qos
     from socialbot.bridge.session import spinning_node
 
     def receive(topic: str, kind: type[Message], inlet: Inlet, ros_message: Any) -> None:
@@ -93,7 +93,7 @@ def observing(
                 own.message_class(kind),
                 topic,
                 functools.partial(receive, topic, kind, own.inlet(topic, latched=topic in latched)),
-                subscription_qos(Delivery.LATCHED if topic in latched else Delivery.EVERY, outside=False),
+                onlooker_qos(latched=topic in latched),
             )
             for topic, kind in topics.items()
         }

@@ -10,6 +10,9 @@ from socialbot.graph import Delivery
 DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}
 """Messages that a writer keeps for a slow reader, and a reader for a slow node."""
 
+ONLOOKER_DEPTH = 2000
+"""Messages of a topic that are kept for who only records: it has many topics to hear, and may be late for a while."""
+
 
 def publisher_qos(delivery: Delivery) -> Any:
     """Reliable always, so that readers of both kinds match; late joiners get the last of a latched topic."""
@@ -38,6 +41,13 @@ def subscription_qos(delivery: Delivery, *, outside: bool) -> Any:
         reliability=ReliabilityPolicy.BEST_EFFORT if undemanding else ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
+
+
+def onlooker_qos(*, latched: bool) -> Any:
+    """What a reader asks for that records a topic of the graph; of those that are ``latched`` the last, too."""
+    qos = subscription_qos(Delivery.LATCHED if latched else Delivery.EVERY, outside=False)
+    qos.depth = ONLOOKER_DEPTH
+    return qos
 
 
 def matching_qos(publishers: Collection[Any], depth: int) -> Any:

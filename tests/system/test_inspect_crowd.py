@@ -27,7 +27,9 @@ def test_any_of_them_is_found_and_followed(tmp_path: Path) -> None:
         expect(agents).to_have_count(1, timeout=PATIENCE_MS)
         agents.locator("button").click()
         expect(visit.page.locator("#mind-title")).to_have_text("agent77", timeout=PATIENCE_MS)
-        place = visit.page.locator("#beliefs li", has_text="at(").locator(".what")
+        places = visit.page.locator("#beliefs li", has_text="at(").locator(".what")
         for _ in range(3):
-            expect(place).not_to_have_text(place.inner_text(), timeout=PATIENCE_MS)
+            before = places.last.inner_text()
+            expect(places).to_have_count(1, timeout=PATIENCE_MS)
+            expect(places.last).not_to_have_text(before, timeout=PATIENCE_MS)
         visit.close()
