@@ -46,6 +46,7 @@ SetOption = Annotated[
     ),
 ]
 ComposedOption = Annotated[bool, typer.Option("--composed", help="All nodes in one process.")]
+KeepOption = Annotated[float, typer.Option(min=1.0, help="MB of the record that are kept: of a long run the newest.")]
 ParentOption = Annotated[int | None, typer.Option(hidden=True, help="End when this process has ended.")]
 
 
@@ -161,6 +162,7 @@ def up(
     camera: Annotated[str | None, typer.Option(help="Device, video or folder: sets camera.source.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the record of the run; default: runs/TIME.")] = None,
     minds: Annotated[Path | None, typer.Option(help="Folder of agents' minds, to go on with those in it.")] = None,
+    keep: KeepOption = 200.0,
     show_page: InspectOption = False,
     port: PortOption = PORT,
     changes: SetOption = None,
@@ -170,21 +172,21 @@ def up(
     from socialbot.deployment.deployment_file import is_deployment
     from socialbot.graph_file import load_graph
     from socialbot.live import run_live
-    from socialbot.run_record import RunTrace
+    from socialbot.run_record import RunTrace, room_of
 
     changes = ([f"camera.source={camera}"] if camera is not None else []) + (changes or [])
     folder = out or new_run_folder()
     if is_deployment(graph):
         if composed:
             raise ParameterError("nodes of a deployment have a process each", where="--composed", remedy="leave it out")
-        up_machine(graph, machine, changes, folder, minds, context if show_page else None, port)
+        up_machine(graph, machine, changes, folder, minds, context if show_page else None, port, room=room_of(keep))
         return
     if machine is not None:
         raise ParameterError(f"{graph} names no machines", where="--machine", remedy="give a deployment file")
     whole = with_changes(load_graph(graph), changes)
     console = Console(highlight=False)
     console.print(f"{whole.name}: Ctrl-C ends it; its record: {folder}", soft_wrap=True, markup=False)
-    with RunTrace(folder) as record:
+    with RunTrace(folder, room=room_of(keep)) as record:
         if show_page:
             context.with_resource(watched(record, whole, console, port, over_ros=True, stays=False))
         run_live(whole, record, console, composed=composed, minds=minds)

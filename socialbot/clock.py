@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import threading
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 SECOND = 1_000_000_000
@@ -17,10 +20,51 @@ class Clock(Protocol):
         ...
 
 
-class WallClock:
-    """The computer's own time of day."""
+EPOCH_VARIABLE = "SOCIALBOT_EPOCH"
+"""By it a process tells those that it starts what to count the time of day from (ns): so all of them tell the same."""
 
-    now = staticmethod(time.time_ns)
+
+class WallClock:
+    """The time of day: asked of the computer once, and counted from there on.
+
+    So it goes on evenly when somebody, or NTP, sets the computer's clock meanwhile: timers fire when they should, and
+    what was believed for a minute was believed for a minute. What the computer has slept through has passed.
+    """
+
+    def __init__(self) -> None:
+        self._epoch = int(os.environ.setdefault(EPOCH_VARIABLE, str(time.time_ns() - steady())))
+
+    def now(self) -> int:
+        """Nanoseconds since 1970."""
+        return self._epoch + steady()
+
+    @property
+    def behind_s(self) -> float:
+        """By how much (s) the computer's clock was set forward since."""
+        return (time.time_ns() - self.now()) / SECOND
+
+
+def steady() -> int:
+    """Nanoseconds since the computer was started; nobody can set that."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
+
+class ForwardClock:
+    """Another clock, which may be set: when it goes back, as where a bag is played in a loop, this one goes on."""
+
+    def __init__(self, now: Callable[[], int]) -> None:
+        self._source = now
+        self._ahead = 0
+        self._last = 0
+        self._looking = threading.Lock()
+
+    def now(self) -> int:
+        """Nanoseconds, never fewer than before."""
+        with self._looking:
+            told = self._source()
+            self._ahead = max(self._ahead, self._last - told)
+            self._last = told + self._ahead
+            return self._last
 
 
 class ManualClock:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -28,6 +30,11 @@ from socialbot.run_report import RunReport, write_report
 from socialbot.security import paths
 
 ATTEND_S = 0.1
+
+NOTEWORTHY_S = 0.5
+"""By less a clock may be set without a word."""
+
+log = logging.getLogger("socialbot.live")
 
 LONGEST_BYTES = 20_000_000
 """A longer record is not made a page of at the end, so that nobody waits for it."""
@@ -72,17 +79,43 @@ def run_live(
                 record.note_node(clock.now(), name, values)
 
         with observing(topics_of(graph, nodes), telling(graph, observe), note, graph.wire) as onlooker:
-            expect_free_names(onlooker.ros, graph, nodes)
             presence = Presence(onlooker.ros, graph.name, ending.ask)
+            expect_free_names(onlooker.ros, graph, nodes)
             supervisor = Supervisor(
                 graph, record.folder / "log", composed=composed, policy=policy, nodes=nodes, variables=variables
             )
             with presence, supervisor:
+                watch = ClockWatch(clock)
                 obituaries = Obituaries(onlooker.ros, supervisor)
                 while not ending.asked:
                     supervisor.attend(ATTEND_S)
                     obituaries.tell()
                     presence.tell()
+                    watch.look()
+
+
+@dataclass
+class ClockWatch:
+    """Says that somebody has set the computer's clock, which the ``clock`` of the graph does not follow."""
+
+    clock: WallClock
+    told_s: float = 0.0
+    """How far the two were apart when it was told last."""
+
+    def look(self) -> None:
+        """Looks once."""
+        behind_s = self.clock.behind_s
+        if abs(behind_s - self.told_s) < NOTEWORTHY_S:
+            return
+        log.warning(
+            "the clock of this computer was set %s by %.1f s; the graph goes on by the time it had, which is %.1f s %s:"
+            " to take over the new one, start it again",
+            "forward" if behind_s > self.told_s else "back",
+            abs(behind_s - self.told_s),
+            abs(behind_s),
+            "behind" if behind_s > 0 else "ahead",
+        )
+        self.told_s = behind_s
 
 
 @contextmanager

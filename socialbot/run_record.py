@@ -1,15 +1,15 @@
 """The record of a run: a folder with trace.jsonl, written as things happen, and results.json at the end.
 
 ``graph.yaml`` says what ran, ``seen.jsonl`` what a world showed and how the nodes were; ``scored.jsonl``, where the
-truth is known, what became of the people in each frame.
+truth is known, what became of the people in each frame. Of a run that lasts for long only the newest part is kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import msgspec
 from msgspec.structs import replace
@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from socialbot.errors import SocialbotError
 from socialbot.graph import Graph
 from socialbot.graph_file import dump_graph
+from socialbot.journal import Journal
 from socialbot.messages import (
     ActionRequest,
     HeadCommand,
@@ -47,6 +48,8 @@ STOPPED = "stopped by a signal"
 
 Of a run that failed the error is there.
 """
+
+TRACE, SEEN = "trace.jsonl", "seen.jsonl"
 
 SCORED = "scored.jsonl"
 """The file that says whom the detector found and whom it missed, frame by frame, where the truth is known."""
@@ -86,24 +89,25 @@ class RunTrace:
     """The trace of a run: takes its messages in order; each line is a TraceRecord as JSON.
 
     Every line is on disk before the next message is looked at, so that nothing is lost when a run breaks off. Nodes may
-    keep files in its folder.
+    keep files in its folder. With ``room`` (bytes) the trace keeps the newest that fits, and so does seen.jsonl.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, room: int | None = None) -> None:
         """Raises SocialbotError when the folder cannot be made, or holds a run already."""
         self.folder = folder
+        self._room = room
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._trace = (folder / "trace.jsonl").open("xb")
+            self._trace = Journal(folder / TRACE, room)
         except FileExistsError as error:
             raise _unusable("holds a run already", folder, "give another folder with --out") from error
         except OSError as error:
             raise _unusable(f"cannot be written: {error.strerror}", folder, "give another --out") from error
         paths.allow(folder)
         self._encoder = msgspec.json.Encoder()
-        self._seen: BinaryIO | None = None
+        self._seen: Journal | None = None
         self._worldly: frozenset[str] = frozenset()
-        self._last: dict[str, Message] = {}
+        self._last: dict[tuple[str, str], Message] = {}
         self._listeners: tuple[Listener, ...] = ()
 
     def __enter__(self: T) -> T:
@@ -117,7 +121,7 @@ class RunTrace:
     @property
     def size(self) -> int:
         """So many bytes the trace has."""
-        return (self.folder / "trace.jsonl").stat().st_size
+        return self._trace.size
 
     def tell(self, listener: Listener) -> None:
         """Lets ``listener`` look on from now on."""
@@ -127,7 +131,7 @@ class RunTrace:
         """Keeps ``graph`` in graph.yaml, and from now on in seen.jsonl what its world shows and how its nodes are."""
         worlds = (placement for placement in graph.placements if placement.type.stands_for_world)
         self._worldly = frozenset(topic for world in worlds for topic, _ in world.publications)
-        self._seen = (self.folder / "seen.jsonl").open("xb")
+        self._seen = Journal(self.folder / SEEN, self._room, self._lasting)
         (self.folder / "graph.yaml").write_text(dump_graph(graph), encoding="utf-8")
 
     def observe(self, topic: str, message: Message) -> None:
@@ -136,8 +140,7 @@ class RunTrace:
             listener.observe(topic, message)
         record = trace_record(topic, message)
         if record is not None:
-            self._trace.write(self._encoder.encode(record) + b"\n")
-            self._trace.flush()
+            self._trace.write(self._encoder.encode(record))
         elif topic in self._worldly or isinstance(message, Health):
             self._see(topic, message)
 
@@ -159,16 +162,19 @@ class RunTrace:
 
     def _see(self, topic: str, message: Message) -> None:
         """Keeps a message that tells something new: worlds and nodes say the same again and again."""
-        sender = f"{topic} {message.node}" if isinstance(message, Health) else topic
-        last = self._last.get(sender)
+        sender = message.node if isinstance(message, Health) else ""
+        last = self._last.get((topic, sender))
         if last is None or replace(last, stamp=message.stamp) != message:
-            self._last[sender] = message
+            self._last[topic, sender] = message
             self._write_seen(topic, message)
+
+    def _lasting(self) -> Iterator[bytes]:
+        """The lines that still hold though they were written before."""
+        return (self._encoder.encode(SeenLine(topic, message)) for (topic, _), message in self._last.items())
 
     def _write_seen(self, topic: str, message: Message | NodeTold) -> None:
         if self._seen is not None:
-            self._seen.write(self._encoder.encode(SeenLine(topic, message)) + b"\n")
-            self._seen.flush()
+            self._seen.write(self._encoder.encode(SeenLine(topic, message)))
 
 
 class RunRecord(RunTrace):
@@ -189,6 +195,11 @@ class RunRecord(RunTrace):
         elif isinstance(message, Utterance):
             self.utterances.append(message)
         super().observe(topic, message)
+
+
+def room_of(megabytes: float) -> int:
+    """The room (bytes) of each of the two journals of a run that may have so many ``megabytes``."""
+    return round(megabytes * 1_000_000 / 2)
 
 
 def trace_record(topic: str, message: Message) -> TraceRecord | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -42,9 +43,9 @@ class NodeStatus:
 
     ``state`` is that of the lifecycle, or of a dead node ``waiting``, ``given up`` or ``ended``; empty before it was
     heard. ``heard_s`` is how long ago (s) it was heard, None when it never was; ``lifeless`` says that it is active but
-    gives no sign of life. Figures that nobody has told are None. ``call`` is how long it takes to handle something,
-    ``age`` how old messages are when that is done: since their stamp. Nodes in the same process, those of ``shares``
-    too, have its processor time (percent of one core) and memory in common.
+    gives no sign of life, ``twin`` where another node of its name runs. Figures that nobody has told are None. ``call``
+    is how long it takes to handle something, ``age`` how old messages are when that is done: since their stamp. Nodes in
+    the same process, those of ``shares`` too, have its processor time (percent of one core) and memory in common.
     """
 
     name: str
@@ -52,6 +53,7 @@ class NodeStatus:
     state: str = ""
     heard_s: float | None = None
     lifeless: bool = False
+    twin: str = ""
     health: str = ""
     reason: str = ""
     silent: tuple[str, ...] = ()
@@ -78,6 +80,8 @@ class NodeStatus:
             return "not heard"
         if self.heard_s > SILENT_S:
             return f"not heard for {self.heard_s:.0f} s"
+        if self.twin:
+            return "runs twice"
         if self.state != ACTIVE:
             return self.state or "unknown"
         if self.lifeless:
@@ -99,6 +103,17 @@ class _Heard:
     last: float | None = None
     health: Health | None = None
     health_at: float = -math.inf
+    speakers: deque[str] = field(default_factory=lambda: deque(maxlen=3))
+    """Who has spoken last by its name, each once in a row."""
+    twin: str = ""
+    twin_at: float = -math.inf
+
+    def note_speaker(self, speaker: str, now: float) -> None:
+        """Notes who speaks; who speaks again after another is no predecessor of it: there are two."""
+        if not self.speakers or self.speakers[-1] != speaker:
+            self.speakers.append(speaker)
+        if len(self.speakers) == self.speakers.maxlen and self.speakers[0] == speaker:
+            self.twin, self.twin_at = self.speakers[1], now
 
 
 class RollCall:
@@ -120,6 +135,8 @@ class RollCall:
         if one.last is None or now - one.last > SILENT_S:
             one.first = now
         one.values, one.last = values, now
+        if "pid" in values:
+            one.note_speaker(f"process {_text(values, 'pid')} on {_text(values, 'machine')}", now)
 
     def note_health(self, health: Health, now: float) -> None:
         """Takes what a node says on /health; a player of recordings may speak there, too."""
@@ -165,6 +182,7 @@ class RollCall:
             machine=_text(values, "machine"),
             state=state,
             heard_s=now - one.last,
+            twin=one.twin if now - one.twin_at <= SILENT_S else "",
             lifeless=state == ACTIVE and self._hears_health and now - sign_of_life > LIFELESS_S,
             health=health.state if health else "",
             reason=printable(health.reason) if health else "",

@@ -135,6 +135,24 @@ def test_without_expectations_all_nodes_are_shown_by_machine_but_no_drivers():
     assert not all_well(RollCall().statuses(1.0))
 
 
+def test_two_nodes_of_one_name_are_told(roll):
+    for tenth in range(101, 106):
+        roll.note("camera", TOLD | {"pid": "99" if tenth % 2 else "77"}, tenth / 10)
+    camera = roll.statuses(10.6)[0]
+    assert camera.condition == "runs twice"
+    assert not camera.is_well
+    assert "camera: another node of this name is process 99 on robot" in shown(roll.statuses(10.6))
+    roll.note("camera", TOLD, 14.0)
+    assert roll.statuses(14.0)[0].condition == "active"
+
+
+def test_who_was_started_again_is_no_second_node(roll):
+    for second, pid in enumerate(("77", "77", "99", "99", "55", "55"), 11):
+        roll.note("camera", TOLD | {"pid": pid}, float(second))
+        roll.note_health(health("camera"), float(second))
+        assert roll.statuses(float(second))[0].condition == "active"
+
+
 def test_strangers_are_not_noted_where_it_is_known_who_there_should_be(roll):
     roll.note("intruder", TOLD, 10.0)
     assert len(roll.statuses(10.0)) == 2

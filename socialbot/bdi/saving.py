@@ -8,7 +8,8 @@ What an intention was about is begun from its start: a goal is adopted anew (the
 an event is raised anew. So steps that were done before are done at least once, and perhaps again. Limits of time and
 ``wait`` begin anew as well. Not saved: the plans (the program adds them), sensors, percepts no sensor has looked at,
 and whatever else waits in timers or threads. Time goes on where it was: give the new engine a clock that does, as the
-wall clock, or ``ManualClock(data["time"])``.
+wall clock, or ``ManualClock(data["time"])``. Where its clock is behind, as after it was set back, all times are moved
+back with it, so that nothing waits for a time that has been.
 """
 
 from __future__ import annotations
@@ -397,11 +398,12 @@ def _decode_mind(engine: Engine, data: Any) -> _Mind:
     """Everything that was saved, checked, before anything is changed."""
     _check(data)
     try:
+        ahead = max(0, _typed(data["time"], int) - engine.clock.now())
         return _Mind(
             _typed(data["stage"], str, type(None)),
             _decode_random(data["random"]),
             _typed(data["records"], int),
-            [_decode_fact(engine, item) for item in data["beliefs"]],
+            [_decode_fact(engine, item, ahead) for item in data["beliefs"]],
             [_decode_pursuit(engine, item) for item in data["pursuits"]],
             {_typed(plan, str) for plan in data["held_plans"]},
             [
@@ -409,7 +411,7 @@ def _decode_mind(engine: Engine, data: Any) -> _Mind:
                     _typed(item["belief"], str),
                     _terms(engine, item["args"]),
                     _typed(item["plan"], str),
-                    _typed(item["due"], int),
+                    _typed(item["due"], int) - ahead,
                     _typed(item["seconds"], float, int),
                 )
                 for item in data["ripening"]
@@ -429,10 +431,10 @@ def _decode_random(state: Any) -> random.Random | None:
     return numbers_to_come
 
 
-def _decode_fact(engine: Engine, item: dict[str, Any]) -> _Fact:
+def _decode_fact(engine: Engine, item: dict[str, Any], ahead: int) -> _Fact:
     args = _terms(engine, item["args"])
     key = f"{_typed(item['belief'], str)}/{len(args)}"
-    since = _typed(item["since"], int)
+    since = _typed(item["since"], int) - ahead
     return _Fact(key, args, _terms(engine, item["annotations"]), since, _typed(item["cause"], str))
 
 

@@ -12,7 +12,8 @@ from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.clock import Clock, JumpThreshold, TimeJump
+from rclpy.clock import Clock as SteadyClock
+from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.clock_type import ClockType
 from rclpy.context import Context as RosContext
 from rclpy.duration import Duration
@@ -30,7 +31,7 @@ from socialbot.bridge.readiness import Connection, publisher_connection, subscri
 from socialbot.bridge.statistics import Reporter, Statistics
 from socialbot.bridge.timekeeper import KEPT_TOPIC
 from socialbot.bridge.wire import Inlet, Outlet, reason_of, wire
-from socialbot.clock import SECOND
+from socialbot.clock import SECOND, Clock, ForwardClock, WallClock
 from socialbot.errors import MessageError, NodeError, SocialbotError
 from socialbot.graph import Delivery, Graph, Input, Node, Placement
 from socialbot.health import health_topics
@@ -39,17 +40,15 @@ from socialbot.messages import Health, Message
 AUTOSTART = "autostart"
 AUTOSTART_DOC = "whether the node configures and activates itself, or somebody else does"
 
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+STEADY = SteadyClock(clock_type=ClockType.STEADY_TIME)
 
 
-class RosClock:
-    """The time of a ROS node: the computer's, or that of /clock."""
-
-    def __init__(self, ros: RosNode) -> None:
-        self._clock = ros.get_clock()
-
-    def now(self) -> int:
-        return self._clock.now().nanoseconds
+def clock_of(ros: RosNode, *, simulated: bool) -> Clock:
+    """The time of the node in ``ros``: the time of day, or that of /clock. Neither goes back, whoever sets them."""
+    if not simulated:
+        return WallClock()
+    source = ros.get_clock()
+    return ForwardClock(lambda: source.now().nanoseconds)
 
 
 class NodeHost:
@@ -87,8 +86,8 @@ class NodeHost:
         declare_parameters(self._ros, placement)
         doc = ParameterDescriptor(description=AUTOSTART_DOC, read_only=True)
         self._autostart = bool(self._ros.declare_parameter(AUTOSTART, True, doc).value)
-        self._clock = RosClock(self._ros)
         self._simulated = bool(self._ros.get_parameter("use_sim_time").value)
+        self._clock = clock_of(self._ros, simulated=self._simulated)
         self._error: SocialbotError | None = None
         self._outlets: dict[str, Outlet] = {}
         self._healths: list[tuple[Publisher, Outlet]] = []

@@ -20,6 +20,9 @@ from socialbot.messages import Message
 BACKLOG = 16
 """How many frames of a stream may wait at all; older ones fall off."""
 
+OVERTAKEN_S = 1.0
+"""What is older than the newest frame of a stream by no more was overtaken by it; by more, time has begun anew."""
+
 GRACE_S = 0.05
 """Before an input is taken to be silent it gets so much real time more: messages may be on their way, when a machine
 was held up or simulated time runs ahead of them."""
@@ -42,10 +45,14 @@ class Line:
     latest: int = 0
 
     def put(self, message: Message) -> None:
-        """Adds a message at the end."""
+        """Adds a message at the end; of a stream none that was overtaken."""
+        later_s = (message.stamp - self.latest) / SECOND if self.received else 0.0
         if self.received:
-            self.spacings_s.append((message.stamp - self.latest) / SECOND)
+            self.spacings_s.append(later_s)
         self.received += 1
+        if self.port.delivery is Delivery.NEWEST and -OVERTAKEN_S <= later_s < 0:
+            self.skipped += 1
+            return
         self.latest = message.stamp
         self.waiting.append(message)
         if self.port.delivery is Delivery.LATCHED:
@@ -148,7 +155,7 @@ class Inbox:
                 self._vitals.came(port, message)
             line = self._lines.setdefault(port.name, Line(port))
             line.put(message)
-            if line not in self._order:
+            if line.waiting and line not in self._order:
                 self._order.append(line)
             self._changed.notify()
 

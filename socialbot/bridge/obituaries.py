@@ -5,8 +5,9 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from socialbot.bridge.diagnostics import DiagnosticsOutlet
 from socialbot.bridge.statistics import machine
 from socialbot.bridge.supervisor import Member, Supervisor
 
@@ -17,9 +18,8 @@ class Obituaries:
     """Publishes through the rclpy node ``ros`` how the nodes of dead processes are: at each change, each second."""
 
     def __init__(self, ros: Any, supervisor: Supervisor) -> None:
-        self._ros = ros
         self._supervisor = supervisor
-        self._publisher = ros.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._outlet = DiagnosticsOutlet(ros)
         self._told: dict[str, str] = {}
         self._told_at = 0.0
 
@@ -32,9 +32,7 @@ class Obituaries:
             self._told = states
             return
         self._told, self._told_at = states, now
-        array = DiagnosticArray(status=[_status(one, node) for one in dead for node in one.nodes])
-        array.header.stamp = self._ros.get_clock().now().to_msg()
-        self._publisher.publish(array)
+        self._outlet.publish([_status(one, node) for one in dead for node in one.nodes])
 
 
 def _status(member: Member, node: str) -> DiagnosticStatus:

@@ -65,9 +65,8 @@ def observing(
     Raises InstallationError when there is no ROS, or not that form.
     """
     environment.require_ros()
-    from diagnostic_msgs.msg import DiagnosticArray
-
-    from socialbot.bridge.qos import onlooker_qos
+    from socialbot.bridge.diagnostics import DiagnosticsInlet
+    from socialbot.bridge.qos import subscription_qos
     from socialbot.bridge.session import spinning_node
 
     def receive(topic: str, kind: type[Message], inlet: Inlet, ros_message: Any) -> None:
@@ -81,10 +80,6 @@ def observing(
         if message is not None:
             observe(topic, message)
 
-    def diagnose(array: Any) -> None:
-        for status in array.status:
-            note(status.name, {pair.key: pair.value for pair in status.values})
-
     refused: Counter[str] = Counter()
     own = wire(form=form)
     with spinning_node("observer") as ros:
@@ -97,5 +92,5 @@ def observing(
             )
             for topic, kind in topics.items()
         }
-        ros.create_subscription(DiagnosticArray, "/diagnostics", diagnose, 100)
+        DiagnosticsInlet(ros, note)
         yield Onlooker(ros, subscriptions)

@@ -17,6 +17,7 @@ from typing import Any, Generic, TypeVar
 
 from socialbot.bridge.codec import ros_type
 from socialbot.bridge.observing import rounded
+from socialbot.bridge.placard import Placard
 from socialbot.bridge.qos import publisher_qos, subscription_qos
 from socialbot.bridge.ros_types import message_class
 from socialbot.bridge.statistics import machine
@@ -58,11 +59,14 @@ class Presence:
         self._asked = False
         self._ended = False
         self._speaking = threading.Lock()
+        self._placard = Placard(self.run)
         self._publisher = ros.create_publisher(
             message_class(ros_type(UpStatus)), UP_TOPIC, publisher_qos(Delivery.EVERY)
         )
         self._outlet = wire().outlet(self._publisher)
+        self._others: set[str] = set()
         self._ear = _Ear(ros, DOWN_TOPIC, DownRequest, self._take)
+        self._listening = _Ear(ros, UP_TOPIC, UpStatus, self._hear)
 
     def __enter__(self) -> Presence:
         return self
@@ -72,6 +76,7 @@ class Presence:
 
         self._say("ended", str(error) if error is not None else "")
         self._publisher.wait_for_all_acked(Duration(seconds=HEARD_S))
+        self._placard.take_down()
 
     @property
     def refused(self) -> int:
@@ -93,6 +98,16 @@ class Presence:
         self._asked = True
         self._say("ending")
         self._ask()
+
+    def _hear(self, status: UpStatus) -> None:
+        """Tells, once, of another run with the same nodes: it may have been out of reach when this one began."""
+        same = (status.graph, status.machine, status.state) == (self._graph, machine(), "up")
+        if not same or status.run in self._others | {self.run} or len(self._others) >= MOST_RUNS:
+            return
+        self._others.add(status.run)
+        if rounded(len(self._others)):
+            where = f"here, process {status.pid}" if is_here(status) else "on another computer"
+            log.error("%s on %s is up twice, the other %s: end one of them", status.graph, status.machine, where)
 
     def _say(self, state: UpState, reason: str = "") -> None:
         """Says how it is; that it has ended is the last word, even if it is asked once more."""
@@ -117,10 +132,22 @@ class Runs:
 
     def __init__(self, ros: Any) -> None:
         self.heard: dict[str, UpStatus] = {}
+        self._ros = ros
         self._outlet = wire().outlet(
             ros.create_publisher(message_class(ros_type(DownRequest)), DOWN_TOPIC, publisher_qos(Delivery.EVERY))
         )
         self._ear = _Ear(ros, UP_TOPIC, UpStatus, self.note)
+
+    @property
+    def unheard(self) -> bool:
+        """Whether somebody is connected who has not been heard yet."""
+        live = sum(one.state != "ended" for one in tuple(self.heard.values()))
+        return self._ros.count_publishers(UP_TOPIC) > live
+
+    @property
+    def refused(self) -> int:
+        """How many times somebody said something that is not to be believed."""
+        return self._ear.refused
 
     def ask_to_end(self, run: str) -> None:
         """Asks one of them to end. It may have to be said again: whoever is not connected yet does not hear it."""
@@ -137,9 +164,9 @@ def is_here(status: UpStatus) -> bool:
     return status.boot == boot()
 
 
-def is_gone(status: UpStatus) -> bool:
-    """Whether this run has ended: its records are closed, and on this computer its process is gone, too."""
-    return status.state == "ended" and not (is_here(status) and _lives(status.pid))
+def is_gone(status: UpStatus, *, vanished: bool = False) -> bool:
+    """Whether this run has ended, as it says or has ``vanished``; on this computer its process is gone, too."""
+    return (vanished or status.state == "ended") and not (is_here(status) and _lives(status.pid))
 
 
 def _lives(pid: int) -> bool:

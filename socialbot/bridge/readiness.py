@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,20 +56,18 @@ class Readiness:
     """Watches, through the rclpy node ``ros``, whether ``graph`` stands."""
 
     def __init__(self, ros: Any, graph: Graph) -> None:
-        from diagnostic_msgs.msg import DiagnosticArray
+        from socialbot.bridge.diagnostics import DiagnosticsInlet
 
         self._lacking = dict.fromkeys((placement.name for placement in graph.placements), "everything")
-        self._subscription = ros.create_subscription(DiagnosticArray, "/diagnostics", self._note, 100)
+        self._inlet = DiagnosticsInlet(ros, self._note)
 
     def missing(self) -> list[str]:
         """What is missing, such as "head: /head/command"; empty when the graph stands."""
         return [f"{name}: {lacking}" for name, lacking in self._lacking.items() if lacking]
 
-    def _note(self, array: Any) -> None:
-        for status in array.status:
-            for pair in status.values:
-                if pair.key == UNCONNECTED and status.name in self._lacking:
-                    self._lacking[status.name] = pair.value
+    def _note(self, name: str, values: Mapping[str, str]) -> None:
+        if UNCONNECTED in values and name in self._lacking:
+            self._lacking[name] = values[UNCONNECTED]
 
 
 def await_graph(
@@ -98,17 +96,18 @@ def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = Non
     """Raises NodeError when nodes of these names run in the ROS domain already: both graphs would hear each other.
 
     ``only`` names those nodes of ``graph`` that are about to be started; without it all are. ``ros`` has to be
-    spinning: a node that was killed stays known for a while, but does not speak on /diagnostics any more.
+    spinning: a node that was killed stays known for a while, but does not speak on /diagnostics any more. With keys only
+    who has one counts: a stranger keeps no graph from starting.
     """
-    from diagnostic_msgs.msg import DiagnosticArray
+    from socialbot.bridge.diagnostics import DiagnosticsInlet
 
     ours = {placement.name for placement in graph.placements if only is None or placement.name in only}
     speaking: set[str] = set()
 
-    def note(array: Any) -> None:
-        speaking.update(status.name for status in array.status)
+    def note(name: str, _: Mapping[str, str]) -> None:
+        speaking.add(name)
 
-    subscription = ros.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+    inlet = DiagnosticsInlet(ros, note)
     begun = time.monotonic()
     look_s = LOOK_ROUND_S
     while time.monotonic() - begun < look_s:
@@ -122,4 +121,4 @@ def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = Non
             )
         look_s = SPEAKS_S if known else LOOK_ROUND_S
         time.sleep(LOOK_AGAIN_S)
-    ros.destroy_subscription(subscription)
+    ros.destroy_subscription(inlet.subscription)

@@ -12,11 +12,12 @@ from dataclasses import dataclass, field
 from socket import gethostname
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node as RosNode
 
+from socialbot.bridge.diagnostics import DiagnosticsOutlet
 from socialbot.bridge.inbox import Line
 from socialbot.bridge.readiness import UNCONNECTED, Connection, unconnected
 
@@ -139,7 +140,7 @@ class Reporter:
         self._lacking = ""
         self._usage = Usage(time.monotonic(), cpu_s=_cpu_s())
         self._rates: dict[str, float] = {}
-        self._publisher = ros.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._outlet = DiagnosticsOutlet(ros)
         self._timer = ros.create_timer(TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _tick(self) -> None:
@@ -150,9 +151,7 @@ class Reporter:
             self._measure()
         if on_time or lacking != self._lacking:
             self._lacking = lacking
-            array = DiagnosticArray(status=[self._status(state, lacking)])
-            array.header.stamp = self._ros.get_clock().now().to_msg()
-            self._publisher.publish(array)
+            self._outlet.publish([self._status(state, lacking)])
 
     def _measure(self) -> None:
         before, statistics = self._usage, self._statistics

@@ -146,6 +146,14 @@ class Wire:
         opener = None if self._seal is None else self._seal.opener(topic, joins_late=latched)
         return Inlet(self._types, opener)
 
+    def stream(self, topic: str) -> Stream | None:
+        """Seals text that travels on ``topic`` within another type; None without keys."""
+        return None if self._seal is None else self._seal.stream(topic)
+
+    def opener(self, topic: str) -> Opener | None:
+        """Opens such text; None without keys."""
+        return None if self._seal is None else self._seal.opener(topic)
+
     def renew(self) -> None:
         """Has what is latched sent once more, sealed anew."""
         for outlet in self._latched:

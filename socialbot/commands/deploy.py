@@ -20,12 +20,14 @@ def up_machine(
     minds: Path | None = None,
     page: typer.Context | None = None,
     port: int = PORT,
+    *,
+    room: int,
 ) -> None:
     """Brings up the nodes of ``machine``, by default the one this runs on, until Ctrl-C.
 
-    ``changes`` are those of ``--set``; ``out`` takes the record of the run. Agents go on with what they had in
-    ``minds``, by default in the folder that the deployment names. For a command of which ``page`` is the context, the
-    inspector shows what this machine hears.
+    ``changes`` are those of ``--set``; ``out`` takes the record of the run, whose journals have ``room`` (bytes) each.
+    Agents go on with what they had in ``minds``, by default in the folder that the deployment names. For a command of
+    which ``page`` is the context, the inspector shows what this machine hears.
     """
     from socialbot.cli import with_changes
     from socialbot.deployment.deployment_file import load_deployment
@@ -40,7 +42,7 @@ def up_machine(
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"{graph.name} on {machine}: {nodes or 'no node'}", markup=False)
     console.print(f"Ctrl-C ends it; its record: {out}", markup=False)
-    with RunTrace(out) as record:
+    with RunTrace(out, room=room) as record:
         if page is not None:
             enter(deployment, machine)
             page.with_resource(watched(record, graph, console, port, over_ros=True, stays=False))

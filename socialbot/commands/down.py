@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 NOT_ENDED = 10
 """The exit code when something was not heard, or has not ended in time."""
 
-LISTEN_S = 3.0
-"""Who is up says so each second."""
+LISTEN_S = 5.0
+"""So long another machine is listened for that nobody knows anything of; who is up says so each second."""
 
 SLOW = {
     "up": "no answer; with keys it obeys known senders only",
@@ -46,6 +46,11 @@ class Target:
     machines: tuple[str, ...] = ()
     own: str = ""
 
+    @property
+    def here(self) -> bool:
+        """Whether runs on this computer are meant."""
+        return not self.machines or self.own in self.machines
+
 
 def down(
     file: Annotated[
@@ -62,43 +67,60 @@ def down(
     With keys only who has one can do that.
     """
     target = _enter(file, machine)
+    from socialbot.bridge.placard import shown
     from socialbot.bridge.presence import Runs
     from socialbot.bridge.session import spinning_node
 
     with Ending().on_signals() as ending, spinning_node("down") as ros:
         runs = Runs(ros)
-        found = heard(runs, target, ending)
+        found = heard(runs, target, ending, timeout)
         for one in found:
             typer.echo(f"{_named(one)}: asked to end")
         left = end(runs, found, ending, timeout)
+        silent = [pid for run, pid in shown().items() if target.here and run not in runs.heard]
+        refused = runs.refused
     unheard = [name for name in target.machines if name not in {one.machine for one in found}]
     for name in unheard:
         # What is up on this machine would be heard.
         what = "nothing is up" if name == target.own else "nothing is heard of it; what is up there stays up"
         typer.echo(f"{name}: {what}", err=name != target.own)
-    if not found and not target.machines:
+    for pid in silent:
+        why = "is not to be believed by the keys here" if refused else "is not heard"
+        typer.echo(f"process {pid}: something is up here, and {why}; end it by: kill -INT {pid}", err=True)
+    if not (found or silent or target.machines):
         typer.echo(f"nothing is up here in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}")
     for one in left:
         typer.echo(f"{_named(one)}: not ended after {timeout:g} s: {SLOW[one.state]}", err=True)
-    if left or set(unheard) - {target.own}:
+    if left or silent or set(unheard) - {target.own}:
         raise typer.Exit(NOT_ENDED)
 
 
-def heard(runs: Runs, target: Target, ending: Ending) -> list[UpStatus]:
-    """Those of ``runs`` that are to end: listens until all machines of ``target`` are among them."""
-    until = time.monotonic() + LISTEN_S
+def heard(runs: Runs, target: Target, ending: Ending, timeout_s: float) -> list[UpStatus]:
+    """Those of ``runs`` that are to end.
+
+    It listens until everything that is up on this computer has been heard, and all machines of ``target`` are among
+    those found: for ``timeout_s`` at most, and for `LISTEN_S` where nothing is known of who is missing.
+    """
+    from socialbot.bridge.placard import shown
+
+    begun = time.monotonic()
     while True:
         found = [one for one in tuple(runs.heard.values()) if one.state != "ended" and target.wanted(one)]
-        complete = target.machines and {one.machine for one in found}.issuperset(target.machines)
-        if complete or ending.asked or time.monotonic() > until:
+        others = set(target.machines) - {one.machine for one in found} - {target.own}
+        here = not target.here or shown().keys() <= runs.heard.keys()
+        passed = time.monotonic() - begun
+        known = not here or (others and runs.unheard)
+        if (here and not others) or ending.asked or passed > (max(timeout_s, LISTEN_S) if known else LISTEN_S):
             return found
         time.sleep(LOOK_AGAIN_S)
 
 
 def end(runs: Runs, found: Sequence[UpStatus], ending: Ending, timeout_s: float) -> list[UpStatus]:
     """Asks ``found`` to end, and tells of each that has. Returns those that have not after ``timeout_s``."""
+    from socialbot.bridge.placard import shown
     from socialbot.bridge.presence import is_gone
 
+    here = shown().keys()
     begun = time.monotonic()
     asked_at = -ASK_EVERY_S
     left = [one.run for one in found]
@@ -108,7 +130,8 @@ def end(runs: Runs, found: Sequence[UpStatus], ending: Ending, timeout_s: float)
             for run in left:
                 if runs.heard[run].state == "up":
                     runs.ask_to_end(run)
-        for run in [run for run in left if is_gone(runs.heard[run])]:
+        vanished = here - shown().keys()
+        for run in [run for run in left if is_gone(runs.heard[run], vanished=run in vanished)]:
             left.remove(run)
             last = runs.heard[run]
             error = f", with an error: {printable(last.reason)}" if last.reason else ""

@@ -204,6 +204,8 @@ def table(statuses: Sequence[NodeStatus]) -> Table:
 def remarks(one: NodeStatus) -> list[str]:
     """What there is to say of a node beyond its line in the table."""
     found = []
+    if one.twin:
+        found.append(f"another node of this name is {one.twin}: both hear and say the same; end one of them")
     if one.last_error:
         found.append(f"its process {one.last_error}")
     if one.reason:

@@ -12,8 +12,8 @@ from socialbot.errors import ParameterError
 UNIT = """\
 [Unit]
 Description={description}
-Wants=network-online.target
-After=network-online.target
+Wants=network-online.target time-sync.target
+After=network-online.target time-sync.target
 
 [Service]
 Type=exec

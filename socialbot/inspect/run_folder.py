@@ -23,14 +23,14 @@ from socialbot.inspect.run import GraphView, Picture, Pictures, graph_view
 from socialbot.inspect.timeline import Timeline, timeline_of
 from socialbot.inspect.trees import Tree, trees_at
 from socialbot.inspect.wording import Wording
+from socialbot.journal import is_whole, parts
 from socialbot.messages import Health, Message, TraceRecord
 from socialbot.report.worlds import World, world_of
-from socialbot.run_record import DIAGNOSTICS, SCORED, NodeTold
+from socialbot.run_record import DIAGNOSTICS, SCORED, SEEN, TRACE, NodeTold
 from socialbot.status import NodeStatus
 from socialbot.vision.scoring import ScoredFrame
 
 T = TypeVar("T")
-TRACE = "trace.jsonl"
 RUNS = Path("runs")
 """Where runs are kept that are not told otherwise."""
 
@@ -162,10 +162,12 @@ class RecordedRun:
         if not path.is_file():
             remedy = "give a folder with a trace.jsonl, such as runs/TIME, which every run leaves"
             raise RunError("there is no run", where=str(self.folder), remedy=remedy)
+        if not is_whole(path):
+            self.damage.append(f"{path.name}: the beginning is gone: of a long run the newest is kept (up --keep)")
         return list(self._lines(path, TraceRecord))
 
     def _read_seen(self) -> None:
-        path = self.folder / "seen.jsonl"
+        path = self.folder / SEEN
         if self._graph is None or not path.is_file():
             return
         kinds = {**self._graph.topics(), DIAGNOSTICS: NodeTold}
@@ -181,19 +183,20 @@ class RecordedRun:
             self._world.take(message)
 
     def _lines(self, path: Path, kind: type[T]) -> Iterator[T]:
-        """The lines of a file; one that cannot be read is noted, but for a last one that was cut off."""
-        try:
-            lines = path.read_bytes().split(b"\n")
-        except OSError as error:
-            raise RunError(f"cannot be read: {error.strerror}", where=str(path)) from error
+        """The lines of a file and its older parts; one that cannot be read is noted, but for one that was cut off."""
         decoder = msgspec.json.Decoder(kind)
-        for number, line in enumerate(lines, 1):
+        for part in parts(path):
             try:
-                if line:
-                    yield decoder.decode(line)
-            except msgspec.MsgspecError as error:
-                if number < len(lines):
-                    self.damage.append(f"{path.name}:{number}: {error}")
+                lines = part.read_bytes().split(b"\n")
+            except OSError as error:
+                raise RunError(f"cannot be read: {error.strerror}", where=str(part)) from error
+            for number, line in enumerate(lines, 1):
+                try:
+                    if line:
+                        yield decoder.decode(line)
+                except msgspec.MsgspecError as error:
+                    if number < len(lines):
+                        self.damage.append(f"{part.name}:{number}: {error}")
 
 
 class _Line(msgspec.Struct):

@@ -1,7 +1,8 @@
 """Whether a message of a known sender is new: neither late, nor from the future, nor heard before.
 
-A stream is what one publisher has said since it began. Its messages are numbered, and each is sealed later than the one
-before; whatever is not later than the last one heard is a replay. So per stream one time is remembered, not all ids.
+A stream is what one publisher has said since it began. Its messages are numbered; whatever has no higher number than
+the last one heard is a replay, or the same sealed anew. So per stream one number is remembered, not all ids. Their times
+tell only how old they are: a clock may be set back.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class Freshness:
         """What to think of a message, whose signature is right, that was sealed at ``time`` (ns); remembers it."""
         now = self.now()
         last = self._streams.get((sender, stream))
-        if last is not None and (time <= last.time or number < last.number):
+        if last is not None and (number < last.number or (number == last.number and _was_heard(time, last.time, now))):
             return Verdict.REPLAYED
         if time - now > self._window:
             return Verdict.EARLY
@@ -83,3 +84,11 @@ class Freshness:
         if stream not in self._streams and len(self._streams) >= MOST_STREAMS:
             self._streams = {key: one for key, one in self._streams.items() if now - one.time <= self._window}
         self._streams[stream] = last
+
+
+def _was_heard(time: int, last: int, now: int) -> bool:
+    """Whether the last message, sealed anew at ``time``, was heard then or later: at ``last``, unless a clock was set.
+
+    After that ``last`` lies in the future.
+    """
+    return time == last or time < last <= now

@@ -89,18 +89,15 @@ class Stream:
         self._wall = wall
         self._id = secrets.token_hex(STREAM_BYTES)
         self._number = 0
-        self._time = 0
 
     def seal(self, text: str, *, anew: bool = False) -> str:
         """``text`` sealed; ``anew`` when it is the same as the last time, only sealed later."""
         self._number += not anew
-        # Each is later than the one before, also when the clock is set back.
-        self._time = max(self._wall(), self._time + 1)
         blank = Sealed(
             sender=self._keys.name,
             stream=self._id,
             number=self._number,
-            time=self._time,
+            time=self._wall(),
             topic=self._topic,
             payload=text,
             signature=b"",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,6 +18,9 @@ from socialbot.messages import Health, Message, SpeechStatus, Utterance
 from socialbot.security import paths
 from socialbot.speech.playback import Player, find_player
 from socialbot.speech.synthesis import Sound, Synthesizer
+
+MOST_SOUNDS = 500
+"""So many of the sounds that it has made are kept as files: some 50 MB."""
 
 State = Literal["waiting", "started", "finished", "replaced", "expired", "failed"]
 
@@ -60,7 +64,7 @@ class Speaker(Node):
         choices=("auto", "off", "required"),
         fixed=True,
     )
-    folder = Parameter("", "where each utterance is kept as a .wav file; empty: nowhere", fixed=True)
+    folder = Parameter("", f"where the last {MOST_SOUNDS} utterances are kept as .wav files; empty: nowhere", fixed=True)
     max_waiting_s = Parameter(5.0, "s an utterance may wait before it expires unsaid", minimum=0.0)
     engine = Parameter("", "node that decides what is said, whose signs of life are listened to; empty: none")
     max_waiting = Parameter(8, "utterances that may wait; beyond that the oldest gives way", minimum=1)
@@ -74,6 +78,7 @@ class Speaker(Node):
         self._waiting: list[_Waiting] = []
         self._spoken = 0
         self._folder: Path | None = None
+        self._sounds: deque[Path] = deque()
         self._engine_fares_well = True
 
     def start(self) -> None:
@@ -229,6 +234,9 @@ class Speaker(Node):
         name = f"{self._spoken:03d}-{slug(text)}.wav"
         try:
             sound.write_wav(self._folder / name)
+            self._sounds.append(self._folder / name)
+            if len(self._sounds) > MOST_SOUNDS:
+                self._sounds.popleft().unlink(missing_ok=True)
         except OSError as error:
             self.log.warning("%s is not written: %s", name, error)
             return ""

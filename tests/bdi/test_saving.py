@@ -13,7 +13,7 @@ from socialbot.bdi import Action, Atom, Engine, apart, atomic, enter, first_of, 
 from socialbot.bdi.literals import Literal, literal
 from socialbot.bdi.saving import MindError, restore, save
 from socialbot.bdi.steps import Update
-from socialbot.clock import ManualClock
+from socialbot.clock import SECOND, ManualClock
 from tests.bdi.lab import Lab, X, Y, deep, do, go, mood, p, ping, q, sub
 from tests.bdi.minds import again, mind
 
@@ -401,3 +401,20 @@ def test_saving_twice_saves_the_same(items):
     twin.add_rules(*RULES)
     restore(twin, data)
     assert save(twin) == data
+
+
+@pytest.mark.parametrize("behind_s", [2, 3600])
+def test_a_clock_that_was_set_back_in_between_leaves_nothing_waiting_for_it(behind_s):
+    lab = Lab(+p(X).held_for(5) >> [do(X)])
+    lab.clock.advance(7200)
+    lab.engine.believe(p(1))
+    lab.tell()
+    lab.clock.advance(3)
+    data = save(lab.engine)
+    now = lab.clock.now() - behind_s * SECOND
+    twin = Lab(+p(X).held_for(5) >> [do(X)])
+    twin.clock.set(now)
+    restore(twin.engine, data)
+    assert twin.engine.beliefs.get(p(1)).since == now - 3 * SECOND
+    assert twin.engine.next_wakeup() == now + 2 * SECOND
+    assert save(twin.engine)["ripening"] != []

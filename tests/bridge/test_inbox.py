@@ -438,3 +438,28 @@ class TestASilence:
         watched.act()
         watched.act()
         assert watched.node.told == ["silent", "idle"]
+
+
+def test_of_a_stream_what_was_overtaken_is_left_out():
+    node = Node()
+    node.put(STREAM, 1, 3, 2, 4, 4)
+    assert [node.take() for _ in range(4)] == [1, 3, 4, 4]
+    [line] = node.inbox.lines
+    assert (line.received, line.skipped) == (5, 1)
+    node.put(STREAM, 3)
+    node.inbox.call_soon(lambda: "nothing else waits")  # type: ignore[arg-type, return-value]
+    assert node.take() == "nothing else waits"
+    node.inbox.close()
+    assert node.inbox.take() is None
+
+
+def test_a_stream_whose_time_begins_anew_goes_on():
+    node = Node()
+    node.put(STREAM, 100, 101, 1, 2)
+    assert [node.take() for _ in range(4)] == [100, 101, 1, 2]
+
+
+def test_commands_are_never_overtaken():
+    node = Node()
+    node.put(EVERY, 3, 2, 1)
+    assert [node.take() for _ in range(3)] == [3, 2, 1]

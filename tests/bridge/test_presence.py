@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
+import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -13,6 +16,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from socialbot.ending import Ending
 from socialbot.errors import NodeError
 from socialbot.messages import DownRequest, UpStatus
 from socialbot.security.keys import new_key
@@ -98,3 +102,68 @@ def test_strangers_cannot_fill_the_memory(monkeypatch: pytest.MonkeyPatch):
         for number in range(5):
             runs.note(UpStatus(stamp=1, run=str(number), graph="g", machine="m", boot="b", pid=number, state="up"))
         assert list(runs.heard) == ["0", "1"]
+
+
+def test_the_same_half_up_twice_is_told_once(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch):
+    from socialbot.bridge.presence import Presence
+
+    with two_nodes() as (one, other):
+        first, second = Presence(one, "waldo", lambda: None), Presence(other, "waldo", lambda: None)
+        stranger = Presence(other, "warehouse", lambda: None)
+        assert eventually(lambda: any((first.tell(), second.tell(), stranger.tell())) or len(caplog.records) >= 2)
+        first._said_at = second._said_at = 0.0
+        assert not eventually(lambda: any((first.tell(), second.tell())) or len(caplog.records) > 2, 1.5)
+    assert {record.levelname for record in caplog.records} == {"ERROR"}
+    assert all("is up twice, the other here" in record.getMessage() for record in caplog.records)
+
+
+def test_this_computer_knows_what_is_up_on_it(monkeypatch: pytest.MonkeyPatch):
+    from socialbot.bridge.placard import Placard, shown
+
+    before = shown()
+    placard = Placard("0123456789abcdef")
+    assert shown() == {**before, "0123456789abcdef": os.getpid()}
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setenv("ROS_DOMAIN_ID", "7")
+        assert "0123456789abcdef" not in shown()
+    placard.take_down()
+    assert shown() == before
+    gone = subprocess.Popen(
+        [sys.executable, "-c", "from socialbot.bridge.placard import Placard; p = Placard('abc'); print(); input()"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert gone.stdout is not None
+    gone.stdout.readline()
+    assert shown() == {**before, "abc": gone.pid}
+    gone.kill()
+    gone.wait()
+    assert shown() == before
+
+
+def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
+    """As long as nothing is up it knows so at once; what is up it hears, though that says nothing for six seconds."""
+    from socialbot.bridge.presence import Presence, Runs
+    from socialbot.commands.down import LISTEN_S, Target, heard
+
+    everything = Target(lambda one: one.graph == "waldo")
+    with two_nodes() as (up, down):
+        runs, begun = Runs(down), time.monotonic()
+        assert heard(runs, everything, Ending(), 20.0) == []
+        assert time.monotonic() - begun < 0.5
+        presence = Presence(up, "waldo", lambda: None)
+        late = threading.Timer(LISTEN_S + 1.0, presence.tell)
+        late.start()
+        assert [one.run for one in heard(runs, everything, Ending(), 20.0)] == [presence.run]
+        assert time.monotonic() - begun > LISTEN_S
+        presence._placard.take_down()
+
+
+def test_down_gives_up_on_another_machine_that_nobody_hears():
+    from socialbot.bridge.presence import Runs
+    from socialbot.commands.down import LISTEN_S, Target, heard
+
+    with two_nodes() as (_, down):
+        begun = time.monotonic()
+        assert heard(Runs(down), Target(lambda _: True, ("robot", "here"), "here"), Ending(), 20.0) == []
+        assert LISTEN_S <= time.monotonic() - begun < LISTEN_S + 2.0

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from socialbot.commands.why import diff, report, seconds_of, why
 from socialbot.errors import ParameterError, RunError, SocialbotError
-from tests.inspect.runs import greeting
+from tests.inspect.runs import greeting, long_run
 
 app = typer.Typer()
 app.command()(why)
@@ -120,3 +120,18 @@ def test_the_page_of_a_run_is_written_again(run):
     code, told = ask("report", run)
     assert (code, told.split()) == (0, [str(run / "report.html")])
     assert "Hello! Nice to see you." in (run / "report.html").read_text("utf-8")
+
+
+def test_of_a_run_whose_beginning_is_gone_the_rest_is_told(tmp_path):
+    folder = long_run(tmp_path / "long", visits=6, room=200_000)
+    code, told = ask("why", folder, "--list")
+    assert code == 0
+    actions = told.splitlines()
+    assert 2 <= len(actions) <= 10
+    for number in range(1, len(actions) + 1):
+        code, told = ask("why", folder, "--action", number)
+        assert (code, told.splitlines()[0].startswith("At ")) == (0, True)
+    assert ask("diff", folder, folder)[0] == 0
+    code, told = ask("report", folder)
+    assert code == 0
+    assert (folder / "report.html").stat().st_size > 10_000

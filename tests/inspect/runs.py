@@ -42,6 +42,24 @@ def greeting(folder: Path, *, comes: int = 5, tenths: int = 20) -> Path:
     return folder
 
 
+def long_run(folder: Path, *, visits: int, room: int) -> Path:
+    """A run of Waldo that has room for the newest part only: each minute somebody comes and stays for 20 s."""
+    graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
+    runner = InlineRunner(graph, start=START)
+    told = {"machine": "desk", "state": "active", "call_hz": "30.0"}
+    with RunTrace(folder, room=room) as record:
+        record.describe(graph)
+        for topic in observed_topics(graph):
+            runner.tap(topic, record.observe)
+        runner.start()
+        for tenth in range(600 * visits):
+            runner.feed("/humans/bodies/detections", frame(tenth, *([4.0] if tenth % 600 < 200 else [])))
+            if tenth % 10 == 0:
+                record.note_node(frame(tenth).stamp, "speech", told)
+        runner.close()
+    return folder
+
+
 def waldo_at_work(folder: Path, live: LiveRun, tenths: range, runner: InlineRunner | None = None) -> InlineRunner:
     """Shows Waldo somebody; what happens is told to ``live`` as the record of a run tells it."""
     if runner is None:

@@ -10,8 +10,8 @@ from socialbot.graph_file import load_graph
 from socialbot.inspect.run import Picture
 from socialbot.inspect.run_folder import newest_run, open_run, wording_of
 from socialbot.messages import Health
-from socialbot.run_record import RunRecord
-from tests.inspect.runs import START, greeting
+from socialbot.run_record import RunRecord, RunTrace
+from tests.inspect.runs import START, greeting, long_run
 from tests.report.runs import record
 
 BELIEF = record(1.0, "ann", "belief", "b")
@@ -109,6 +109,30 @@ def test_how_nodes_were_at_a_time(tmp_path):
     assert speech(0) == ("not heard", "", None)
     assert speech(1) == ("active", "", 30.0)
     assert speech(3) == ("input silent", "no sound", 30.0)
+
+
+def test_of_a_long_run_the_newest_is_kept_and_read(tmp_path):
+    run = open_run(long_run(tmp_path / "run", visits=6, room=200_000))
+    assert sum(part.stat().st_size for part in (tmp_path / "run").glob("trace.jsonl*")) < 220_000
+    assert sum(part.stat().st_size for part in (tmp_path / "run").glob("seen.jsonl*")) < 220_000
+    assert "trace.jsonl: the beginning is gone" in run.damage[-1]
+    assert run.end >= START + 358 * 10**9
+    assert START + 100 * 10**9 < run.history.start < START + 300 * 10**9
+    assert {node.name: node.condition for node in run.nodes(run.end)}["speech"] == "active"
+    speech = [node for node in run.nodes(run.end) if node.name == "speech"][0]
+    assert speech.handled_hz == 30.0
+    assert [said.text for said in run.course.at(run.end).speech][-1] == "Can I help you with anything?"
+
+
+def test_how_nodes_are_is_known_though_they_said_so_before_what_is_kept(tmp_path):
+    with RunTrace(tmp_path, room=40_000) as kept:
+        kept.describe(load_graph("waldo"))
+        kept.observe("/waldo/trace", msgspec.structs.replace(BELIEF, stamp=START))
+        kept.observe("/health", Health(stamp=START, node="speech", state="degraded", reason="no sound"))
+        for second in range(1000):
+            kept.note_node(START + second * 10**9, "speech", {"machine": "desk", "state": "active"})
+    found = next(node for node in open_run(tmp_path).nodes(START + 999 * 10**9) if node.name == "speech")
+    assert (found.condition, found.reason) == ("input silent", "no sound")
 
 
 def test_the_newest_run_is_the_one_written_to_last(tmp_path):

@@ -109,3 +109,22 @@ def test_memory_is_bounded_and_what_is_forgotten_is_late(clocks):
         clocks.go_on(0.05)
     assert receiver.remembered <= MOST_STREAMS
     assert receiver.judge("a", "s0", 1, first) is LATE
+
+
+@pytest.mark.parametrize("seconds", [-3600, -1, 1, 3600])
+def test_a_computer_whose_clock_is_set_goes_on_to_believe_itself(clocks, seconds):
+    """Sender and receiver are on it; what is latched is sealed anew all the while."""
+    receiver = clocks.receiver()
+    clocks.go_on(5)
+    assert receiver.judge("a", "s", 1, clocks.wall) is NEW
+    said = clocks.wall
+    clocks.wall += seconds * SECOND
+    for _ in range(5):
+        clocks.go_on(0.4)
+        assert receiver.judge("a", "s", 1, clocks.wall) is RENEWED
+        assert receiver.judge("a", "s", 1, clocks.wall) is REPLAYED
+    for number in range(2, 7):
+        clocks.go_on(0.4)
+        assert receiver.judge("a", "s", number, clocks.wall) is NEW
+        assert receiver.judge("a", "s", number, clocks.wall) is REPLAYED
+        assert receiver.judge("a", "s", 1, said) is REPLAYED

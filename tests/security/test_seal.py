@@ -151,3 +151,11 @@ def test_messages_of_one_stream_are_sealed_in_order_when_the_clock_is_set_back()
     sender = Stream(keys("robot"), REALM, TOPIC, wall=lambda: next(times))
     receiver = opener()
     assert [receiver.open(sender.seal(text)) for text in "abc"] == ["a", "b", "c"]
+
+
+def test_who_starts_again_after_the_clock_was_set_back_believes_who_has_not():
+    times = iter([NOW, NOW - 3600 * SECOND])
+    sender = Stream(keys("robot"), REALM, TOPIC, wall=lambda: next(times))
+    sender.seal("a")
+    fresh = Freshness(2.0, joins_late=True, wall=lambda: NOW - 3600 * SECOND, steady=int)
+    assert Opener(keys("workstation"), REALM, TOPIC, fresh).open(sender.seal("b")) == "b"

@@ -100,6 +100,9 @@ class attend(Action):
         self.engine.robot.act(self)
 
 
+OVERTAKEN_S = 1.0
+"""Frames that are older than the last one by no more come twice, or late; by more, time has begun anew."""
+
 SOMEBODY = "somebody"
 """Where nobody tracks people, all of them together are one to Waldo."""
 
@@ -132,6 +135,8 @@ class PersonSensor(Sensor):
         """What changes with these detections, or when there are no more (None)."""
         if percept is None:
             return self._lose_sight()
+        if self._frames and 0 <= self._frames[-1].stamp - percept.stamp <= nanoseconds(OVERTAKEN_S):
+            return None
         self._look(percept)
         told = [*self._leave(percept.stamp), *self._stay(percept.stamp), *self._come(percept.stamp)]
         if self._there and self._alone is not False:

@@ -115,6 +115,28 @@ def test_a_recording_that_begins_anew_is_another_visit_of_other_people():
     assert told == ['+present("t1")', "+people(1)", '+personDetected("Yes")', '+present("t2")', '-present("t1")']
 
 
+@pytest.mark.parametrize(
+    "order",
+    [[0, 1, 2, 3], [0, 0, 1, 2, 2, 2, 3], [0, 2, 1, 3], [3, 0, 1, 2], [1, 0, 1, 3, 2, 0]],
+    ids=["as taken", "twice", "swapped", "late by three", "all of it"],
+)
+def test_frames_that_come_twice_or_late_change_nothing_but_when_it_is_noticed(order):
+    """Somebody comes after 3 s and goes after 20 s; frames come in groups of four."""
+    sensor = PersonSensor(Manners(vanish_s=1.5))
+    told: list[str] = []
+    for group in range(0, 240, 4):
+        for tenth in (group + each for each in order):
+            there = (person(track="t1"),) if 30 <= tenth < 200 else ()
+            sensed = sensor.sense(
+                PersonDetections(stamp=tenth * SECOND // 10, frame_id="c", width=9, height=9, persons=there)
+            )
+            told += map(str, sensed if isinstance(sensed, list) else ())
+    assert told == [
+        '+personDetected("No")', '+present("t1")', "+people(1)", '+personDetected("Yes")', '+stays("t1")',
+        '-stays("t1")', '-present("t1")', '+personDetected("No")',
+    ]  # fmt: skip
+
+
 def test_what_is_kept_of_people_does_not_pile_up():
     sensor = PersonSensor(Manners())
     for tenth in range(3000):

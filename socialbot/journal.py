@@ -1,0 +1,78 @@
+"""Lines on disk that do not fill it: the newest of them, as many as there is room for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import BinaryIO
+
+PARTS = 4
+"""Of so many parts, with the one that is written, the oldest is given up when there is no room left."""
+
+
+def nothing() -> Iterable[bytes]:
+    """No lines."""
+    return ()
+
+
+class Journal:
+    """Appends lines to the new file ``path``; each is in the file before `write` returns.
+
+    With ``room`` (bytes) the file is set aside as PATH.1, PATH.2 and so on, the newest with the highest number, each
+    time that it has a fourth of that, and the oldest of these are removed. Each part begins with the lines ``opening``,
+    for what is told only once. Raises FileExistsError and other OSErrors.
+    """
+
+    def __init__(
+        self, path: Path, room: int | None = None, opening: Callable[[], Iterable[bytes]] = nothing
+    ) -> None:
+        self._path = path
+        self._longest = None if room is None else room // PARTS
+        self._opening = opening
+        self._number = 0
+        self._file: BinaryIO = path.open("xb")
+
+    def write(self, line: bytes) -> None:
+        """Appends ``line``, which has no end of line."""
+        if self._longest is not None and self._file.tell() >= self._longest:
+            self._begin_part()
+        self._file.write(line + b"\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        """Ends it."""
+        self._file.close()
+
+    @property
+    def size(self) -> int:
+        """So many bytes it has, in all parts."""
+        return sum(part.stat().st_size for part in parts(self._path))
+
+    def _begin_part(self) -> None:
+        self._file.close()
+        self._number += 1
+        self._path.replace(_part(self._path, self._number))
+        _part(self._path, self._number - PARTS + 1).unlink(missing_ok=True)
+        self._file = self._path.open("xb")
+        self._file.writelines(line + b"\n" for line in self._opening())
+
+
+def parts(path: Path) -> list[Path]:
+    """The files that the journal ``path`` is in, the oldest first."""
+    aside = {_number(part): part for part in path.parent.glob(f"{path.name}.*")}
+    return [*(part for number, part in sorted(aside.items()) if number), path]
+
+
+def is_whole(path: Path) -> bool:
+    """Whether the journal ``path`` still has its beginning."""
+    return len(parts(path)) == 1 or _part(path, 1).exists()
+
+
+def _part(path: Path, number: int) -> Path:
+    return path.with_name(f"{path.name}.{number}")
+
+
+def _number(part: Path) -> int:
+    """The number of a part that was set aside; 0 for what is none."""
+    digits = part.suffix[1:]
+    return int(digits) if digits.isascii() and digits.isdigit() else 0

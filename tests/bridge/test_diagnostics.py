@@ -1,0 +1,109 @@
+"""What nodes tell on /diagnostics: who has keys believes only who has one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from socialbot.security.keys import new_key
+from tests.system.running import eventually
+
+pytestmark = pytest.mark.ros
+
+
+@contextmanager
+def two_nodes() -> Iterator[tuple[Any, Any]]:
+    from socialbot.bridge.session import spinning_node
+
+    with ExitStack() as stack:
+        yield stack.enter_context(spinning_node("speaker")), stack.enter_context(spinning_node("hearer"))
+
+
+def status(name: str = "camera", **values: str) -> Any:
+    from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+    values = {"machine": "robot", "state": "active", **values}
+    return DiagnosticStatus(name=name, values=[KeyValue(key=key, value=value) for key, value in values.items()])
+
+
+def keep(told: list[tuple[str, dict[str, str]]]) -> Any:
+    return lambda name, values: told.append((name, values))
+
+
+def test_what_is_told_is_heard_with_and_without_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from socialbot.bridge.diagnostics import DiagnosticsInlet, DiagnosticsOutlet
+
+    new_key("robot", tmp_path / "keys")
+    with two_nodes() as (speaker, hearer):
+        curious: list[Any] = []
+        DiagnosticsInlet(hearer, keep(curious))
+        monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
+        friend: list[Any] = []
+        inlet, outlet = DiagnosticsInlet(hearer, keep(friend)), DiagnosticsOutlet(speaker)
+        assert eventually(lambda: outlet.publish([status("camera"), status("head", pid="7")]) or bool(friend))
+        assert eventually(lambda: len(curious) >= 2)
+        assert friend[:2] == [
+            ("camera", {"machine": "robot", "state": "active"}),
+            ("head", {"machine": "robot", "state": "active", "pid": "7"}),
+        ]
+        assert friend[:2] == curious[-2:]
+        assert inlet.refused == 0
+
+
+def test_with_keys_what_is_forged_altered_or_said_again_is_not_believed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    from socialbot.bridge.diagnostics import SEAL, DiagnosticsInlet, DiagnosticsOutlet
+
+    new_key("robot", tmp_path / "keys")
+    monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
+    with two_nodes() as (speaker, hearer):
+        told: list[tuple[str, dict[str, str]]] = []
+        inlet, outlet = DiagnosticsInlet(hearer, keep(told)), DiagnosticsOutlet(speaker)
+
+        def say(one: Any) -> None:
+            inlet._receive(SimpleNamespace(status=[one]))
+
+        say(status())
+        assert (inlet.refused, told) == (1, [])
+        say(status(**{SEAL: "nonsense"}))
+        assert (inlet.refused, told) == (2, [])
+        rightly = status()
+        outlet._seal(rightly)
+        # What stands beside the seal is for other tools to read; who has keys does not look at it.
+        next(pair for pair in rightly.values if pair.key == "state").value = "given up"
+        rightly.name = "head"
+        say(rightly)
+        assert (inlet.refused, told) == (2, [("camera", {"machine": "robot", "state": "active"})])
+        say(rightly)
+        assert (inlet.refused, len(told)) == (3, 1)
+        battery = status("battery")
+        battery.values = battery.values[:0]
+        say(battery)
+        assert (inlet.refused, len(told)) == (3, 1)
+
+
+def test_nobody_without_a_key_keeps_a_graph_from_starting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from socialbot.bridge.diagnostics import DiagnosticsOutlet
+    from socialbot.bridge.readiness import expect_free_names
+    from socialbot.errors import NodeError
+    from socialbot.graph import Graph, Node, Placement
+
+    graph = Graph("g", (Placement("speaker", Node),))
+    new_key("robot", tmp_path / "keys")
+    with two_nodes() as (speaker, hearer):
+        outlet = DiagnosticsOutlet(speaker)
+        timer = speaker.create_timer(0.1, lambda: outlet.publish([status("speaker")]))
+        with pytest.raises(NodeError, match="running already: speaker"):
+            expect_free_names(hearer, graph)
+        monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
+        expect_free_names(hearer, graph)
+        outlet = DiagnosticsOutlet(speaker)
+        with pytest.raises(NodeError, match="running already: speaker"):
+            expect_free_names(hearer, graph)
+        speaker.destroy_timer(timer)
