@@ -8,7 +8,8 @@ import json
 import pytest
 from rich.console import Console
 
-from socialbot.commands.status import as_text, page
+from socialbot.commands.status import as_text
+from socialbot.commands.status_page import Screen, in_short, page
 from socialbot.messages import Health, State
 from socialbot.status import RollCall, Spread, all_well, printable
 
@@ -209,3 +210,49 @@ def test_scripts_get_the_same_as_json(roll):
     report = json.loads(as_text(roll.statuses(10.5)))
     assert report["well"]
     assert report["nodes"][0]["call"] == {"mean_ms": 1.5, "p99_ms": 3.25}
+
+
+def screen_lines(screen, now, statuses, width=100):
+    written = io.StringIO()
+    Console(file=written, width=width).print(screen.at(now, statuses))
+    return written.getvalue().splitlines()
+
+
+def test_the_screen_says_for_how_long_nodes_are_as_they_are(roll):
+    screen = Screen(12.0)
+    screen.at(10.5, roll.statuses(10.5))
+    for second in range(11, 200):
+        roll.note("camera", TOLD, float(second))
+        roll.note_health(health("camera"), float(second))
+    lines = screen_lines(screen, 200.5, roll.statuses(200.5))
+    assert lines[0].startswith("1 of 2 nodes are well ")
+    assert lines[2].split()[:4] == ["node", "machine", "state", "for"]
+    assert lines[3].split()[:5] == ["camera", "robot", "active", "3", "min"]
+    assert lines[4].split() == ["detector", "workstation", "not", "heard", "for", "190", "s", "3", "min"]
+    roll.note("detector", TOLD | {"machine": "workstation"}, 201.0)
+    roll.note_health(health("detector", "degraded", "nothing on /image"), 201.0)
+    lines = screen_lines(screen, 201.0, roll.statuses(201.0))
+    assert lines[4].split()[1:6] == ["workstation", "input", "silent", "0", "s"]
+    assert lines[-1] == "detector: nothing on /image"
+
+
+def test_the_columns_of_the_screen_stay_where_they_are(roll):
+    screen = Screen(12.0)
+    ends = []
+    for number, hz in enumerate(("0.1", "9.9", "30.0", "250.0")):
+        roll.note("camera", TOLD | {"call_hz": hz, "publish_hz": hz, "cpu_percent": hz, "rss_mb": hz}, 10.0 + number / 10)
+        lines = screen_lines(screen, 10.5, roll.statuses(10.5))
+        assert max(map(len, lines)) <= 100
+        ends.append([len(lines[2]), *(lines[2].index(heading) for heading in ("in Hz", "call ms", "MB"))])
+    assert len({tuple(end) for end in ends}) == 1
+
+
+def test_the_screen_waits_before_it_misses_anybody():
+    screen = Screen(12.0)
+    assert screen_lines(screen, 11.0, []) == ["listening ..."]
+    assert screen_lines(screen, 12.5, [])[0].startswith("no node is heard in ROS domain")
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(0.4, "0 s"), (59.9, "59 s"), (60, "1 min"), (7300, "2 h"), (2e5, "2 d")])
+def test_times_are_told_in_their_largest_unit(seconds, text):
+    assert in_short(seconds) == text

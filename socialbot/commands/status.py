@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,17 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console, Group, RenderableType
+from rich.console import Console
 from rich.live import Live
-from rich.table import Table
-from rich.text import Text
 
+from socialbot.commands.status_page import Screen, page
 from socialbot.completion import graph_names
 from socialbot.ending import Ending
 from socialbot.errors import ParameterError
 from socialbot.health import HEALTH_TOPIC
 from socialbot.messages import Health, Message
-from socialbot.status import PAUSED, NodeStatus, RollCall, Spread, all_well
+from socialbot.status import NodeStatus, RollCall, all_well
 
 if TYPE_CHECKING:
     from socialbot.graph import WireForm
@@ -41,9 +39,6 @@ WIDE = 200
 
 LOOK_AGAIN_S = 0.05
 REFRESH_S = 0.5
-
-PASSING = {"unconfigured", "inactive", "starting", "configuring", "activating", "input silent", "no input yet", PAUSED}
-"""Conditions that may pass by themselves."""
 
 FileArgument = Annotated[
     str | None,
@@ -71,18 +66,13 @@ def status(
         console.width = WIDE
     with Ending().on_signals() as ending, calling(roll, party.form):
         if watch and not as_json:
-            begun = time.monotonic()
-            with Live(console=console, auto_refresh=False, screen=False) as live:
-                while not ending.asked:
-                    live.update(page(roll.statuses(time.monotonic()), listening=time.monotonic() < begun + HEARD_S))
-                    live.refresh()
-                    _pause(ending, REFRESH_S)
+            _watch(roll, ending, console)
         else:
             _listen(roll, ending, wait)
         statuses = roll.statuses(time.monotonic())
     if as_json:
         typer.echo(as_text(statuses))
-    elif not watch:
+    else:
         console.print(page(statuses))
     if not all_well(statuses):
         raise typer.Exit(NOT_WELL)
@@ -138,6 +128,16 @@ def calling(roll: RollCall, form: WireForm) -> Iterator[None]:
         yield
 
 
+def _watch(roll: RollCall, ending: Ending, console: Console) -> None:
+    """Shows the nodes on a screen of their own until told to end."""
+    screen = Screen(time.monotonic() + HEARD_S)
+    with Live(console=console, auto_refresh=False, screen=console.is_terminal, vertical_overflow="crop") as live:
+        while not ending.asked:
+            now = time.monotonic()
+            live.update(screen.at(now, roll.statuses(now)), refresh=True)
+            _pause(ending, REFRESH_S)
+
+
 def _listen(roll: RollCall, ending: Ending, wait_s: float) -> None:
     """Listens until all that matters has been heard; with ``wait_s`` until all is well, but not longer."""
     begun = time.monotonic()
@@ -160,84 +160,3 @@ def as_text(statuses: Sequence[NodeStatus]) -> str:
     nodes = [{**asdict(one), "condition": one.condition, "well": one.is_well} for one in statuses]
     report = {"schema": "socialbot/status", "version": 1, "well": all_well(statuses), "nodes": nodes}
     return json.dumps(report, indent=2)
-
-
-def page(statuses: Sequence[NodeStatus], *, listening: bool = False) -> RenderableType:
-    """A table of ``statuses``, what is wrong below it, and all of it in one line."""
-    if not statuses:
-        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
-        return Text("listening ..." if listening else f"no node is heard in ROS domain {domain}", style="yellow")
-    well = sum(one.is_well for one in statuses)
-    summary = Text(
-        f"all {well} nodes are well" if well == len(statuses) else f"{well} of {len(statuses)} nodes are well",
-        style="green" if well == len(statuses) else "bold red",
-    )
-    told = [Text.assemble((f"{one.name}: ", "bold"), text) for one in statuses for text in remarks(one)]
-    return Group(table(statuses), *(Text(""), *told) if told else (), Text(""), summary)
-
-
-def table(statuses: Sequence[NodeStatus]) -> Table:
-    """A line for each node; columns that hold nothing are left out."""
-    shown = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
-    shown.add_column("node", style="bold", overflow="fold", min_width=10)
-    shown.add_column("machine", overflow="fold", min_width=5)
-    shown.add_column("state", overflow="fold", min_width=10)
-    columns = {
-        "in Hz": [_figure(one.handled_hz) for one in statuses],
-        "out Hz": [_figure(one.published_hz) for one in statuses],
-        "call ms": [_both(one.call) for one in statuses],
-        "age ms": [_both(one.age) for one in statuses],
-        "CPU %": _once_a_process(statuses, [_figure(one.cpu_percent) for one in statuses]),
-        "MB": _once_a_process(statuses, [_figure(one.memory_mb) for one in statuses]),
-        "restarts": [str(one.restarts or "") for one in statuses],
-        "refused": [str(one.refused or "") for one in statuses],
-    }
-    columns = {heading: cells for heading, cells in columns.items() if any(cells)}
-    for heading in columns:
-        shown.add_column(heading, justify="right", no_wrap=True)
-    for number, one in enumerate(statuses):
-        cells = [cells[number] for cells in columns.values()]
-        shown.add_row(one.name, one.machine, Text(one.condition, style=_style(one)), *cells)
-    return shown
-
-
-def remarks(one: NodeStatus) -> list[str]:
-    """What there is to say of a node beyond its line in the table."""
-    found = []
-    if one.twin:
-        found.append(f"another node of this name is {one.twin}: both hear and say the same; end one of them")
-    if one.last_error:
-        found.append(f"its process {one.last_error}")
-    if one.reason:
-        found.append(one.reason)
-    if one.failures:
-        found.append(f"failed {one.failures} times; first: {one.first_failure}")
-    if one.lacks:
-        found.append(f"nobody at the other end of {one.lacks}")
-    if one.refused:
-        found.append(f"refused {one.refusals or one.refused}")
-    return found
-
-
-def _style(one: NodeStatus) -> str:
-    if one.condition in PASSING:
-        return "yellow"
-    return "green" if one.is_well else "bold red"
-
-
-def _figure(value: float | None) -> str:
-    return "" if value is None else f"{value:.0f}" if value >= 10 else f"{value:.1f}"
-
-
-def _both(spread: Spread | None) -> str:
-    return "" if spread is None else f"{_figure(spread.mean_ms)}/{_figure(spread.p99_ms)}"
-
-
-def _once_a_process(statuses: Sequence[NodeStatus], figures: Sequence[str]) -> list[str]:
-    """``figures``, with a ditto mark where a node of the same process has shown its own."""
-    cells = []
-    shown: set[str] = set()
-    for one, figure in zip(statuses, figures, strict=True):
-        cells.append('"' if figure and shown.intersection(one.shares) else figure)
-        shown.add(one.name)
-    return cells

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from socialbot.clock import SECOND
 from socialbot.graph import Graph, Input, Node, Output, Placement
 from socialbot.messages import Health, Utterance
+from socialbot.security.freshness import Freshness
+from socialbot.security.keys import new_key
+from socialbot.security.seal import Stream
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -97,3 +104,61 @@ def test_a_node_that_waits_for_others_says_so(monkeypatch: pytest.MonkeyPatch) -
     assert {(one.node, one.state, one.reason) for one in waiting} == {
         ("greeter", "waiting", "nobody at the other end of /said yet")
     }
+
+
+class Patient(Node):
+    """Listens for something with a deadline, and rings ten times a second."""
+
+    said = Input(Utterance, "/said", deadline_s=0.5)
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.rung: list[float] = []
+        self.silences = 0
+
+    def start(self) -> None:
+        self.ring()
+
+    def ring(self) -> None:
+        self.rung.append(time.monotonic())
+        self.call_after(0.1, self.ring)
+
+    def on_silence(self, port: Input[Any], since: int | None) -> None:
+        self.silences += 1
+
+
+class Talker(Node):
+    """Says something ten times a second."""
+
+    said = Output(Utterance, "/said")
+
+    def start(self) -> None:
+        self.said.publish(Utterance(stamp=self.clock.now(), id="again", text="hello"))
+        self.call_after(0.1, self.start)
+
+
+@pytest.mark.parametrize("seconds", [-3600, -2, 3600])
+def test_nodes_do_not_notice_that_the_clock_is_set(
+    seconds: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody is taken to be silent, no timer is late or rings in a flood, and with keys nothing more is refused."""
+    real, ahead = time.time_ns, [0]
+    monkeypatch.setattr(time, "time_ns", lambda: real() + ahead[0])
+    for kind in (Freshness, Stream):
+        monkeypatch.setitem(kind.__init__.__kwdefaults__, "wall", lambda: time.time_ns())
+    new_key("robot", tmp_path / "keys")
+    monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
+    graph = Graph("patience", (Placement("talker", Talker), Placement("patient", Patient)))
+    monkeypatch.setitem(globals(), "GRAPH", graph)
+    with hosting() as host:
+        host("talker")
+        patient = host("patient")
+        assert eventually(lambda: len(patient.rung) > 20)
+        assert patient.silences == 0
+        ahead[0] = seconds * SECOND
+        before = len(patient.rung)
+        assert eventually(lambda: len(patient.rung) > before + 30)
+        assert patient.silences == 0
+        apart = [later - sooner for sooner, later in itertools.pairwise(patient.rung)]
+        assert 0.05 < min(apart)
+        assert max(apart) < 2.0

@@ -10,10 +10,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import pytest
 
+from socialbot.inspect.run_folder import open_run
 from socialbot.security.keys import new_key
 from tests.system.running import eventually, running, socialbot
 from tests.system.test_deployment import ROOT, folder, half  # noqa: F401 - a fixture
@@ -64,6 +66,53 @@ def test_nodes_are_shown_as_they_are_and_down_ends_them(tmp_path: Path) -> None:
     code, nodes = status(graph)
     assert (code, {one["condition"] for one in nodes.values()}) == (10, {"not heard"})
     assert "nothing is up here" in socialbot("down").stdout
+
+
+def test_nobody_does_anything_because_of_what_strangers_say_on_diagnostics(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They say of all nodes that these are given up: no process is started again, and who has a key sees the truth."""
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+    from socialbot.bridge.session import spinning_node
+
+    values = {"machine": "robot", "state": "given up", "restarts": "6", "last_error": "hung", "pid": "1"}
+    lies = [
+        DiagnosticStatus(name=name, values=[KeyValue(key=key, value=value) for key, value in values.items()])
+        for name in ("speech", "head")
+    ]
+    new_key("robot", tmp_path / "keys")
+    graph = tmp_path / "voice.yaml"
+    with monkeypatch.context() as keys:
+        keys.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
+        with spinning_node("stranger") as ros, voice(tmp_path):
+            code, before = status(graph, "--wait", 60)
+            assert code == 0
+            liar = ros.create_publisher(DiagnosticArray, "/diagnostics", 10)
+            ros.create_timer(0.02, lambda: liar.publish(DiagnosticArray(status=lies)))
+            sleep(5.0)
+            code, after = status(graph)
+            assert code == 0
+            assert [one["pid"] for one in after.values()] == [one["pid"] for one in before.values()]
+            assert {one["restarts"] for one in after.values()} == {0}
+    record = open_run(tmp_path / "run")
+    assert {told.values["state"] for course in record.told.values() for _, told in course} <= {
+        "unconfigured", "inactive", "active",
+    }  # fmt: skip
+
+
+def test_down_says_what_it_cannot_reach(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is up has a key, who wants to end it has none: it is there, and stays."""
+    new_key("robot", tmp_path / "keys")
+    with monkeypatch.context() as keys:
+        keys.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
+        with voice(tmp_path) as up:
+            assert status(tmp_path / "voice.yaml", "--wait", 60)[0] == 0
+            keys.delenv("SOCIALBOT_KEYS")
+            done = socialbot("down", "--timeout", 6)
+            assert (done.returncode, done.stdout) == (10, "")
+            assert f"process {up.pid}: something is up here, and is not to be believed" in done.stderr
+            assert up.poll() is None
 
 
 def on(host: Host, *arguments: object) -> tuple[int, str]:

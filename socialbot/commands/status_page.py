@@ -1,0 +1,147 @@
+"""What ``socialbot status`` shows: a table of the nodes, what is wrong with them, and all of it in one line."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from socialbot.status import PAUSED, NodeStatus, Spread
+
+PASSING = {"unconfigured", "inactive", "starting", "configuring", "activating", "input silent", "no input yet", PAUSED}
+"""Conditions that may pass by themselves."""
+
+FIGURES = {"in Hz": 5, "out Hz": 6, "call ms": 7, "age ms": 7, "CPU %": 5, "MB": 4}
+"""The columns of figures and how wide each is at least: so they stay where they are while the figures change."""
+
+UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
+
+
+class Screen:
+    """What is shown again and again: the page, and for how long each node has been as it is.
+
+    Nobody is missed before the time ``heard`` (s).
+    """
+
+    def __init__(self, heard: float) -> None:
+        self._heard = heard
+        self._since: dict[str, tuple[str, float]] = {}
+
+    def at(self, now: float, statuses: Sequence[NodeStatus]) -> RenderableType:
+        """The screen for these ``statuses`` at the time ``now`` (s)."""
+        title = Text.assemble(summary(statuses), (f"   {time.strftime('%H:%M:%S')}   Ctrl-C ends it", "dim"))
+        if not statuses:
+            return Text("listening ...", style="yellow") if now < self._heard else title
+        lasting = {one.name: in_short(now - self._begun(one, now)) for one in statuses}
+        return Group(title, Text(""), table(statuses, lasting), *remarked(statuses))
+
+    def _begun(self, one: NodeStatus, now: float) -> float:
+        """Since when (s) a node has been as it is."""
+        what = "not heard" if one.condition.startswith("not heard") else one.condition
+        known = self._since.get(one.name)
+        if known is None or known[0] != what:
+            begun = now - one.heard_s if what == "not heard" and one.heard_s is not None else now
+            self._since[one.name] = known = (what, begun)
+        return known[1]
+
+
+def page(statuses: Sequence[NodeStatus]) -> RenderableType:
+    """A table of ``statuses``, what is wrong below it, and all of it in one line."""
+    if not statuses:
+        return summary(statuses)
+    return Group(table(statuses), *remarked(statuses), Text(""), summary(statuses))
+
+
+def summary(statuses: Sequence[NodeStatus]) -> Text:
+    """How many are well."""
+    if not statuses:
+        return Text(f"no node is heard in ROS domain {os.environ.get('ROS_DOMAIN_ID') or '0'}", style="yellow")
+    well = sum(one.is_well for one in statuses)
+    if well == len(statuses):
+        return Text(f"all {well} nodes are well", style="green")
+    return Text(f"{well} of {len(statuses)} nodes are well", style="bold red")
+
+
+def remarked(statuses: Sequence[NodeStatus]) -> list[Text]:
+    """What there is to say of nodes beyond the table, after a blank line."""
+    told = [Text.assemble((f"{one.name}: ", "bold"), text) for one in statuses for text in remarks(one)]
+    return [Text(""), *told] if told else []
+
+
+def table(statuses: Sequence[NodeStatus], lasting: Mapping[str, str] | None = None) -> Table:
+    """A line for each node; columns that hold nothing are left out. ``lasting`` is for how long each is as it is."""
+    shown = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
+    shown.add_column("node", overflow="fold", min_width=10)
+    shown.add_column("machine", overflow="fold", min_width=5)
+    shown.add_column("state", overflow="fold", min_width=10)
+    columns = {
+        "for": [(lasting or {}).get(one.name, "") for one in statuses],
+        "in Hz": [_figure(one.handled_hz) for one in statuses],
+        "out Hz": [_figure(one.published_hz) for one in statuses],
+        "call ms": [_both(one.call) for one in statuses],
+        "age ms": [_both(one.age) for one in statuses],
+        "CPU %": _once_a_process(statuses, [_figure(one.cpu_percent) for one in statuses]),
+        "MB": _once_a_process(statuses, [_figure(one.memory_mb) for one in statuses]),
+        "restarts": [str(one.restarts or "") for one in statuses],
+        "refused": [str(one.refused or "") for one in statuses],
+    }
+    columns = {heading: cells for heading, cells in columns.items() if any(cells)}
+    for heading in columns:
+        shown.add_column(heading, justify="right", no_wrap=True, min_width=FIGURES.get(heading))
+    for number, one in enumerate(statuses):
+        cells = [cells[number] for cells in columns.values()]
+        name = Text(one.name, style="bold" if one.is_well else _style(one))
+        shown.add_row(name, one.machine, Text(one.condition, style=_style(one)), *cells)
+    return shown
+
+
+def remarks(one: NodeStatus) -> list[str]:
+    """What there is to say of a node beyond its line in the table."""
+    found = []
+    if one.twin:
+        found.append(f"another node of this name is {one.twin}: both hear and say the same; end one of them")
+    if one.last_error:
+        found.append(f"its process {one.last_error}")
+    if one.reason:
+        found.append(one.reason)
+    if one.failures:
+        found.append(f"failed {one.failures} times; first: {one.first_failure}")
+    if one.lacks:
+        found.append(f"nobody at the other end of {one.lacks}")
+    if one.refused:
+        found.append(f"refused {one.refusals or one.refused}")
+    return found
+
+
+def in_short(seconds: float) -> str:
+    """A time in its largest unit."""
+    size, unit = next((each for each in UNITS if seconds >= each[0]), UNITS[-1])
+    return f"{seconds // size:.0f} {unit}"
+
+
+def _style(one: NodeStatus) -> str:
+    if one.condition in PASSING:
+        return "yellow"
+    return "green" if one.is_well else "bold red"
+
+
+def _figure(value: float | None) -> str:
+    return "" if value is None else f"{value:.0f}" if value >= 10 else f"{value:.1f}"
+
+
+def _both(spread: Spread | None) -> str:
+    return "" if spread is None else f"{_figure(spread.mean_ms)}/{_figure(spread.p99_ms)}"
+
+
+def _once_a_process(statuses: Sequence[NodeStatus], figures: Sequence[str]) -> list[str]:
+    """``figures``, with a ditto mark where a node of the same process has shown its own."""
+    cells = []
+    shown: set[str] = set()
+    for one, figure in zip(statuses, figures, strict=True):
+        cells.append('"' if figure and shown.intersection(one.shares) else figure)
+        shown.add(one.name)
+    return cells
