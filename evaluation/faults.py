@@ -71,6 +71,11 @@ ROWS: Mapping[str, Row] = {
         "kill -9 of each node in turn, 20 times",
         "back within 2 s; actions as ever apart from the gap",
     ),
+    "clocks": Row(
+        "evaluation.faults_clocks:clocks",
+        "the computer's clock set back and forward by 2 s, an hour, a day, keys set",
+        "goes on; nobody greeted twice or not at all; no process started again",
+    ),
     "strangers": Row(
         "evaluation.faults_strangers:strangers",
         "10 000 forged, replayed, altered or stale commands, keys set",

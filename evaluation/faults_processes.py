@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from evaluation.faults_plan import Plan
@@ -22,12 +22,17 @@ ENDED_S = 20.0
 
 
 @contextlib.contextmanager
-def beside(plan: Plan, folder: Path, name: str, *arguments: object) -> Iterator[subprocess.Popen[bytes]]:
-    """``socialbot *arguments`` for as long as the block lasts; what it prints goes to NAME.log in ``folder``."""
-    variables = {**os.environ, "ROS_DOMAIN_ID": str(plan.domain), "SOCIALBOT_FOLDERS": str(plan.folder)}
+def beside(
+    plan: Plan, folder: Path, name: str, *arguments: object, variables: Mapping[str, str] | None = None
+) -> Iterator[subprocess.Popen[bytes]]:
+    """``socialbot *arguments`` for as long as the block lasts; what it prints goes to NAME.log in ``folder``.
+
+    ``variables`` are added to its environment.
+    """
+    own = {"ROS_DOMAIN_ID": str(plan.domain), "SOCIALBOT_FOLDERS": str(plan.folder), **(variables or {})}
     command = [sys.executable, "-m", "socialbot", *map(str, arguments)]
     with (folder / f"{name}.log").open("wb") as log:
-        process = subprocess.Popen(command, env=variables, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        process = subprocess.Popen(command, env={**os.environ, **own}, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
     try:
         yield process
     finally:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from socialbot.agents.waldo.waldo import Manners, PersonSensor
 from socialbot.clock import SECOND
 from socialbot.messages import PersonDetections

@@ -1,0 +1,120 @@
+"""Whether Waldo goes on as ever when somebody sets the computer's clock, back and forward, while he is at work.
+
+``socialbot up`` runs the whole graph, with keys; its camera shows the scene of `evaluation.faults_deaths` again and
+again, in each pass of which one person comes, is greeted and offered help. libfaketime stands between all its processes
+and the computer's clock, so that the clock can be set for them alone; the clock that nobody can set it leaves as it is.
+What happened is read from the record.
+
+*Lost* are frames without detections; of those only gaps count, in which nothing was seen for longer than the detector
+needs at most.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import time
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from evaluation.faults_deaths import GREETING, PASS_S, SCENE, SETTINGS
+from evaluation.faults_plan import Plan, Skipped
+from evaluation.faults_processes import await_, beside, write_pictures
+from evaluation.report import Report, Value
+from socialbot.clock import SECOND
+from socialbot.inspect.run_folder import RecordedRun, open_run
+from socialbot.run_record import TRACE
+from socialbot.security.keys import new_key
+
+LIBRARIES = ("/usr/lib/*/faketime/libfaketime.so.1", "/usr/lib*/faketime/libfaketime.so.1")
+LIBRARY_VARIABLE = "LIBFAKETIME"
+"""Names the library where it is somewhere else."""
+
+STEPS_S = (-2, 3600, -3600, 2, -3600, 86400)
+"""By how much (s) the clock is set, one after the other."""
+QUICK_STEPS_S = (-3600, 3600)
+
+LOST_S = 2.0
+"""In this time of nothing seen nobody would be missed who is there: `Manners.vanish_s` and more is needed for that."""
+
+
+def clocks(report: Report, plan: Plan) -> str:
+    """Sets the clock in the middle of passes, and holds each pass against what it should be."""
+    library = find_library()
+    folder = plan.records("clocks")
+    new_key("robot", folder / "keys")
+    pictures, clock = write_pictures(folder / "pictures", SCENE), folder / "clock"
+    changes = [word for setting, value in SETTINGS.items() for word in ("--set", f"{setting}={value}")]
+    variables = {
+        "LD_PRELOAD": str(library),
+        "FAKETIME_TIMESTAMP_FILE": str(clock),
+        "FAKETIME_NO_CACHE": "1",
+        "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+        "SOCIALBOT_KEYS": str(folder / "keys"),
+    }
+    steps, chance, ahead_s = plan.of(STEPS_S, QUICK_STEPS_S), random.Random(9), 0
+    clock.write_text("+0s")
+    run = folder / "run"
+    with beside(plan, folder, "up", "up", "--camera", pictures, "--out", run, *changes, variables=variables):
+        await_(lambda: (run / TRACE).exists() and b"detection" in (run / TRACE).read_bytes(), 120.0, "nothing seen", run)
+        time.sleep(PASS_S)
+        for step_s in steps:
+            time.sleep(chance.uniform(0.7, 1.3) * PASS_S)
+            ahead_s += step_s
+            set_clock(clock, ahead_s)
+            plan.tell(f"clocks: set by {step_s:+d} s")
+        time.sleep(2 * PASS_S)
+    told = (folder / "up.log").read_text("utf-8").count("the clock of this computer was set")
+    return _report(report, open_run(run), steps, told)
+
+
+def find_library() -> Path:
+    """libfaketime. Raises Skipped where it is not."""
+    named = os.environ.get(LIBRARY_VARIABLE)
+    found = [Path(named)] if named else [path for pattern in LIBRARIES for path in Path("/").glob(pattern[1:])]
+    if not found:
+        raise Skipped(f"there is no libfaketime (apt install libfaketime, or name it in {LIBRARY_VARIABLE})")
+    return found[0]
+
+
+def set_clock(file: Path, ahead_s: int) -> None:
+    """Sets the clock of all who read ``file``, so that it is ahead by so much; at once, as it is read all the time."""
+    new = file.with_suffix(".new")
+    new.write_text(f"{ahead_s:+d}s")
+    new.replace(file)
+
+
+def _report(report: Report, run: RecordedRun, steps: Sequence[int], told: int) -> str:
+    stamps = [one.stamp for one in run.history if one.kind == "detection"]
+    gap_s = max(later - sooner for sooner, later in pairwise(stamps)) / SECOND
+    said = [one.stamp for one in run.history if one.kind == "utterance" and one.what == GREETING]
+    passes = [(begin, begin + round(PASS_S * SECOND)) for begin in _begins(stamps)]
+    counts = [sum(begin <= at < end for at in said) for begin, end in passes]
+    starts = max((int(one.values.get("restarts", 0)) for course in run.told.values() for _, one in course), default=0)
+    report.add("clocks_steps", "clocks: how often the clock was set", len(steps))
+    report.add("clocks_told", "clocks: up says so each time", told == len(steps), True)
+    report.add("clocks_passes", "clocks: passes of the scene, whole", len(passes))
+    report.add("clocks_not_greeted", "clocks: passes in which nobody was greeted", counts.count(0), 0)
+    report.add("clocks_greeted_twice", "clocks: passes in which somebody was greeted twice", sum(map(_many, counts)), 0)
+    report.add("clocks_gap_s", "clocks: nothing was seen for, s, at most", round(gap_s, 2), LOST_S)
+    report.add("clocks_restarts", "clocks: processes that had to be started again", starts, 0)
+    rows: dict[str, dict[str, Value]] = {
+        f"{number}": {"from s": round(run.history.seconds(begin), 1), "greetings": count}
+        for number, ((begin, _), count) in enumerate(zip(passes, counts, strict=True), 1)
+    }
+    report.tables["clocks"] = rows
+    return (
+        f"set {len(steps)} times; {len(passes)} passes, {counts.count(0)} not greeted, {sum(map(_many, counts))} greeted "
+        f"twice; nothing seen for {gap_s:.2f} s at most"
+    )
+
+
+def _many(count: int) -> bool:
+    return count > 1
+
+
+def _begins(stamps: Sequence[int]) -> list[int]:
+    """When the passes began that were shown to their end: the camera shows them one after the other."""
+    length = round(PASS_S * SECOND)
+    return list(range(stamps[0], stamps[-1] - length, length))
