@@ -57,7 +57,9 @@ def clocks(report: Report, plan: Plan) -> str:
     clock.write_text("+0s")
     run = folder / "run"
     with beside(plan, folder, "up", "up", "--camera", pictures, "--out", run, *changes, variables=variables):
-        await_(lambda: (run / TRACE).exists() and b"detection" in (run / TRACE).read_bytes(), 120.0, "nothing seen", run)
+        await_(
+            lambda: (run / TRACE).exists() and b"detection" in (run / TRACE).read_bytes(), 120.0, "nothing seen", run
+        )
         time.sleep(PASS_S)
         for step_s in steps:
             time.sleep(chance.uniform(0.7, 1.3) * PASS_S)
@@ -70,7 +72,7 @@ def clocks(report: Report, plan: Plan) -> str:
 
 
 def find_library() -> Path:
-    """libfaketime. Raises Skipped where it is not."""
+    """Libfaketime. Raises Skipped where it is not."""
     named = os.environ.get(LIBRARY_VARIABLE)
     found = [Path(named)] if named else [path for pattern in LIBRARIES for path in Path("/").glob(pattern[1:])]
     if not found:
@@ -105,8 +107,8 @@ def _report(report: Report, run: RecordedRun, steps: Sequence[int], told: int) -
     }
     report.tables["clocks"] = rows
     return (
-        f"set {len(steps)} times; {len(passes)} passes, {counts.count(0)} not greeted, {sum(map(_many, counts))} greeted "
-        f"twice; nothing seen for {gap_s:.2f} s at most"
+        f"set {len(steps)} times; {len(passes)} passes, {counts.count(0)} not greeted, "
+        f"{sum(map(_many, counts))} greeted twice; nothing seen for {gap_s:.2f} s at most"
     )
 
 

@@ -23,9 +23,7 @@ class Journal:
     for what is told only once. Raises FileExistsError and other OSErrors.
     """
 
-    def __init__(
-        self, path: Path, room: int | None = None, opening: Callable[[], Iterable[bytes]] = nothing
-    ) -> None:
+    def __init__(self, path: Path, room: int | None = None, opening: Callable[[], Iterable[bytes]] = nothing) -> None:
         self._path = path
         self._longest = None if room is None else room // PARTS
         self._opening = opening
@@ -52,7 +50,8 @@ class Journal:
         self._file.close()
         self._number += 1
         self._path.replace(_part(self._path, self._number))
-        _part(self._path, self._number - PARTS + 1).unlink(missing_ok=True)
+        if (oldest := self._number - PARTS + 1) > 0:
+            _part(self._path, oldest).unlink(missing_ok=True)
         self._file = self._path.open("xb")
         self._file.writelines(line + b"\n" for line in self._opening())
 

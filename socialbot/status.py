@@ -44,8 +44,8 @@ class NodeStatus:
     ``state`` is that of the lifecycle, or of a dead node ``waiting``, ``given up`` or ``ended``; empty before it was
     heard. ``heard_s`` is how long ago (s) it was heard, None when it never was; ``lifeless`` says that it is active but
     gives no sign of life, ``twin`` where another node of its name runs. Figures that nobody has told are None. ``call``
-    is how long it takes to handle something, ``age`` how old messages are when that is done: since their stamp. Nodes in
-    the same process, those of ``shares`` too, have its processor time (percent of one core) and memory in common.
+    is how long it takes to handle something, ``age`` how old messages are when that is done: since their stamp. Nodes
+    in the same process, those of ``shares`` too, have its processor time (percent of one core) and memory in common.
     """
 
     name: str

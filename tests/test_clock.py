@@ -35,29 +35,31 @@ def test_a_clock_that_is_set_changes_nothing_for_who_asked_before(computer, seco
 
 @pytest.mark.parametrize("seconds", [-3600, 3600])
 def test_what_an_agent_waits_for_comes_when_it_should_though_the_clock_is_set(computer, seconds):
-    """What is held for 0.3 s and what is given 0.6 s; the clock is set after 0.1 s."""
+    """What is held for 0.3 s, and who rests for 0.6 s; the clock is set after 0.1 s."""
     happened: list[tuple[str, float]] = []
 
     class note(Action):  # noqa: N801 - reads as a step of a plan
         def execute(self, what: str) -> None:
             happened.append((what, time.monotonic() - begun))
+            if len(happened) == 2:
+                self.engine.stop()
 
     engine = Engine("ann", WallClock())
     engine.add_rules(
         +p(1).held_for(0.3) >> [note("held")],
-        go(1) >> [go(2).within(0.6)],
-        -go(2) >> [note("late")],
-        go(2) >> [wait(60)],
+        go(1) >> [wait(0.6), note("rested")],
     )
     begun = time.monotonic()
     engine.believe(p(1))
     engine.achieve(go(1))
-    steps = [threading.Timer(0.1, computer.__setitem__, (0, seconds * SECOND)), threading.Timer(1.0, engine.stop)]
+    steps = [threading.Timer(0.1, computer.__setitem__, (0, seconds * SECOND)), threading.Timer(30.0, engine.stop)]
     for step in steps:
         step.start()
     engine.run()
-    assert [what for what, _ in happened] == ["held", "late"]
-    assert [when for _, when in happened] == [pytest.approx(0.3, abs=0.2), pytest.approx(0.6, abs=0.2)]
+    steps[-1].cancel()
+    assert [what for what, _ in happened] == ["held", "rested"]
+    assert happened[0][1] >= 0.3
+    assert happened[1][1] >= 0.6
 
 
 def test_processes_of_one_run_tell_the_same_time_though_the_clock_was_set_in_between(computer):

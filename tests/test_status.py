@@ -142,8 +142,9 @@ def test_two_nodes_of_one_name_are_told(roll):
     camera = roll.statuses(10.6)[0]
     assert camera.condition == "runs twice"
     assert not camera.is_well
-    assert "camera: another node of this name is process 99 on robot" in shown(roll.statuses(10.6))
+    assert "camera: another node of this name is process 77 on robot" in shown(roll.statuses(10.6))
     roll.note("camera", TOLD, 14.0)
+    roll.note_health(health("camera"), 14.0)
     assert roll.statuses(14.0)[0].condition == "active"
 
 
@@ -240,7 +241,9 @@ def test_the_columns_of_the_screen_stay_where_they_are(roll):
     screen = Screen(12.0)
     ends = []
     for number, hz in enumerate(("0.1", "9.9", "30.0", "250.0")):
-        roll.note("camera", TOLD | {"call_hz": hz, "publish_hz": hz, "cpu_percent": hz, "rss_mb": hz}, 10.0 + number / 10)
+        roll.note(
+            "camera", TOLD | {"call_hz": hz, "publish_hz": hz, "cpu_percent": hz, "rss_mb": hz}, 10.0 + number / 10
+        )
         lines = screen_lines(screen, 10.5, roll.statuses(10.5))
         assert max(map(len, lines)) <= 100
         ends.append([len(lines[2]), *(lines[2].index(heading) for heading in ("in Hz", "call ms", "MB"))])
@@ -253,6 +256,8 @@ def test_the_screen_waits_before_it_misses_anybody():
     assert screen_lines(screen, 12.5, [])[0].startswith("no node is heard in ROS domain")
 
 
-@pytest.mark.parametrize(("seconds", "text"), [(0.4, "0 s"), (59.9, "59 s"), (60, "1 min"), (7300, "2 h"), (2e5, "2 d")])
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.4, "0 s"), (59.9, "59 s"), (60, "1 min"), (7300, "2 h"), (2e5, "2 d")]
+)
 def test_times_are_told_in_their_largest_unit(seconds, text):
     assert in_short(seconds) == text

@@ -1,7 +1,7 @@
 """Which runs of ``socialbot up`` there are on this computer, as its kernel knows at once and with certainty.
 
-Each holds a local socket whose name tells of it, and which is gone when its process is, however that ends. So nobody has
-to listen, and for how long, to find out that nothing is up.
+Each holds a local socket whose name tells of it, and which is gone when its process is, however that ends. So nobody
+has to listen, and for how long, to find out that nothing is up.
 """
 
 from __future__ import annotations

@@ -96,8 +96,8 @@ def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = Non
     """Raises NodeError when nodes of these names run in the ROS domain already: both graphs would hear each other.
 
     ``only`` names those nodes of ``graph`` that are about to be started; without it all are. ``ros`` has to be
-    spinning: a node that was killed stays known for a while, but does not speak on /diagnostics any more. With keys only
-    who has one counts: a stranger keeps no graph from starting.
+    spinning: a node that was killed stays known for a while, but does not speak on /diagnostics any more. With keys
+    only who has one counts: a stranger keeps no graph from starting.
     """
     from socialbot.bridge.diagnostics import DiagnosticsInlet
 

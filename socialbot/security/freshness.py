@@ -1,8 +1,8 @@
 """Whether a message of a known sender is new: neither late, nor from the future, nor heard before.
 
 A stream is what one publisher has said since it began. Its messages are numbered; whatever has no higher number than
-the last one heard is a replay, or the same sealed anew. So per stream one number is remembered, not all ids. Their times
-tell only how old they are: a clock may be set back.
+the last one heard is a replay, or the same sealed anew. So per stream one number is remembered, not all ids. Times tell
+only how old they are: a clock may be set back.
 """
 
 from __future__ import annotations

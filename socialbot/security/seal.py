@@ -89,15 +89,19 @@ class Stream:
         self._wall = wall
         self._id = secrets.token_hex(STREAM_BYTES)
         self._number = 0
+        self._time = 0
 
     def seal(self, text: str, *, anew: bool = False) -> str:
         """``text`` sealed; ``anew`` when it is the same as the last time, only sealed later."""
         self._number += not anew
+        now = self._wall()
+        # What is sealed anew is known by its time.
+        self._time = now if now != self._time else now + 1
         blank = Sealed(
             sender=self._keys.name,
             stream=self._id,
             number=self._number,
-            time=self._wall(),
+            time=self._time,
             topic=self._topic,
             payload=text,
             signature=b"",

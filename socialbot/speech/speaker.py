@@ -64,7 +64,9 @@ class Speaker(Node):
         choices=("auto", "off", "required"),
         fixed=True,
     )
-    folder = Parameter("", f"where the last {MOST_SOUNDS} utterances are kept as .wav files; empty: nowhere", fixed=True)
+    folder = Parameter(
+        "", f"where the last {MOST_SOUNDS} utterances are kept as .wav files; empty: nowhere", fixed=True
+    )
     max_waiting_s = Parameter(5.0, "s an utterance may wait before it expires unsaid", minimum=0.0)
     engine = Parameter("", "node that decides what is said, whose signs of life are listened to; empty: none")
     max_waiting = Parameter(8, "utterances that may wait; beyond that the oldest gives way", minimum=1)

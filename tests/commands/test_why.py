@@ -123,7 +123,7 @@ def test_the_page_of_a_run_is_written_again(run):
 
 
 def test_of_a_run_whose_beginning_is_gone_the_rest_is_told(tmp_path):
-    folder = long_run(tmp_path / "long", visits=6, room=200_000)
+    folder = long_run(tmp_path / "long", visits=6, room=500_000)
     code, told = ask("why", folder, "--list")
     assert code == 0
     actions = told.splitlines()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from socialbot.clock import SECOND
-from socialbot.graph_file import load_graph
+from socialbot.graph_file import load_graph, parse_graph
 from socialbot.inline import InlineRunner
 from socialbot.inspect.live_run import LiveRun
 from socialbot.messages import PersonDetection, PersonDetections
@@ -13,6 +13,18 @@ from socialbot.replay import observed_topics
 from socialbot.run_record import RunRecord, RunTrace
 
 START = 1_700_000_000 * SECOND
+
+
+DETECTED = """
+name: waldo
+inputs: [/humans/bodies/detections]
+nodes:
+  bdi_engine: {type: waldo}
+  listener: {type: listener}
+  speech: {type: speaker, parameters: {playback: 'off'}}
+  head: {type: head}
+"""
+"""Waldo without a camera that he could miss."""
 
 
 def frame(tenth: int, *distances_m: float) -> PersonDetections:
@@ -44,7 +56,7 @@ def greeting(folder: Path, *, comes: int = 5, tenths: int = 20) -> Path:
 
 def long_run(folder: Path, *, visits: int, room: int) -> Path:
     """A run of Waldo that has room for the newest part only: each minute somebody comes and stays for 20 s."""
-    graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
+    graph = parse_graph(DETECTED, where="runs.py")
     runner = InlineRunner(graph, start=START)
     told = {"machine": "desk", "state": "active", "call_hz": "30.0"}
     with RunTrace(folder, room=room) as record:
