@@ -110,8 +110,9 @@ class _Heard:
 
     def note_speaker(self, speaker: str, now: float) -> None:
         """Notes who speaks; who speaks again after another is no predecessor of it: there are two."""
-        if not self.speakers or self.speakers[-1] != speaker:
-            self.speakers.append(speaker)
+        if self.speakers and self.speakers[-1] == speaker:
+            return
+        self.speakers.append(speaker)
         if len(self.speakers) == self.speakers.maxlen and self.speakers[0] == speaker:
             self.twin, self.twin_at = self.speakers[1], now
 

@@ -104,15 +104,16 @@ def test_strangers_cannot_fill_the_memory(monkeypatch: pytest.MonkeyPatch):
         assert list(runs.heard) == ["0", "1"]
 
 
-def test_the_same_half_up_twice_is_told_once(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch):
+def test_the_same_half_up_twice_is_told_once(caplog: pytest.LogCaptureFixture):
     from socialbot.bridge.presence import Presence
 
     with two_nodes() as (one, other):
         first, second = Presence(one, "waldo", lambda: None), Presence(other, "waldo", lambda: None)
         stranger = Presence(other, "warehouse", lambda: None)
-        assert eventually(lambda: any((first.tell(), second.tell(), stranger.tell())) or len(caplog.records) >= 2)
-        first._said_at = second._said_at = 0.0
-        assert not eventually(lambda: any((first.tell(), second.tell())) or len(caplog.records) > 2, 1.5)
+        with first, second, stranger:
+            assert eventually(lambda: any((first.tell(), second.tell(), stranger.tell())) or len(caplog.records) >= 2)
+            first._said_at = second._said_at = 0.0
+            assert not eventually(lambda: any((first.tell(), second.tell())) or len(caplog.records) > 2, 1.5)
     assert {record.levelname for record in caplog.records} == {"ERROR"}
     assert all("is up twice, the other here" in record.getMessage() for record in caplog.records)
 
@@ -156,7 +157,8 @@ def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
         late.start()
         assert [one.run for one in heard(runs, everything, Ending(), 20.0)] == [presence.run]
         assert time.monotonic() - begun > LISTEN_S
-        presence._placard.take_down()
+        with presence:
+            late.join()
 
 
 def test_down_gives_up_on_another_machine_that_nobody_hears():
