@@ -1,18 +1,17 @@
 """Whether Waldo goes on as ever when somebody sets the computer's clock, back and forward, while he is at work.
 
 ``socialbot up`` runs the whole graph, with keys; its camera shows the scene of `evaluation.faults_deaths` again and
-again, in each pass of which one person comes, is greeted and offered help. libfaketime stands between all its processes
-and the computer's clock, so that the clock can be set for them alone; the clock that nobody can set it leaves as it is.
-What happened is read from the record.
-
-*Lost* are frames without detections; of those only gaps count, in which nothing was seen for longer than the detector
-needs at most.
+again, in each pass of which one person comes, is greeted and offered help. A small library (`set_clock.c`) stands
+between all its processes and the computer's clock, so that the clock can be set for them alone; the clocks that nobody
+can set it leaves as they are. What happened is read from the record.
 """
 
 from __future__ import annotations
 
-import os
 import random
+import shutil
+import struct
+import subprocess
 import time
 from collections.abc import Sequence
 from itertools import pairwise
@@ -27,9 +26,9 @@ from socialbot.inspect.run_folder import RecordedRun, open_run
 from socialbot.run_record import TRACE
 from socialbot.security.keys import new_key
 
-LIBRARIES = ("/usr/lib/*/faketime/libfaketime.so.1", "/usr/lib*/faketime/libfaketime.so.1")
-LIBRARY_VARIABLE = "LIBFAKETIME"
-"""Names the library where it is somewhere else."""
+SOURCE = Path(__file__).with_name("set_clock.c")
+CLOCK_VARIABLE = "SET_CLOCK"
+"""Names the file that tells the library by how much (ns) the clock is set."""
 
 STEPS_S = (-2, 3600, -3600, 2, -3600, 86400)
 """By how much (s) the clock is set, one after the other."""
@@ -41,20 +40,18 @@ LOST_S = 2.0
 
 def clocks(report: Report, plan: Plan) -> str:
     """Sets the clock in the middle of passes, and holds each pass against what it should be."""
-    library = find_library()
     folder = plan.records("clocks")
+    library = build_library(folder)
     new_key("robot", folder / "keys")
     pictures, clock = write_pictures(folder / "pictures", SCENE), folder / "clock"
     changes = [word for setting, value in SETTINGS.items() for word in ("--set", f"{setting}={value}")]
     variables = {
         "LD_PRELOAD": str(library),
-        "FAKETIME_TIMESTAMP_FILE": str(clock),
-        "FAKETIME_NO_CACHE": "1",
-        "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+        CLOCK_VARIABLE: str(clock),
         "SOCIALBOT_KEYS": str(folder / "keys"),
     }
     steps, chance, ahead_s = plan.of(STEPS_S, QUICK_STEPS_S), random.Random(9), 0
-    clock.write_text("+0s")
+    set_clock(clock, ahead_s)
     run = folder / "run"
     with beside(plan, folder, "up", "up", "--camera", pictures, "--out", run, *changes, variables=variables):
         await_(
@@ -71,20 +68,20 @@ def clocks(report: Report, plan: Plan) -> str:
     return _report(report, open_run(run), steps, told)
 
 
-def find_library() -> Path:
-    """Libfaketime. Raises Skipped where it is not."""
-    named = os.environ.get(LIBRARY_VARIABLE)
-    found = [Path(named)] if named else [path for pattern in LIBRARIES for path in Path("/").glob(pattern[1:])]
-    if not found:
-        raise Skipped(f"there is no libfaketime (apt install libfaketime, or name it in {LIBRARY_VARIABLE})")
-    return found[0]
+def build_library(folder: Path) -> Path:
+    """The library by which the clock is set. Raises Skipped where there is no compiler."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        raise Skipped("there is no C compiler (cc) to build what sets the clock")
+    library = folder / "set_clock.so"
+    subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", library, SOURCE], check=True)
+    return library
 
 
 def set_clock(file: Path, ahead_s: int) -> None:
-    """Sets the clock of all who read ``file``, so that it is ahead by so much; at once, as it is read all the time."""
-    new = file.with_suffix(".new")
-    new.write_text(f"{ahead_s:+d}s")
-    new.replace(file)
+    """Sets the clock of all who look at ``file``, so that it is ahead by so much."""
+    with file.open("r+b" if file.exists() else "wb") as clock:
+        clock.write(struct.pack("q", ahead_s * SECOND))
 
 
 def _report(report: Report, run: RecordedRun, steps: Sequence[int], told: int) -> str:

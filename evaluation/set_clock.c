@@ -1,0 +1,52 @@
+/* The computer's clock as the processes see it that load this library (LD_PRELOAD): ahead of what it is by as many
+   nanoseconds as stand in the file SET_CLOCK, eight bytes that others may change at any time. The clocks that nobody can
+   set stay as they are. */
+#define _GNU_SOURCE
+#include <fcntl.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <sys/time.h>
+#include <time.h>
+#include <unistd.h>
+
+#define SECOND 1000000000LL
+
+static const volatile int64_t none = 0;
+static const volatile int64_t *ahead = &none;
+
+__attribute__((constructor)) static void begin(void) {
+  const char *name = getenv("SET_CLOCK");
+  int file = name ? open(name, O_RDONLY | O_CLOEXEC) : -1;
+  if (file < 0) return;
+  void *page = mmap(NULL, sizeof *ahead, PROT_READ, MAP_SHARED, file, 0);
+  if (page != MAP_FAILED) ahead = page;
+  close(file);
+}
+
+int clock_gettime(clockid_t clock, struct timespec *now) {
+  int failed = syscall(SYS_clock_gettime, clock, now);
+  if (!failed && (clock == CLOCK_REALTIME || clock == CLOCK_REALTIME_COARSE)) {
+    int64_t told = now->tv_sec * SECOND + now->tv_nsec + *ahead;
+    now->tv_sec = told / SECOND;
+    now->tv_nsec = told % SECOND;
+  }
+  return failed;
+}
+
+int gettimeofday(struct timeval *restrict now, void *restrict zone) {
+  struct timespec told;
+  (void)zone;
+  clock_gettime(CLOCK_REALTIME, &told);
+  now->tv_sec = told.tv_sec;
+  now->tv_usec = told.tv_nsec / 1000;
+  return 0;
+}
+
+time_t time(time_t *now) {
+  struct timespec told;
+  clock_gettime(CLOCK_REALTIME, &told);
+  if (now) *now = told.tv_sec;
+  return told.tv_sec;
+}
