@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -15,8 +15,11 @@ from socialbot.status import PAUSED, NodeStatus, Spread
 PASSING = {"unconfigured", "inactive", "starting", "configuring", "activating", "input silent", "no input yet", PAUSED}
 """Conditions that may pass by themselves."""
 
-FIGURES = {"in Hz": 5, "out Hz": 6, "call ms": 7, "age ms": 7, "CPU %": 5, "MB": 4}
-"""The columns of figures and how wide each is at least: so they stay where they are while the figures change."""
+FIGURES = {"in Hz": 5, "out Hz": 6, "call ms": 9, "age ms": 9, "CPU %": 5, "MB": 4}
+"""The columns of figures and how wide they are on the screen, where they stay in place while the figures change."""
+
+LONGEST_NAME, LONGEST_MACHINE, LONGEST_STATE, LONGEST_TIME = 21, 11, 15, 6
+"""How wide the other columns of the screen are at most: with all of them it has 100 columns."""
 
 UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
 
@@ -36,17 +39,32 @@ class Screen:
         title = Text.assemble(summary(statuses), (f"   {time.strftime('%H:%M:%S')}   Ctrl-C ends it", "dim"))
         if not statuses:
             return Text("listening ...", style="yellow") if now < self._heard else title
-        lasting = {one.name: in_short(now - self._begun(one, now)) for one in statuses}
-        return Group(title, Text(""), table(statuses, lasting), *remarked(statuses))
+        return Group(title, Text(""), self._table(now, statuses), *remarked(statuses))
 
-    def _begun(self, one: NodeStatus, now: float) -> float:
-        """Since when (s) a node has been as it is."""
+    def _table(self, now: float, statuses: Sequence[NodeStatus]) -> Table:
+        """A line for each node, none of them wrapped. What is left out of columns is told below the table."""
+        shown = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 1, 0, 0))
+        widths = {"node": LONGEST_NAME, "machine": LONGEST_MACHINE, "state": LONGEST_STATE}
+        for heading, width in widths.items():
+            shown.add_column(heading, no_wrap=True, min_width=min(width, 15), max_width=width)
+        for heading, width in {"for": LONGEST_TIME, **FIGURES}.items():
+            shown.add_column(heading, justify="right", no_wrap=True, min_width=width)
+        columns = figures(statuses).values()
+        for number, one in enumerate(statuses):
+            what, begun = self._lasting(one, now)
+            cells = [cells[number] for cells in columns]
+            name = _name(one, in_the_middle(one.name, LONGEST_NAME))
+            shown.add_row(name, one.machine, Text(what, style=_style(one)), in_short(now - begun), *cells)
+        return shown
+
+    def _lasting(self, one: NodeStatus, now: float) -> tuple[str, float]:
+        """How a node is, and since when (s) it has been so."""
         what = "not heard" if one.condition.startswith("not heard") else one.condition
         known = self._since.get(one.name)
         if known is None or known[0] != what:
-            begun = now - one.heard_s if what == "not heard" and one.heard_s is not None else now
-            self._since[one.name] = known = (what, begun)
-        return known[1]
+            heard_s = one.heard_s if what == "not heard" and one.heard_s is not None else 0.0
+            known = self._since[one.name] = (what, now - heard_s)
+        return known
 
 
 def page(statuses: Sequence[NodeStatus]) -> RenderableType:
@@ -72,31 +90,36 @@ def remarked(statuses: Sequence[NodeStatus]) -> list[Text]:
     return [Text(""), *told] if told else []
 
 
-def table(statuses: Sequence[NodeStatus], lasting: Mapping[str, str] | None = None) -> Table:
-    """A line for each node; columns that hold nothing are left out. ``lasting`` is for how long each is as it is."""
+def table(statuses: Sequence[NodeStatus]) -> Table:
+    """A line for each node; columns that hold nothing are left out."""
     shown = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
     shown.add_column("node", overflow="fold", min_width=10)
     shown.add_column("machine", overflow="fold", min_width=5)
     shown.add_column("state", overflow="fold", min_width=10)
     columns = {
-        "for": [(lasting or {}).get(one.name, "") for one in statuses],
+        **figures(statuses),
+        "restarts": [str(one.restarts or "") for one in statuses],
+        "refused": [str(one.refused or "") for one in statuses],
+    }
+    columns = {heading: cells for heading, cells in columns.items() if any(cells)}
+    for heading in columns:
+        shown.add_column(heading, justify="right", no_wrap=True)
+    for number, one in enumerate(statuses):
+        cells = [cells[number] for cells in columns.values()]
+        shown.add_row(_name(one, one.name), one.machine, Text(one.condition, style=_style(one)), *cells)
+    return shown
+
+
+def figures(statuses: Sequence[NodeStatus]) -> dict[str, list[str]]:
+    """What nodes do and cost, by the headings of `FIGURES`, in the order of ``statuses``."""
+    return {
         "in Hz": [_figure(one.handled_hz) for one in statuses],
         "out Hz": [_figure(one.published_hz) for one in statuses],
         "call ms": [_both(one.call) for one in statuses],
         "age ms": [_both(one.age) for one in statuses],
         "CPU %": _once_a_process(statuses, [_figure(one.cpu_percent) for one in statuses]),
         "MB": _once_a_process(statuses, [_figure(one.memory_mb) for one in statuses]),
-        "restarts": [str(one.restarts or "") for one in statuses],
-        "refused": [str(one.refused or "") for one in statuses],
     }
-    columns = {heading: cells for heading, cells in columns.items() if any(cells)}
-    for heading in columns:
-        shown.add_column(heading, justify="right", no_wrap=True, min_width=FIGURES.get(heading))
-    for number, one in enumerate(statuses):
-        cells = [cells[number] for cells in columns.values()]
-        name = Text(one.name, style="bold" if one.is_well else _style(one))
-        shown.add_row(name, one.machine, Text(one.condition, style=_style(one)), *cells)
-    return shown
 
 
 def remarks(one: NodeStatus) -> list[str]:
@@ -105,11 +128,13 @@ def remarks(one: NodeStatus) -> list[str]:
     if one.twin:
         found.append(f"another node of this name is {one.twin}: both hear and say the same; end one of them")
     if one.last_error:
-        found.append(f"its process {one.last_error}")
+        found.append(
+            f"its process {one.last_error}" + (f"; started again {_times(one.restarts)}" if one.restarts else "")
+        )
     if one.reason:
         found.append(one.reason)
     if one.failures:
-        found.append(f"failed {one.failures} times; first: {one.first_failure}")
+        found.append(f"failed {_times(one.failures)}; first: {one.first_failure}")
     if one.lacks:
         found.append(f"nobody at the other end of {one.lacks}")
     if one.refused:
@@ -123,10 +148,24 @@ def in_short(seconds: float) -> str:
     return f"{seconds // size:.0f} {unit}"
 
 
+def in_the_middle(text: str, longest: int) -> str:
+    """``text``, of which so much is left out in the middle that it is not too long."""
+    half = (longest - 1) // 2
+    return text if len(text) <= longest else f"{text[: longest - 1 - half]}…{text[-half:]}"
+
+
+def _name(one: NodeStatus, name: str) -> Text:
+    return Text(name, style="bold" if one.is_well else _style(one))
+
+
 def _style(one: NodeStatus) -> str:
     if one.condition in PASSING:
         return "yellow"
     return "green" if one.is_well else "bold red"
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
 
 
 def _figure(value: float | None) -> str:

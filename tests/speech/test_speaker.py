@@ -161,6 +161,18 @@ def test_sounds_are_kept_as_numbered_files(tmp_path):
     assert stage.no_faults()
 
 
+def test_only_the_last_sounds_are_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr("socialbot.speech.speaker.MOST_SOUNDS", 2)
+    stage = Stage(folder=str(tmp_path))
+    (tmp_path / "song.wav").write_text("mine")
+    for number, name in enumerate("abcd"):
+        stage.say(name, at=10.0 * number)
+        stage.until(10.0 * number + 9.0)
+    names = ["003-this-is-c.wav", "004-this-is-d.wav", "song.wav"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    assert stage.no_faults()
+
+
 def test_a_file_that_cannot_be_written_does_not_silence_the_robot(tmp_path, caplog):
     stage = Stage(folder=str(tmp_path / "gone"))
     (tmp_path / "gone").rmdir()
