@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import threading
 import time
 from collections.abc import Callable
 from typing import Protocol
+
+steady_ns: Callable[[], int] = (
+    functools.partial(time.clock_gettime_ns, time.CLOCK_BOOTTIME)
+    if hasattr(time, "CLOCK_BOOTTIME")
+    else time.monotonic_ns
+)
+"""Nanoseconds by a clock that nobody can set; on Linux it goes on while the computer sleeps."""
 
 SECOND = 1_000_000_000
 """Nanoseconds in a second; stamps are integer nanoseconds, durations in the API float seconds."""
@@ -32,21 +40,17 @@ class WallClock:
     """
 
     def __init__(self) -> None:
-        self._epoch = int(os.environ.setdefault(EPOCH_VARIABLE, str(time.time_ns() - steady())))
+        began = time.time_ns() - steady_ns()
+        self._epoch = int(os.environ.setdefault(EPOCH_VARIABLE, str(began)))
 
     def now(self) -> int:
         """Nanoseconds since 1970."""
-        return self._epoch + steady()
+        return self._epoch + steady_ns()
 
     @property
     def behind_s(self) -> float:
         """By how much (s) the computer's clock was set forward since."""
         return (time.time_ns() - self.now()) / SECOND
-
-
-def steady() -> int:
-    """Nanoseconds since the computer was started; nobody can set that."""
-    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
 class ForwardClock:
