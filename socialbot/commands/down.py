@@ -80,7 +80,7 @@ def down(
         silent = [pid for run, pid in shown().items() if target.here and run not in runs.heard]
         refused = runs.refused
     unheard = [name for name in target.machines if name not in {one.machine for one in found}]
-    for name in unheard:
+    for name in (name for name in unheard if not silent or name != target.own):
         # What is up on this machine would be heard.
         what = "nothing is up" if name == target.own else "nothing is heard of it; what is up there stays up"
         typer.echo(f"{name}: {what}", err=name != target.own)
