@@ -415,6 +415,8 @@ def test_a_clock_that_was_set_back_in_between_leaves_nothing_waiting_for_it(behi
     twin = Lab(+p(X).held_for(5) >> [do(X)])
     twin.clock.set(now)
     restore(twin.engine, data)
-    assert twin.engine.beliefs.get(p(1)).since == now - 3 * SECOND
+    held = twin.engine.beliefs.get(p(1))
+    assert held is not None
+    assert held.since == now - 3 * SECOND
     assert twin.engine.next_wakeup() == now + 2 * SECOND
     assert save(twin.engine)["ripening"] != []

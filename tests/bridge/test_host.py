@@ -145,7 +145,9 @@ def test_nodes_do_not_notice_that_the_clock_is_set(
     real, ahead = time.time_ns, [0]
     monkeypatch.setattr(time, "time_ns", lambda: real() + ahead[0])
     for kind in (Freshness, Stream):
-        monkeypatch.setitem(kind.__init__.__kwdefaults__, "wall", lambda: time.time_ns())
+        defaults = kind.__init__.__kwdefaults__
+        assert defaults is not None
+        monkeypatch.setitem(defaults, "wall", lambda: time.time_ns())
     new_key("robot", tmp_path / "keys")
     monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
     graph = Graph("patience", (Placement("talker", Talker), Placement("patient", Patient)))
