@@ -74,7 +74,7 @@ def build_library(folder: Path) -> Path:
     if compiler is None:
         raise Skipped("there is no C compiler (cc) to build what sets the clock")
     library = folder / "set_clock.so"
-    subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", library, SOURCE], check=True)
+    subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", library, SOURCE, "-ldl"], check=True)
     return library
 
 
