@@ -108,7 +108,7 @@ class Deliberating(AgentNode):
     desire_w = Parameter("", "groups that may change its desires", fixed=True)
     desire_pr = Parameter("", "the highest priority that each group of desire_w may give", fixed=True)
     planner = Parameter("kairos", "kairos, popf, or up:ENGINE", fixed=True)
-    planning_timeout_s = Parameter(5.0, "how long planning may take (s)", minimum=0.05, maximum=600.0, fixed=True)
+    planning_timeout_s = Parameter(5.0, "how long a planner may work (s)", minimum=0.05, maximum=600.0, fixed=True)
     planning_memory_mb = Parameter(512, "how much memory planning may take (MB)", minimum=32, fixed=True)
     reschedule_policy = Parameter(
         "NO_PREEMPT", "may desires interrupt others?", choices=("NO_PREEMPT", "PREEMPT"), fixed=True

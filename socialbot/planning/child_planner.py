@@ -25,21 +25,25 @@ PROBLEM_FILE = "problem.pddl"
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """What a planner is to do: the domain and the problem lie in ``folder``; at ``end`` (monotonic, s) it is late.
+    """What a planner is to do: the domain and the problem lie in ``folder``; it has ``left_s`` (s) for that.
 
     ``target_s`` is the makespan that ends a search for ever shorter plans; None asks for the first plan.
     """
 
     folder: Path
-    end: float
+    left_s: float
     limits: Limits
     cancelled: threading.Event
     target_s: float | None = None
 
     @property
-    def left_s(self) -> float:
-        """The time that is left, s."""
-        return max(0.0, self.end - time.monotonic())
+    def half(self) -> Search:
+        """The same with half of the time."""
+        return replace(self, left_s=self.left_s / 2)
+
+    def after(self, answer: Answer) -> Search:
+        """The same with the time that a search left that came to ``answer``."""
+        return replace(self, left_s=max(0.0, self.left_s - answer.seconds))
 
     def good(self, answer: Answer) -> bool:
         """Whether a plan is there that ends in time."""
@@ -60,7 +64,7 @@ class ChildPlanner(ABC):
         """Blocks until there is an answer; setting ``cancelled`` (from another thread) ends that within 0.1 s."""
         begin = time.monotonic()
         try:
-            answer = self._solve(domain, problem, limits, cancelled or threading.Event(), begin + limits.timeout_s)
+            answer = self._solve(domain, problem, limits, cancelled or threading.Event())
         except Exception as error:
             log.exception("%s failed", self.name)
             answer = Answer(Verdict.FAILED, message=f"{self.name}: {type(error).__name__}: {error}")
@@ -68,11 +72,12 @@ class ChildPlanner(ABC):
 
     @abstractmethod
     def search(self, search: Search) -> Answer:
-        """Runs the planner. `Verdict.SOLVED` means here that it says so; nothing is validated or compared yet."""
+        """Runs the planner. `Verdict.SOLVED` means here that it says so; nothing is validated or compared yet.
 
-    def _solve(
-        self, domain: Domain, problem: Problem, limits: Limits, cancelled: threading.Event, end: float
-    ) -> Answer:
+        The seconds of the answer are those that were used of what was left.
+        """
+
+    def _solve(self, domain: Domain, problem: Problem, limits: Limits, cancelled: threading.Event) -> Answer:
         reason = refusal(domain, problem)
         if reason is not None:
             return Answer(Verdict.REFUSED, message=reason)
@@ -80,9 +85,9 @@ class ChildPlanner(ABC):
             folder = Path(name)
             (folder / DOMAIN_FILE).write_text(domain.text, "utf-8")
             (folder / PROBLEM_FILE).write_text(problem_text(problem, domain.constants), "utf-8")
-            search = Search(folder, end, limits, cancelled)
+            search = Search(folder, limits.timeout_s, limits, cancelled)
             answer = self._validated(self.search(search), domain, problem)
-            aimed = replace(search, target_s=limits.makespan_s)
+            aimed = replace(search.after(answer), target_s=limits.makespan_s)
             if answer.plan is None or aimed.good(answer):
                 return answer
             # What is minimized now is the makespan, whatever the problem says.
@@ -99,11 +104,11 @@ class ChildPlanner(ABC):
 
 
 def _shorter(late: Plan, answer: Answer, search: Search) -> Answer:
-    """What the search for a plan shorter than ``late`` came to."""
+    """What the search for a plan shorter than ``late`` came to.
+
+    It says of no other plan how long it lasts: how far a search came in its time is not the same twice.
+    """
     if search.good(answer) or answer.verdict in (Verdict.CANCELLED, Verdict.FAILED):
         return answer
-    best = min(plan.makespan_s for plan in (late, answer.plan) if plan is not None)
-    return Answer(
-        Verdict.GAVE_UP,
-        message=f"the shortest plan found lasts {best:g} s, longer than the {search.target_s:g} s there are",
-    )
+    found = f"the plan found first lasts {late.makespan_s:g} s, longer than the {search.target_s:g} s there are"
+    return Answer(Verdict.GAVE_UP, message=f"{found}; none was found that is short enough")

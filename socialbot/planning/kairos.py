@@ -15,8 +15,9 @@ from socialbot.planning.child_planner import DOMAIN_FILE, PROBLEM_FILE, ChildPla
 from socialbot.planning.plan import Plan, Step, in_time
 from socialbot.planning.planner import Answer, Limits, Verdict
 
-GRACE_S = 0.3
-"""It ends by itself when its time is over; so much later it is killed."""
+UNHURRIED_S = 1_000_000
+"""The time that Kairos is told it has. It gives each of its searches a share by the clock on the wall, so that which of
+them finds a plan would hang on how busy the machine is. We end it when it has used the time that there is."""
 VALIDATE_S = 2.0
 """To check a plan takes milliseconds."""
 THREAD_MB = 128
@@ -37,7 +38,9 @@ class Kairos(ChildPlanner):
     """Temporal and numeric; fast where steps are many. The same problem gets the same plan with one thread.
 
     Where its first plan is too long, a greedy search has half of the time to find a shorter one; it is the quickest
-    at that, but blind for some. The other half is for a thorough one.
+    at that, but blind for some. Kairos' own choice of a search has half of what is left then; if it comes to no end,
+    the rest is for the search that takes begin and end of an action for two steps: slow, but it finds plans in which
+    actions have to overlap.
 
     Raises InstallationError when Kairos is not installed.
     """
@@ -49,27 +52,39 @@ class Kairos(ChildPlanner):
 
     def search(self, search: Search) -> Answer:
         if search.target_s is None:
-            return self._search(search, "--no-anytime")
+            return self._thorough(search, "--no-anytime")
         aim = ["--anytime", "--target-cost", str(search.target_s)]
-        greedy = self._search(replace(search, end=search.end - search.left_s / 2), *aim, "--search", "ehc")
+        greedy = self._search(search.half, *aim, "--search", "ehc")
         if search.good(greedy) or greedy.verdict is Verdict.CANCELLED:
             return greedy
-        thorough = self._search(search, *aim)
-        return greedy if thorough.plan is None and greedy.plan is not None else thorough
+        return self._thorough(search.after(greedy), *aim)
+
+    def _thorough(self, search: Search, *options: str) -> Answer:
+        answer = self._search(search.half, *options)
+        if search.good(answer) or answer.seconds < search.half.left_s:
+            return answer
+        other = self._search(search.after(answer), *options, "--engine", "m3")
+        # That it has no use for what the domain uses says nothing of the problem.
+        found = answer if other.verdict is Verdict.REFUSED else other
+        return replace(found, seconds=answer.seconds + other.seconds)
 
     def _search(self, search: Search, *options: str) -> Answer:
         left_s, limits = search.left_s, search.limits
-        words = ["--format", "json", "--timeout", f"{left_s:.3f}", "--memory", str(limits.memory_mb)]
+        words = ["--format", "json", "--timeout", str(UNHURRIED_S), "--memory", str(limits.memory_mb)]
         solve = [self.command, "solve", DOMAIN_FILE, PROBLEM_FILE, *words, "--threads", str(limits.threads), *options]
         command = guarded(solve, 2 * limits.memory_mb + THREAD_MB * limits.threads, left_s * limits.threads + 2.0)
-        ended = run(command, search.folder, left_s + GRACE_S, search.cancelled)
+        ended = run(command, search.folder, left_s, search.cancelled)
+        return replace(self._answer(ended, search), seconds=ended.seconds)
+
+    def _answer(self, ended: Ended, search: Search) -> Answer:
+        """What a search came to."""
         if ended.how == "cancelled":
             return Answer(Verdict.CANCELLED, message="cancelled")
         plans = _plans(ended.output)
         if not plans:
-            return _without(ended, limits)
+            return _without(ended, search.limits)
         best = min(plans, key=lambda plan: plan.makespan_s)
-        if limits.makespan_s is not None and not in_time(best, limits.makespan_s):
+        if search.limits.makespan_s is not None and not in_time(best, search.limits.makespan_s):
             return Answer(Verdict.SOLVED, best)  # nobody will use it
         return self._checked(best, search)
 

@@ -32,7 +32,11 @@ class Verdict(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How much a planner may use. ``makespan_s`` is how long the plan may last; longer ones are no use."""
+    """How much a planner may use. ``makespan_s`` is how long the plan may last; longer ones are no use.
+
+    ``timeout_s`` is how long it may work, all threads together, or sleep. While others have the processor no time
+    passes, so that the same problem gets the same answer however busy the machine is.
+    """
 
     timeout_s: float = 5.0
     memory_mb: int = 512

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 from socialbot.errors import InstallationError, PlanningError
-from socialbot.planning.child import guarded, run
+from socialbot.planning.child import Ended, guarded, run
 from socialbot.planning.child_planner import DOMAIN_FILE, PROBLEM_FILE, ChildPlanner, Search
 from socialbot.planning.plan import Plan, parse_plan
-from socialbot.planning.planner import Answer, Verdict
+from socialbot.planning.planner import Answer, Limits, Verdict
 
 _SOLUTION = re.compile(r"^;+ *Solution Found", re.MULTILINE | re.IGNORECASE)
 _STEP = re.compile(r"\s*[0-9.]+\s*:\s*\(")
@@ -44,6 +45,10 @@ class Popf(ChildPlanner):
             left_s * limits.threads + 2.0,
         )
         ended = run(command, search.folder, left_s, search.cancelled)
+        return replace(self._answer(ended, search.limits), seconds=ended.seconds)
+
+    def _answer(self, ended: Ended, limits: Limits) -> Answer:
+        """What a search came to."""
         if ended.how == "cancelled":
             return Answer(Verdict.CANCELLED, message="cancelled")
         plan = _last_plan(ended.output, whole=ended.how == "by itself")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 
 from socialbot.errors import InstallationError
-from socialbot.planning.child import guarded, run
+from socialbot.planning.child import Ended, guarded, run
 from socialbot.planning.child_planner import DOMAIN_FILE, PROBLEM_FILE, ChildPlanner, Search
 from socialbot.planning.plan import Plan, Step
 from socialbot.planning.planner import Answer, Verdict
@@ -21,8 +22,8 @@ LIBRARIES_MB = 4000
 class Unified(ChildPlanner):
     """The engine that unified-planning knows by the name ``engine``. Raises InstallationError without the library.
 
-    Starting it takes a second or two, within the time there is. Its reader of PDDL refuses some of what ours takes.
-    It is asked for one plan: it does not search for a shorter one.
+    Starting it takes a second or two, within the time there is, and engines go by the clock on the wall. Its reader of
+    PDDL refuses some of what ours takes. It is asked for one plan: it does not search for a shorter one.
     """
 
     def __init__(self, engine: str) -> None:
@@ -46,6 +47,11 @@ class Unified(ChildPlanner):
             left_s * limits.threads + 2.0,
         )
         ended = run(command, search.folder, left_s + GRACE_S, search.cancelled)
+        return replace(self._answer(ended, search), seconds=ended.seconds)
+
+    def _answer(self, ended: Ended, search: Search) -> Answer:
+        """What a search came to."""
+        limits = search.limits
         if ended.how == "cancelled":
             return Answer(Verdict.CANCELLED, message="cancelled")
         if ended.how == "late":
@@ -54,9 +60,9 @@ class Unified(ChildPlanner):
             return Answer(Verdict.GAVE_UP, message=f"{self.name} found no plan in {limits.memory_mb} MB")
         if ended.code != 0:
             return Answer(Verdict.FAILED, message=f"{self.name} {ended.death}")
-        return self._answer(json.loads((search.folder / ANSWER_FILE).read_text("utf-8")))
+        return self._told(json.loads((search.folder / ANSWER_FILE).read_text("utf-8")))
 
-    def _answer(self, written: dict) -> Answer:
+    def _told(self, written: dict) -> Answer:
         verdict = Verdict(written["verdict"])
         if verdict is not Verdict.SOLVED:
             return Answer(verdict, message=f"{self.name}: {written['message']}")

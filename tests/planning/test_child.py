@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from socialbot.planning.child import MOST_OUTPUT, guarded, run
+from tests.planning import busy
 
 SOON_S = 20.0
 """No test here takes as long, however busy the machine is."""
@@ -18,6 +19,12 @@ SOON_S = 20.0
 
 def shell(script: str, folder: Path, timeout_s: float = SOON_S, cancelled: threading.Event | None = None):
     return run(["/bin/sh", "-c", script], folder, timeout_s, cancelled or threading.Event())
+
+
+def worker(seconds: float, folder: Path, timeout_s: float):
+    """A child that needs so much of a processor, s."""
+    code = f"import time\nwhile time.process_time() < {seconds}: pass"
+    return run([sys.executable, "-I", "-S", "-c", code], folder, timeout_s, threading.Event())
 
 
 def gone(pid: int) -> bool:
@@ -56,6 +63,23 @@ def test_one_that_takes_too_long_is_killed_with_all_it_started(tmp_path):
     assert ended.how == "late"
     assert ended.code == -signal.SIGKILL
     assert gone(int((tmp_path / "pid").read_text()))
+
+
+@busy.can_be_made
+def test_while_others_have_the_processor_none_of_its_time_passes(tmp_path):
+    begin = time.monotonic()
+    with busy.busy_machine():
+        ended = worker(0.3, tmp_path, timeout_s=0.8)
+    assert time.monotonic() - begin > 0.8, "nobody was in its way"
+    assert ended.how == "by itself"
+    assert 0.2 < ended.seconds < 0.8
+
+
+def test_the_time_in_which_it_works_or_sleeps_passes(tmp_path):
+    assert worker(1000, tmp_path, timeout_s=0.3).how == "late"
+    ended = shell("sleep 0.3", tmp_path)
+    assert ended.how == "by itself"
+    assert 0.2 < ended.seconds < 0.5
 
 
 def test_what_a_child_leaves_behind_ends_with_it_and_nobody_waits_for_that(tmp_path):
