@@ -38,7 +38,7 @@ class Fault(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class TaskLimits:
-    """How much planning may use: seconds, and attempts of actions and methods, which bound the memory."""
+    """How much planning may use: seconds of work, and attempts of actions and methods, which bound the memory."""
 
     timeout_s: float = 5.0
     steps: int = 1_000_000

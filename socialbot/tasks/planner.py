@@ -116,7 +116,8 @@ class TaskPlanner:
         cancelled: threading.Event | None,
     ) -> TaskAnswer:
         begin = time.monotonic()
-        search = Search(self.domain, limits, [tuple(item) for item in blacklist], cancelled, begin + limits.timeout_s)
+        end = time.thread_time() + limits.timeout_s
+        search = Search(self.domain, limits, [tuple(item) for item in blacklist], cancelled, end)
         try:
             for item in search.blacklist:
                 search.check(item, "the blacklist")

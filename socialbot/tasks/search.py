@@ -66,7 +66,7 @@ def back(trail: Trail | None, start: Place | None = None) -> Iterator[Trail]:
 
 @dataclass(eq=False)
 class Search:
-    """Searches in one domain that share their limits; ``end`` is when to give up (monotonic, s)."""
+    """Searches in one domain that share their limits; ``end`` is when to give up (``time.thread_time``)."""
 
     domain: TaskDomain
     limits: TaskLimits
@@ -159,7 +159,7 @@ class Search:
         self.attempts += 1
         if self.cancelled is not None and self.cancelled.is_set():
             raise Cancelled
-        if self.attempts > self.limits.steps or time.monotonic() >= self.end:
+        if self.attempts > self.limits.steps or time.thread_time() >= self.end:
             raise LimitReached
 
     def _stuck(self, moment: Moment, what: str) -> None:

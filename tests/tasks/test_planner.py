@@ -218,6 +218,17 @@ def test_a_timeout_of_any_length_works_in_any_thread(seconds):
     assert seconds <= answers[0].seconds <= time.monotonic() - begin < seconds + 1.0
 
 
+def test_the_time_in_which_others_have_the_processor_does_not_count():
+    def a_wait(state):
+        time.sleep(0.3)
+        return state
+
+    domain = household()
+    domain.declare_actions(a_wait)
+    asked = [("a_wait",), ("a_say", "at last")]
+    assert TaskPlanner(domain).plan(HERE, asked, TaskLimits(timeout_s=0.2)).verdict is TaskVerdict.PLAN
+
+
 def test_the_number_of_attempts_is_bounded_too():
     answer = with_method(endless).plan(HERE, [("m_odd",)], TaskLimits(timeout_s=60, steps=1000))
     assert answer.verdict is TaskVerdict.TIMEOUT
