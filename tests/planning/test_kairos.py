@@ -200,10 +200,11 @@ def test_the_plan_does_not_hang_on_how_busy_the_machine_is():
 
 
 def test_a_hard_problem_is_given_up_when_its_time_is_over(planner, tmp_path):
+    worked = children_worked()
     answer = planner.solve(*hard(), Limits(timeout_s=0.2))
     assert answer.verdict is Verdict.GAVE_UP
     assert answer.message == "kairos found no plan in 0.2 s"
-    assert answer.seconds < 2.0
+    assert children_worked() - worked < 1.0
     assert list(tmp_path.iterdir()) == []
 
 
