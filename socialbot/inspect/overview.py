@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from socialbot.inspect.commands import Office
+from socialbot.inspect.history import History
 from socialbot.inspect.run import GraphView, Run
 from socialbot.inspect.wording import plan_name
 
@@ -39,11 +40,12 @@ class Has(msgspec.Struct, frozen=True):
 
 
 class Overview(msgspec.Struct, frozen=True):
-    """A run in short."""
+    """A run in short. A page of its record opens at ``opens_s``, where there is something to see."""
 
     title: str
     live: bool
     duration_s: float
+    opens_s: float
     agents: tuple[AgentView, ...]
     graph: GraphView
     has: Has
@@ -57,6 +59,7 @@ def overview(run: Run, office: Office) -> Overview:
         title=run.title,
         live=run.live,
         duration_s=run.history.seconds(end),
+        opens_s=_opens_s(run.history),
         agents=tuple(_agents(run)),
         graph=run.graph(),
         has=Has(
@@ -68,6 +71,13 @@ def overview(run: Run, office: Office) -> Overview:
         ),
         results=run.results,
     )
+
+
+def _opens_s(history: History) -> float:
+    """When the first word was said (s), where none was when something was done first, else the start."""
+    done = (each for each in history if each.kind in ("action", "step"))
+    first = next((each for each in history if each.kind == "utterance"), None) or next(done, None)
+    return history.seconds(first.stamp) if first is not None else 0.0
 
 
 def _agents(run: Run) -> Iterator[AgentView]:

@@ -61,6 +61,25 @@ def test_the_page_shows_a_run_soon_without_complaints_and_for_all(visit):
     assert faults(visit) == []
 
 
+def test_the_page_opens_at_the_first_greeting(visit):
+    assert visit.texts("#speech") == ["“Hello! Nice to see you.”"]
+    assert visit.texts("#boxes .box") == ["t1 · 4.0 m"]
+    assert "greeted()" in visit.texts("#beliefs .what")
+    assert "Hello" in visit.texts("#now")[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["t=0", "t=3.24"])
+def test_the_page_opens_at_the_moment_that_its_address_names(browser, waldo, where):
+    visit = Visit(browser, waldo, where)
+    visit.wait(float(where.removeprefix("t=")))
+    visit.page.evaluate("location.hash = 't=0.5'")
+    visit.wait(0.5)
+    visit.page.evaluate("location.hash = 'mind'")
+    assert visit.texts("#clock") == ["0.50 s"]
+    visit.close()
+
+
 @pytest.mark.slow
 def test_everything_moves_in_step_with_the_scrubber(visit):
     visit.seek(COMES_S - 0.5)

@@ -89,6 +89,16 @@ def test_a_run_in_short(get):
     assert found["results"]["runner"] == "inline"
 
 
+@pytest.mark.parametrize(
+    ("comes", "tenths", "kind"), [(5, 20, "utterance"), (99, 40, "action"), (99, 5, "")], ids=["word", "deed", "start"]
+)
+def test_a_run_opens_where_there_is_something_to_see(tmp_path, comes, tenths, kind):
+    run = open_run(greeting(tmp_path / "run", comes=comes, tenths=tenths))
+    first = next((run.history.seconds(each.stamp) for each in run.history if each.kind == kind), 0.0)
+    assert (first > 0) is bool(kind)
+    assert client(run)("/api/run").json()["opens_s"] == first
+
+
 def test_a_moment_is_that_of_the_time(get):
     early, late = get("/api/moment?t=0.3").json(), get("/api/moment?t=1.9").json()
     assert early["sight"]["persons"] == []

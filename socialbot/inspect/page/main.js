@@ -54,9 +54,8 @@ class Page {
     this.#wire();
     this.playhead.watch(() => this.#moved());
     this.choose(this.agent);
-    const wished = Number(this.#wished('t'));
-    if (wished) this.playhead.seek(wished);
-    else this.#moved();
+    if (!this.#go()) this.playhead.seek(this.run.live ? this.run.duration_s : this.run.opens_s);
+    addEventListener('hashchange', () => this.#go());
     if (this.run.live) this.#listen();
     else await this.#load();
   }
@@ -315,6 +314,16 @@ class Page {
 
   #wished(name) {
     return new URLSearchParams(location.hash.slice(1)).get(name);
+  }
+
+  /** Goes to the agent and the time that the address wishes for; says whether it has a time. */
+  #go() {
+    const agent = this.#wished('agent');
+    if (agent && agent !== this.agent) this.choose(agent);
+    const t = this.#wished('t');
+    if (!t || !Number.isFinite(Number(t))) return false;
+    this.playhead.seek(Number(t));
+    return true;
   }
 
   #note() {
