@@ -325,7 +325,7 @@ def _results(
         "schema": "socialbot/results",
         "version": 1,
         "bag": {
-            "path": str(plan.bag.path),
+            "path": str(plan.bag.path.resolve()),
             "start": plan.bag.start,
             "duration_s": plan.bag.duration_s,
             "topics": dict(feeds),

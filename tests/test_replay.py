@@ -9,12 +9,10 @@ import pytest
 from socialbot.bridge.bags import open_bag
 from socialbot.errors import GraphError
 from socialbot.graph import Graph
-from socialbot.replay import Replay, find_truth, graph_of, replay
-from socialbot.run_record import RunRecord
+from socialbot.recorded_run import recorded
+from socialbot.replay import Replay, find_truth, graph_of
 from tests.evaluate.scenes import drawn_bag
-from tests.planning import busy
-
-BAGS = Path(__file__).parents[1] / "data" / "synthetic"
+from tests.system.running import socialbot_here
 
 
 def test_the_truth_of_a_folder_lies_beside_it_under_the_folders_whole_name(tmp_path):
@@ -42,16 +40,13 @@ def test_code_that_lies_beside_a_bag_is_not_run(tmp_path, monkeypatch):
         graph_of(tmp_path)
 
 
-@pytest.mark.slow
-@busy.can_be_made
-def test_the_same_bag_gives_the_same_trace_twice_however_busy_the_machine_is(tmp_path):
-    bag = BAGS / "warehouse_run2"
-    graph = graph_of(bag).with_parameters({"gripper_a": {"planning_timeout_s": 0.5}})
-    traces = []
-    for name, machine in ("alone", nullcontext()), ("among others", busy.busy_machine()):
-        with machine, open_bag(bag) as opened, RunRecord(tmp_path / name) as record:
-            outcome = replay(Replay(opened, graph, "inline"), record, lambda topic, message: None)
-        assert outcome.decisions is not None
-        assert outcome.decisions.exact, outcome.decisions.told
-        traces.append((tmp_path / name / "trace.jsonl").read_bytes())
-    assert traces[0] == traces[1]
+def test_the_pictures_of_a_run_are_found_from_any_folder(tmp_path, monkeypatch):
+    drawn_bag(tmp_path, "visit", frames=3)
+    monkeypatch.chdir(tmp_path)
+    done = socialbot_here("replay", "visit", "--runner", "inline", "--no-video", "--out", "run")
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    with recorded(tmp_path / "run") as run:
+        assert run.damage == []
+        assert run.picture(run.end) is not None
