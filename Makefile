@@ -7,6 +7,7 @@
 # make interfaces   builds and installs socialbot_msgs, the messages as ROS types of their own; make test tests them then
 # make rerun   installs what `socialbot export` writes for Rerun with; make test tests it then
 # make docs   the site, in site/
+# make dist   wheel, source archive and the versions to install them with, in dist/
 # make fuzz   bytes that follow what the code does with them, for each reader; DECODER=graph SECONDS=600 for one of them
 # All set up .venv first, from the pinned and hashed requirements.lock.
 
@@ -18,8 +19,10 @@ SCENES := $(addprefix data/synthetic/,scene1_tune scene1_heldback scene2_tune sc
 PAGES := tests/system/test_tutorial*.py tests/system/test_howto.py tests/inspect/test_page*.py tests/report/test_pages_in_browser.py
 JOBS ?= 2
 SECONDS ?= 30
+# On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
+INSTALL = $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check $(shell [ -t 2 ] || echo --quiet)
 
-.PHONY: setup demo inspect evaluate test test-all test-pages fuzz interfaces rerun check docs lock clean
+.PHONY: setup demo inspect evaluate test test-all test-pages fuzz interfaces rerun check docs dist lock clean
 
 setup: $(VENV)/installed
 
@@ -28,15 +31,15 @@ $(VENV)/installed: requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(not (3, 10) <= v[:2] <= (3, 14))' \
 	  || { echo "error: Python 3.10 to 3.14 is needed; name one with 'make PYTHON=python3.11 ...'"; exit 5; }
 	$(PYTHON) -m venv --clear --without-pip $(VENV)
-	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
-	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(INSTALL) --require-hashes -r requirements.lock
+	$(INSTALL) --no-deps --no-build-isolation -e .
 	@touch $@
 
 demo: setup
 	$(BIN)/socialbot replay $(BAG) $(if $(OUT),--out $(OUT))
 
 inspect: runs/waldo/results.json
-	$(BIN)/socialbot inspect runs/waldo
+	$(BIN)/socialbot inspect runs/waldo $(if $(DISPLAY)$(WAYLAND_DISPLAY),--open)
 
 runs/waldo/results.json: | setup
 	rm -rf runs/waldo
@@ -55,15 +58,15 @@ test-pages: setup
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m slow $(PAGES)
 
 fuzz: setup
-	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check 'atheris>=2.3,<4'
+	$(INSTALL) 'atheris>=2.3,<4'
 	for decoder in $(or $(DECODER),$$($(BIN)/python tools/fuzz.py --list)); do \
 	  $(BIN)/python tools/fuzz.py $$decoder -max_total_time=$(SECONDS) || exit 1; done
 
 interfaces: setup
-	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check --no-deps ./interfaces/socialbot_msgs
+	$(INSTALL) --no-deps ./interfaces/socialbot_msgs
 
 rerun: setup
-	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check 'rerun-sdk>=0.26'
+	$(INSTALL) 'rerun-sdk>=0.26'
 
 check: setup
 	$(BIN)/ruff check .
@@ -71,9 +74,14 @@ check: setup
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 docs: setup
-	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check \
-	  'mkdocs>=1.6,<2' 'mkdocs-material>=9.6,<10' 'mkdocstrings[python]>=0.29'
+	$(INSTALL) 'mkdocs>=1.6,<2' 'mkdocs-material>=9.6,<10' 'mkdocstrings[python]>=0.29'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+# pip takes no hashes for constraints of a package that has none itself.
+dist: setup
+	rm -rf dist
+	$(BIN)/hatchling build
+	sed '/--hash/d; s/ \\$$//' requirements.lock > dist/constraints.txt
 
 # Newest versions within the bounds of pyproject.toml, for all Pythons at once; needs uv.
 lock:
@@ -81,4 +89,4 @@ lock:
 	  --no-header --no-annotate --no-emit-index-url --no-emit-find-links pyproject.toml -o requirements.lock
 
 clean:
-	rm -rf $(VENV) runs site
+	rm -rf $(VENV) runs site dist
