@@ -1,0 +1,156 @@
+"""Takes the pictures of the inspector for docs/pictures: ``python -m tools.pictures [NAME...]``.
+
+Runs are made for them, the one over ROS in real time. Needs chromium, playwright and pillow.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from socialbot.inspect.serving import Address, serving
+from socialbot.recorded_run import recorded
+
+ROOT = Path(__file__).parents[1]
+PICTURES = ROOT / "docs" / "pictures"
+CORRIDOR = str(ROOT / "data" / "synthetic" / "corridor")
+
+RUNS: Mapping[str, Sequence[str]] = {
+    "corridor": ("replay", CORRIDOR, "--runner", "inline", "--no-video"),
+    "nodes": ("replay", CORRIDOR, "--no-video"),
+    "warehouse": ("demo", "warehouse", "--run", "2"),
+    "hospital": ("demo", "hospital"),
+}
+"""The commands that make the runs."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture of a run's page, opened at ``where``, after ``clicks``; of one ``part``, or as much as fits the size."""
+
+    run: str
+    where: str
+    clicks: tuple[str, ...] = ()
+    part: str = ""
+    width: int = 1280
+    height: int = 760
+    dark: bool = False
+
+
+SHOTS: Mapping[str, Shot] = {
+    "waldo": Shot("corridor", "t=9.6"),
+    "why": Shot("corridor", "t=17.2", ("text=Can I help you with anything? >> nth=-1",), dark=True),
+    "plans": Shot("corridor", "t=9.6", ("#tab-plans", "#pane-plans button:has-text('greeting_several')"), "#side"),
+    "nodes": Shot("nodes", "t=30", ("summary",), "#nodes"),
+    "warehouse": Shot("warehouse", "t=92.5&agent=gripper_a", height=1160),
+    "hospital": Shot("hospital", "t=2.42&agent=spotrobot1", ("#timeline .bar.step.bad >> nth=0",), height=1220, dark=True),
+    "phone": Shot("corridor", "t=17.2", width=390, height=844),
+}  # fmt: skip
+ASK = "ask"
+"""The picture of an agent that is asked for something while it runs."""
+
+
+def made(run: str, folder: Path) -> Path:
+    """The run of that name, which is made if it is not there."""
+    path = folder / run
+    if not path.exists():
+        subprocess.run(socialbot(*RUNS[run], "--out", str(path)), check=True, stdout=subprocess.DEVNULL)
+    return path
+
+
+def socialbot(*arguments: str) -> list[str]:
+    """A command line."""
+    return [sys.executable, "-m", "socialbot", *arguments]
+
+
+def opened(browser: Browser, url: str, shot: Shot) -> Page:
+    """The page, in the size and light of a picture."""
+    page = browser.new_page(
+        viewport={"width": shot.width, "height": shot.height}, color_scheme="dark" if shot.dark else "light"
+    )
+    page.goto(f"{url}#{shot.where}")
+    page.wait_for_selector("body[data-loaded]")
+    page.wait_for_selector("body[data-shown]")
+    return page
+
+
+def taken(browser: Browser, shot: Shot, folder: Path) -> bytes:
+    """A picture of a recorded run as PNG."""
+    with recorded(made(shot.run, folder)) as run, serving(run, Address(port=0)) as served:
+        page = opened(browser, served.url, shot)
+        for click in shot.clicks:
+            page.click(click)
+        return settled(page, shot.part)
+
+
+def settled(page: Page, part: str) -> bytes:
+    """The page, or a part of it, as PNG, when everything has come."""
+    page.wait_for_load_state("networkidle")
+    page.mouse.move(0, 0)
+    page.wait_for_timeout(1000)
+    found = page.locator(part).screenshot() if part else page.screenshot()
+    page.close()
+    return found
+
+
+@contextmanager
+def going_on(folder: Path) -> Iterator[str]:
+    """Waldo on the recorded corridor, over ROS; gives the address of his page."""
+    command = socialbot(*RUNS["nodes"], "--inspect", "--port", "0", "--out", str(folder / ASK))
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        told = (re.search(r"http://\S+", line) for line in process.stdout)
+        try:
+            yield next(found.group() for found in told if found)
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.stdout.read()
+            process.send_signal(signal.SIGINT)
+
+
+def asked(browser: Browser, folder: Path) -> bytes:
+    """A picture of a live run, whose agent is paused and told something, as PNG."""
+    with going_on(folder) as url:
+        page = opened(browser, url, Shot("nodes", ""))
+        page.click("#tab-ask")
+        page.locator("#boxes .box").wait_for(timeout=60_000)
+        page.click("[name=pause]")
+        page.fill("#ask-belief", "visitor(ann)")
+        page.click("[name=believe]")
+        page.locator("#ask-belief-answer:has-text('Done')").wait_for()
+        return settled(page, "")
+
+
+def keep(png: bytes, path: Path) -> None:
+    """Saves a picture in few colours."""
+    Image.open(io.BytesIO(png)).convert("RGB").quantize(256).save(path, optimize=True)
+
+
+def main() -> None:
+    """The command."""
+    arguments = argparse.ArgumentParser(description="Takes the pictures of the inspector.")
+    arguments.add_argument("names", nargs="*", metavar="NAME", help=", ".join([*SHOTS, ASK]), default=[*SHOTS, ASK])
+    names = arguments.parse_args().names
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        for name in names:
+            png = asked(browser, Path(folder)) if name == ASK else taken(browser, SHOTS[name], Path(folder))
+            keep(png, PICTURES / f"inspect_{name}.png")
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()
