@@ -9,7 +9,8 @@
 # make docs   the site, in site/
 # make dist   wheel, source archive and the versions to install them with, in dist/
 # make fuzz   bytes that follow what the code does with them, for each reader; DECODER=graph SECONDS=600 for one of them
-# All set up .venv first, from the pinned and hashed requirements.lock.
+# All set up .venv first, from the pinned and hashed requirements.lock; what tests and checks need besides stands in
+# requirements-dev.lock, and comes with the first of them.
 
 PYTHON ?= python3
 VENV := .venv
@@ -22,7 +23,7 @@ SECONDS ?= 30
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
 INSTALL = $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check $(shell [ -t 2 ] || echo --quiet)
 
-.PHONY: setup demo inspect evaluate test test-all test-pages fuzz interfaces rerun check docs dist lock clean
+.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces rerun check docs dist lock clean
 
 setup: $(VENV)/installed
 
@@ -31,8 +32,14 @@ $(VENV)/installed: requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(not (3, 10) <= v[:2] <= (3, 14))' \
 	  || { echo "error: Python 3.10 to 3.14 is needed; name one with 'make PYTHON=python3.11 ...'"; exit 5; }
 	$(PYTHON) -m venv --clear --without-pip $(VENV)
-	$(INSTALL) --require-hashes -r requirements.lock
+	$(INSTALL) --no-compile --require-hashes -r requirements.lock
 	$(INSTALL) --no-deps --no-build-isolation -e .
+	@touch $@
+
+tools: $(VENV)/tools
+
+$(VENV)/tools: $(VENV)/installed requirements-dev.lock
+	$(INSTALL) --require-hashes -r requirements-dev.lock
 	@touch $@
 
 demo: setup
@@ -48,16 +55,16 @@ runs/waldo/results.json: | setup
 evaluate: setup
 	$(BIN)/socialbot evaluate $(SCENES) --split held-back --detector nanodet,hog --jobs $(JOBS) $(if $(OUT),--out $(OUT))
 
-test: setup
+test: tools
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m "not slow"
 
-test-all: setup
+test-all: tools
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup
 
-test-pages: setup
+test-pages: tools
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m slow $(PAGES)
 
-fuzz: setup
+fuzz: tools
 	$(INSTALL) 'atheris>=2.3,<4'
 	for decoder in $(or $(DECODER),$$($(BIN)/python tools/fuzz.py --list)); do \
 	  $(BIN)/python tools/fuzz.py $$decoder -max_total_time=$(SECONDS) || exit 1; done
@@ -68,7 +75,7 @@ interfaces: setup
 rerun: setup
 	$(INSTALL) 'rerun-sdk>=0.26'
 
-check: setup
+check: tools
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
@@ -81,12 +88,14 @@ docs: setup
 dist: setup
 	rm -rf dist
 	$(BIN)/hatchling build
-	sed '/--hash/d; s/ \\$$//' requirements.lock > dist/constraints.txt
+	sed '/--hash/d; s/ \\$$//' requirements-dev.lock > dist/constraints.txt
 
 # Newest versions within the bounds of pyproject.toml, for all Pythons at once; needs uv.
+LOCK := uv pip compile --universal --generate-hashes --python-version 3.10 \
+  --no-header --no-annotate --no-emit-index-url --no-emit-find-links pyproject.toml
 lock:
-	uv pip compile --universal --generate-hashes --python-version 3.10 --extra speech --extra dev --upgrade \
-	  --no-header --no-annotate --no-emit-index-url --no-emit-find-links pyproject.toml -o requirements.lock
+	$(LOCK) --extra speech --extra dev --upgrade -o requirements-dev.lock
+	$(LOCK) --extra speech --extra project --constraint requirements-dev.lock -o requirements.lock
 
 clean:
 	rm -rf $(VENV) runs site dist

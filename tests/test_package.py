@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tarfile
@@ -42,3 +43,13 @@ def test_the_source_archive_holds_what_the_wheel_is_built_from(built):
     with tarfile.open(source) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     assert names >= tracked("socialbot", "tests", "docs", "README.md", "LICENSE", "pyproject.toml")
+
+
+def locked(name: str) -> set[str]:
+    """The packages of a lock, each with its version, its marker and its hashes."""
+    text = (ROOT / name).read_text("utf-8")
+    return {block.strip() for block in re.split(r"(?m)^(?=\w)", text) if block}
+
+
+def test_what_runs_is_locked_at_the_versions_that_are_tested():
+    assert locked("requirements.lock") < locked("requirements-dev.lock")
