@@ -1,6 +1,7 @@
 """Takes the pictures of the inspector for docs/pictures: ``python -m tools.pictures [NAME...]``.
 
-Runs are made for them, the one over ROS in real time. Needs chromium, playwright and pillow.
+Runs are made for them where ``--runs`` does not have them yet, those over ROS in real time. Needs chromium, playwright
+and pillow.
 """
 
 from __future__ import annotations
@@ -52,11 +53,11 @@ class Shot:
 
 SHOTS: Mapping[str, Shot] = {
     "waldo": Shot("corridor", "t=9.6"),
-    "why": Shot("corridor", "t=17.2", ("text=Can I help you with anything? >> nth=-1",), dark=True),
+    "why": Shot("corridor", "t=17.2", ("#timeline text.beside:has-text('Can I help')",), dark=True),
     "plans": Shot("corridor", "t=9.6", ("#tab-plans", "#pane-plans button:has-text('greeting_several')"), "#side"),
     "nodes": Shot("nodes", "t=30", ("summary",), "#nodes"),
-    "warehouse": Shot("warehouse", "t=92.5&agent=gripper_a", height=1160),
-    "hospital": Shot("hospital", "t=2.42&agent=spotrobot1", ("#timeline .bar.step.bad >> nth=0",), height=1220, dark=True),
+    "warehouse": Shot("warehouse", "t=92.5&agent=gripper_a", height=1260),
+    "hospital": Shot("hospital", "t=2.42&agent=spotrobot1", ("#timeline .bar.step.bad >> nth=0",), height=1390, dark=True),
     "phone": Shot("corridor", "t=17.2", width=390, height=844),
 }  # fmt: skip
 ASK = "ask"
@@ -136,18 +137,20 @@ def asked(browser: Browser, folder: Path) -> bytes:
 
 def keep(png: bytes, path: Path) -> None:
     """Saves a picture in few colours."""
-    Image.open(io.BytesIO(png)).convert("RGB").quantize(256).save(path, optimize=True)
+    Image.open(io.BytesIO(png)).convert("RGB").quantize(256, kmeans=3).save(path, optimize=True)
 
 
 def main() -> None:
     """The command."""
     arguments = argparse.ArgumentParser(description="Takes the pictures of the inspector.")
     arguments.add_argument("names", nargs="*", metavar="NAME", help=", ".join([*SHOTS, ASK]), default=[*SHOTS, ASK])
-    names = arguments.parse_args().names
+    arguments.add_argument("--runs", type=Path, metavar="FOLDER", help="where runs are kept; default: nowhere")
+    given = arguments.parse_args()
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        runs = given.runs or Path(folder)
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        for name in names:
-            png = asked(browser, Path(folder)) if name == ASK else taken(browser, SHOTS[name], Path(folder))
+        for name in given.names:
+            png = asked(browser, Path(folder)) if name == ASK else taken(browser, SHOTS[name], runs)
             keep(png, PICTURES / f"inspect_{name}.png")
         browser.close()
 

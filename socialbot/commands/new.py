@@ -38,6 +38,7 @@ NEXT: Mapping[str, str] = {
     "cd {project}": "",
     "socialbot run graph.yaml": "among people that are made up: no camera is needed",
     "socialbot why": "why it did what it did last",
+    "socialbot inspect": "the same on a page, from what it saw to what it did",
     "python -m pytest": "its tests; pip install pytest, if there is none",
     "socialbot up camera.yaml --camera 0": "with a camera, until Ctrl-C",
 }

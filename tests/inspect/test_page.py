@@ -132,6 +132,12 @@ def test_a_click_on_what_was_done_tells_why_down_to_the_frame(visit):
 
 
 @pytest.mark.slow
+def test_a_click_on_the_words_beside_a_bar_is_one_on_the_bar(visit):
+    visit.page.locator("#timeline .bar.action text.beside").first.click()
+    expect(visit.page.locator("#pane-why .chain button").first).to_contain_text("did")
+
+
+@pytest.mark.slow
 def test_a_click_on_a_plan_tells_when_it_was_not_chosen_and_why(visit):
     visit.page.click("#tab-plans")
     plan = visit.page.locator("#pane-plans button", has_text="greeting_several")
