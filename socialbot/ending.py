@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import sys
@@ -13,10 +14,20 @@ ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def end_well_on_signals() -> None:
-    """From now on signals end the process with exit code 0; ones that came while they were blocked do so at once."""
+    """From now on signals end the process with exit code 0; ones that came while they were blocked do so at once.
+
+    One that comes while it is going already changes nothing.
+    """
+    atexit.register(_ignore_signals)
     for number in ENDING_SIGNALS:
         signal.signal(number, lambda *_: sys.exit(0))
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
+
+
+def _ignore_signals() -> None:
+    # Python takes its handlers away before it lets go of modules, which takes long on a busy machine.
+    for number in ENDING_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 class Ending:
