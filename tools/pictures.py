@@ -1,7 +1,7 @@
 """Takes the pictures of the inspector for docs/pictures: ``python -m tools.pictures [NAME...]``.
 
-Runs are made for them where ``--runs`` does not have them yet, those over ROS in real time. Needs chromium, playwright
-and pillow.
+Runs are made for them where ``--runs`` does not have them yet, but for that called ``deployment``: that of the
+workstation, which ``python -m evaluation.faults --only clear`` leaves. Needs chromium, playwright and pillow.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ CORRIDOR = str(ROOT / "data" / "synthetic" / "corridor")
 
 RUNS: Mapping[str, Sequence[str]] = {
     "corridor": ("replay", CORRIDOR, "--runner", "inline", "--no-video"),
-    "nodes": ("replay", CORRIDOR, "--no-video"),
     "warehouse": ("demo", "warehouse", "--run", "2"),
     "hospital": ("demo", "hospital"),
 }
@@ -40,7 +39,7 @@ RUNS: Mapping[str, Sequence[str]] = {
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture of a run's page, opened at ``where``, after ``clicks``; of one ``part``, or as much as fits the size."""
+    """A picture of a run's page, opened at ``where``, after ``clicks``: of one ``part``; else of what fits the size."""
 
     run: str
     where: str
@@ -55,11 +54,13 @@ SHOTS: Mapping[str, Shot] = {
     "waldo": Shot("corridor", "t=9.6"),
     "why": Shot("corridor", "t=17.2", ("#timeline text.beside:has-text('Can I help')",), dark=True),
     "plans": Shot("corridor", "t=9.6", ("#tab-plans", "#pane-plans button:has-text('greeting_several')"), "#side"),
-    "nodes": Shot("nodes", "t=30", ("summary",), "#nodes"),
+    "nodes": Shot("deployment", "t=30", ("summary",), "#nodes"),
     "warehouse": Shot("warehouse", "t=92.5&agent=gripper_a", height=1260),
-    "hospital": Shot("hospital", "t=2.42&agent=spotrobot1", ("#timeline .bar.step.bad >> nth=0",), height=1390, dark=True),
+    "hospital": Shot(
+        "hospital", "t=2.42&agent=spotrobot1", ("#timeline .bar.step.bad >> nth=0",), height=1390, dark=True
+    ),
     "phone": Shot("corridor", "t=17.2", width=390, height=844),
-}  # fmt: skip
+}
 ASK = "ask"
 """The picture of an agent that is asked for something while it runs."""
 
@@ -68,6 +69,8 @@ def made(run: str, folder: Path) -> Path:
     """The run of that name, which is made if it is not there."""
     path = folder / run
     if not path.exists():
+        if run not in RUNS:
+            raise SystemExit(f"error: {path} is missing; it is not made here")
         subprocess.run(socialbot(*RUNS[run], "--out", str(path)), check=True, stdout=subprocess.DEVNULL)
     return path
 
@@ -110,7 +113,7 @@ def settled(page: Page, part: str) -> bytes:
 @contextmanager
 def going_on(folder: Path) -> Iterator[str]:
     """Waldo on the recorded corridor, over ROS; gives the address of his page."""
-    command = socialbot(*RUNS["nodes"], "--inspect", "--port", "0", "--out", str(folder / ASK))
+    command = socialbot("replay", CORRIDOR, "--no-video", "--inspect", "--port", "0", "--out", str(folder / ASK))
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         told = (re.search(r"http://\S+", line) for line in process.stdout)
@@ -125,7 +128,7 @@ def going_on(folder: Path) -> Iterator[str]:
 def asked(browser: Browser, folder: Path) -> bytes:
     """A picture of a live run, whose agent is paused and told something, as PNG."""
     with going_on(folder) as url:
-        page = opened(browser, url, Shot("nodes", ""))
+        page = opened(browser, url, Shot(ASK, ""))
         page.click("#tab-ask")
         page.locator("#boxes .box").wait_for(timeout=60_000)
         page.click("[name=pause]")

@@ -214,3 +214,15 @@ def test_nothing_can_be_asked_of_a_recorded_run_and_the_page_says_why(visit):
     expect(visit.page.locator("#pane-ask")).to_contain_text("Nothing can be asked")
     assert visit.page.locator("#pane-ask button:enabled").count() == 0
     assert faults(visit) == []
+
+
+@pytest.mark.slow
+def test_the_whole_graph_is_in_sight(browser, waldo):
+    visit = Visit(browser, waldo, "t=2.5", width=1100)
+    graph = visit.place("#graph")
+    for node in visit.page.locator("#graph .node rect").all():
+        place = node.bounding_box()
+        assert place is not None
+        assert graph["x"] <= place["x"]
+        assert place["x"] + place["width"] <= graph["x"] + graph["width"]
+    visit.close()

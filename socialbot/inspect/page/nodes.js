@@ -3,7 +3,7 @@
 import { drawn, element, find, say, sync } from './dom.js';
 import { connections, layers } from './layers.js';
 
-const [WIDE, HIGH, ACROSS, DOWN] = [176, 74, 64, 16];
+const [WIDE, HIGH, ACROSS, DOWN] = [186, 74, 28, 16];
 const MOST_DRAWN = 24;
 
 export class Nodes {
@@ -42,7 +42,7 @@ export class Nodes {
     this.#cards = nodes.map(card);
     this.#cards.forEach(({ group }, n) => group.setAttribute('transform', `translate(${places[n].x} ${places[n].y})`));
     const label = nodes.map(node => node.name).join(', ');
-    find('graph').replaceChildren(drawn('svg', { class: 'graph', width, height, role: 'img', 'aria-label': label },
+    find('graph').replaceChildren(drawn('svg', { class: 'graph', width, height, viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': label },
       ...lines(nodes, edges, places, columns), ...this.#cards.map(each => each.group)));
   }
 }
@@ -79,7 +79,7 @@ function grouped(nodes) {
 
 function card(node) {
   const rect = drawn('rect', { width: WIDE, height: HIGH, rx: 8 });
-  const name = drawn('text', { x: 12, y: 22, class: 'name', text: shortened(node.name, 22) });
+  const name = drawn('text', { x: 12, y: 22, class: 'name', text: shortened(node.name, 19) });
   const machine = drawn('text', { x: 12, y: 38, class: 'small', text: node.machine });
   const condition = drawn('text', { x: 12, y: 54, class: 'condition' });
   const figures = drawn('text', { x: 12, y: 67, class: 'small' });
