@@ -61,6 +61,7 @@ SHOTS: Mapping[str, Shot] = {
     ),
     "phone": Shot("corridor", "t=17.2", width=390, height=844),
 }
+PROJECT = "my_robot"
 ASK = "ask"
 """The picture of an agent that is asked for something while it runs."""
 
@@ -112,9 +113,10 @@ def settled(page: Page, part: str) -> bytes:
 
 @contextmanager
 def going_on(folder: Path) -> Iterator[str]:
-    """Waldo on the recorded corridor, over ROS; gives the address of his page."""
-    command = socialbot("replay", CORRIDOR, "--no-video", "--inspect", "--port", "0", "--out", str(folder / ASK))
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    """The robot of a new project among people that are made up, over ROS; gives the address of its page."""
+    subprocess.run(socialbot("new", PROJECT, "--folder", str(folder)), check=True, stdout=subprocess.DEVNULL)
+    command = socialbot("up", "graph.yaml", "--inspect", "--port", "0", "--set", "visitors.visits=1000")
+    with subprocess.Popen(command, cwd=folder / PROJECT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         told = (re.search(r"http://\S+", line) for line in process.stdout)
         try:
@@ -122,7 +124,6 @@ def going_on(folder: Path) -> Iterator[str]:
         finally:
             process.send_signal(signal.SIGINT)
             process.stdout.read()
-            process.send_signal(signal.SIGINT)
 
 
 def asked(browser: Browser, folder: Path) -> bytes:
@@ -130,12 +131,14 @@ def asked(browser: Browser, folder: Path) -> bytes:
     with going_on(folder) as url:
         page = opened(browser, url, Shot(ASK, ""))
         page.click("#tab-ask")
-        page.locator("#boxes .box").wait_for(timeout=60_000)
+        page.locator("#beliefs button").first.wait_for(timeout=60_000)
         page.click("[name=pause]")
-        page.fill("#ask-belief", "visitor(ann)")
+        page.fill("#ask-belief", 'visitor("ann")')
         page.click("[name=believe]")
         page.locator("#ask-belief-answer:has-text('Done')").wait_for()
-        return settled(page, "")
+        page.mouse.move(0, 0)
+        page.wait_for_timeout(1000)
+        return page.screenshot()
 
 
 def keep(png: bytes, path: Path) -> None:
