@@ -1,6 +1,6 @@
 # make demo   Waldo on the committed bag, through real ROS 2 nodes
 # make test   the tests that take minutes; make test-all adds the slow ones
-# make test-pages   what people follow and see: tutorials and how-tos word by word, and pages in a browser
+# make test-pages   what people follow, see and install: tutorials and how-tos word by word, pages in a browser, packages
 # make inspect   the page on which Waldo is seen to think, for the committed bag
 # make evaluate   how well people are seen, by HOG and by the network, beside the paper's tables
 # make check  style and types
@@ -17,7 +17,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BAG := data/synthetic/corridor
 SCENES := $(addprefix data/synthetic/,scene1_tune scene1_heldback scene2_tune scene2_heldback)
-PAGES := tests/system/test_tutorial*.py tests/system/test_howto.py tests/inspect/test_page*.py tests/report/test_pages_in_browser.py
+PAGES := tests/system/test_tutorial*.py tests/system/test_howto.py tests/inspect/test_page*.py tests/report/test_pages_in_browser.py tests/test_package.py
 JOBS ?= 2
 SECONDS ?= 30
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
