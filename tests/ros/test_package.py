@@ -1,7 +1,8 @@
-"""The ROS package says what pyproject.toml says, and colcon builds it."""
+"""The ROS packages say what pyproject.toml says; colcon knows them, and builds the one that needs no full ROS."""
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from ruamel.yaml import YAML
 
 import socialbot
 from tests.test_house import imports, modules
@@ -18,6 +20,7 @@ PACKAGE = ROOT / "ros"
 
 tomllib = pytest.importorskip("tomllib", reason="came with Python 3.11")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+INTERFACES = ROOT / "interfaces" / "socialbot_msgs"
 MANIFEST = ElementTree.parse(PACKAGE / "package.xml").getroot()
 MESSAGES = ("builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rcl_interfaces", "sensor_msgs", "std_msgs")
 """Packages of messages that may be imported by name."""
@@ -29,6 +32,16 @@ def test_it_is_the_package_that_pip_installs():
         assert MANIFEST.findtext(name) == PROJECT[name]
     assert MANIFEST.findtext("version") == socialbot.__version__
     assert (PACKAGE / "socialbot").resolve() == Path(socialbot.__file__).parent
+
+
+def test_everything_names_the_same_makers_and_version():
+    for folder in (PACKAGE, INTERFACES):
+        manifest = ElementTree.parse(folder / "package.xml").getroot()
+        assert [maintainer.text for maintainer in manifest.iter("maintainer")] == [PROJECT["authors"][0]["name"]]
+        assert manifest.findtext("version") == socialbot.__version__
+    citation = YAML(typ="safe").load(ROOT / "CITATION.cff")
+    assert citation["authors"] == PROJECT["authors"]
+    assert (citation["version"], citation["license"]) == (socialbot.__version__, PROJECT["license"])
 
 
 def test_it_needs_the_same_packages_but_for_the_wheels_of_ros():
@@ -45,12 +58,23 @@ def test_it_names_the_ros_packages_that_are_imported():
     assert launching & {"launch", "launch_ros"} <= needed
 
 
-@pytest.mark.slow
-def test_colcon_builds_and_installs_it(tmp_path: Path):
-    python = colcon_python(tmp_path / "venv")
-    command = [python, "-m", "colcon", "build", "--base-paths", PACKAGE]
-    done = subprocess.run(command, cwd=tmp_path, env=plain_environment(), capture_output=True, text=True, check=False)
+@pytest.fixture(scope="module")
+def colcon(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return colcon_python(tmp_path_factory.mktemp("colcon") / "venv")
+
+
+def run(*command: object, cwd: Path) -> str:
+    """What ``command`` prints; it has to succeed."""
+    done = subprocess.run(
+        [str(part) for part in command], cwd=cwd, env=plain_environment(), capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_colcon_builds_and_installs_it(colcon: Path, tmp_path: Path):
+    run(colcon, "-m", "colcon", "build", "--base-paths", PACKAGE, cwd=tmp_path)
     installed = tmp_path / "install" / "socialbot"
     share = installed / "share"
     assert (share / "ament_index" / "resource_index" / "packages" / "socialbot").is_file()
@@ -62,10 +86,39 @@ def test_colcon_builds_and_installs_it(tmp_path: Path):
     assert files(package) == files(PACKAGE / "socialbot")
 
 
+@pytest.mark.slow
+def test_colcon_knows_both_packages_and_how_to_build_them(colcon: Path, tmp_path: Path):
+    listed = run(colcon, "-m", "colcon", "list", "--base-paths", PACKAGE, INTERFACES, cwd=tmp_path).splitlines()
+    assert {line.split("\t")[0]: line.split("\t")[-1] for line in listed} == {
+        "socialbot": "(ros.ament_python)",
+        "socialbot_msgs": "(ros.ament_cmake)",
+    }
+
+
+PARSING = """
+import json, sys
+from catkin_pkg.package import parse_package
+warnings = []
+for folder in sys.argv[1:]:
+    package = parse_package(folder, warnings=warnings)
+    package.evaluate_conditions({})
+    package.validate(warnings=warnings)
+print(json.dumps(warnings))
+"""
+
+
+@pytest.mark.slow
+def test_the_reader_of_manifests_has_nothing_to_say_against_them(colcon: Path, tmp_path: Path):
+    assert json.loads(run(colcon, "-c", PARSING, PACKAGE, INTERFACES, cwd=tmp_path)) == []
+
+
 def files(folder: Path) -> set[str]:
     root = folder.resolve()
     found = {path.relative_to(root) for path in root.rglob("*") if path.is_file()}
     return {str(path) for path in found if "__pycache__" not in path.parts}
+
+
+COLCON = ("colcon-ros", "colcon-package-information")
 
 
 def colcon_python(folder: Path) -> Path:
@@ -73,7 +126,7 @@ def colcon_python(folder: Path) -> Path:
     python = folder / "bin" / "python"
     for command in (
         [sys.executable, "-m", "venv", str(folder)],
-        [str(python), "-m", "pip", "install", "--quiet", "colcon-ros", "setuptools==68.1.2"],
+        [str(python), "-m", "pip", "install", "--quiet", *COLCON, "setuptools==68.1.2"],
     ):
         done = subprocess.run(command, env=plain_environment(), capture_output=True, text=True, check=False)
         if done.returncode:
