@@ -19,6 +19,9 @@ import msgspec
 from socialbot.bridge.bags import BagWriter, open_bag
 from socialbot.cli import main
 
+PATIENCE_S = 60.0
+"""So long a command may take to end that is told to; on a busy machine each of its processes has to get its turn."""
+
 
 def socialbot(*arguments: object, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
     """Runs ``socialbot`` to its end."""
@@ -67,7 +70,7 @@ def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
         try:
-            process.wait(15)
+            process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
