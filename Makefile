@@ -5,7 +5,7 @@
 # make evaluate   how well people are seen, by HOG and by the network, beside the paper's tables
 # make check  style and types
 # make interfaces   builds and installs socialbot_msgs, the messages as ROS types of their own; make test tests them then
-# make rerun   installs what `socialbot export` writes for Rerun with; make test tests it then
+# make viewers   installs the packages of Rerun and Foxglove; make test holds what `socialbot export` writes against them then
 # make docs   the site, in site/
 # make dist   wheel, source archive and the versions to install them with, in dist/
 # make fuzz   bytes that follow what the code does with them, for each reader; DECODER=graph SECONDS=600 for one of them
@@ -23,7 +23,7 @@ SECONDS ?= 30
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
 INSTALL = $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check $(shell [ -t 2 ] || echo --quiet)
 
-.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces rerun check docs dist lock clean
+.PHONY: setup demo inspect evaluate test test-all test-pages fuzz interfaces viewers check docs lock clean
 
 setup: $(VENV)/installed
 
@@ -72,8 +72,8 @@ fuzz: tools
 interfaces: setup
 	$(INSTALL) --no-deps ./interfaces/socialbot_msgs
 
-rerun: setup
-	$(INSTALL) 'rerun-sdk>=0.26'
+viewers: setup
+	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check 'rerun-sdk>=0.31' 'foxglove-sdk>=0.30'
 
 check: tools
 	$(BIN)/ruff check .

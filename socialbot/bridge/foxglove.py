@@ -8,21 +8,27 @@ from __future__ import annotations
 import heapq
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from socialbot.bridge.bags import Bag, BagWriter, RosbagsTypes
-from socialbot.bridge.standard_messages import HeadPose, StandardMessages
-from socialbot.clock import SECOND
+from socialbot.bridge.joints import HEAD_HZ, HeadCourse, Neck, neck_of
+from socialbot.bridge.mounting import AHEAD, Mounting, mounting_of
+from socialbot.bridge.standard_messages import StandardMessages
+from socialbot.clock import SECOND, nanoseconds
 from socialbot.errors import BagError
-from socialbot.inspect.run import Run
-from socialbot.inspect.streams import Pose, Sentence, detections_of, minds_of, poses_of, sentences_of
-from socialbot.messages import Message, PersonDetections
+from socialbot.inspect.run_folder import RecordedRun
+from socialbot.inspect.streams import Sentence, beats, detections_of, minds_of, poses_of, sentences_of
+from socialbot.messages import CompressedImage, Image, Message, PersonDetections
 from socialbot.status import NodeStatus
 
 ANNOTATIONS = "/humans/bodies/image_annotations"
 DETECTIONS = "/humans/bodies/detections"
+MARKERS = "/humans/bodies/markers"
+JOINTS = "/joint_states"
+USUAL_NECK = Neck("head_pan_joint", "head_tilt_joint")
 DIAGNOSTICS_EVERY = SECOND
 _LINE_LOOP = 2
 _INFO, _WARN = 20, 30
@@ -33,17 +39,17 @@ Item = tuple[int, str, Any]
 """A time (ns), a topic and a ROS message or one of socialbot."""
 
 
-def export_foxglove(run: Run, bag: Bag | None, out: Path) -> dict[str, int]:
+def export_foxglove(run: RecordedRun, bag: Bag | None, out: Path) -> dict[str, int]:
     """Writes ``run``, with the pictures of its ``bag``, to the new file ``out``; returns the messages by topic.
 
     Raises BagError when the file exists or cannot be written, or the bag is broken.
     """
     if out.exists():
         raise BagError("already exists", where=str(out), remedy="give another name, or remove it first")
-    show = _Show()
+    show = _Show(run, "" if bag is None else _picture_frame(bag))
     streams = [
         sorted(stream, key=itemgetter(0))
-        for stream in (show.people(run), show.log(run), show.minds(run), show.head(run), show.diagnostics(run))
+        for stream in (show.people(), show.log(), show.minds(), show.head(), show.diagnostics())
     ]
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -70,39 +76,60 @@ def _pictures(bag: Bag) -> Iterator[Item]:
         yield message.stamp, topic, message
 
 
-class _Show:
-    """Makes the messages."""
+def _picture_frame(bag: Bag) -> str:
+    """The frame that the pictures are in; empty when there are none."""
+    (topic, *_) = bag.image_topics
+    for _, picture in bag.messages({topic.name: topic.name}):
+        assert isinstance(picture, CompressedImage | Image)
+        return picture.frame_id
+    return ""
 
-    def __init__(self) -> None:
+
+class _Show:
+    """Makes the messages of ``run``, with pictures in ``frame`` (empty: what the graph says)."""
+
+    def __init__(self, run: RecordedRun, frame: str) -> None:
         self.types = RosbagsTypes()
         self._standard = StandardMessages(self.types)
+        self._run = run
+        mounting = mounting_of(run.described) if run.described else Mounting()
+        self._mounting = replace(mounting, optical=frame or mounting.optical)
+        poses = list(poses_of(run))
+        self._course = HeadCourse(poses)
+        self._neck = neck_of(run.described) if run.described else USUAL_NECK if poses else None
 
-    def people(self, run: Run) -> Iterator[Item]:
-        for found in detections_of(run):
+    def people(self) -> Iterator[Item]:
+        for found in detections_of(self._run, self._mounting.optical):
+            head = self._course.at(found.stamp) if self._mounting.on_head else AHEAD
             yield found.stamp, DETECTIONS, found
             yield found.stamp, ANNOTATIONS, self._annotations(found)
-            yield found.stamp, "/tf", self._standard.bodies(found)
+            yield found.stamp, MARKERS, self._standard.markers(found, head)
+            if found.persons:
+                yield found.stamp, "/tf", self._standard.bodies(found, head)
 
-    def log(self, run: Run) -> Iterator[Item]:
-        for record in run.history:
+    def log(self) -> Iterator[Item]:
+        for record in self._run.history:
             yield record.stamp, "/trace", record
-        for sentence in sentences_of(run):
+        for sentence in sentences_of(self._run):
             yield sentence.stamp, "/rosout", self._log(sentence)
 
-    def minds(self, run: Run) -> Iterator[Item]:
-        for mind in minds_of(run):
+    def minds(self) -> Iterator[Item]:
+        for mind in minds_of(self._run):
             yield mind.stamp, f"/{mind.agent}/mind", mind
 
-    def head(self, run: Run) -> Iterator[Item]:
-        start = run.history.start or 0
-        yield start, "/tf_static", self._standard.mounting(start, camera_on_head=False)
-        for pose in [Pose(start, 0.0, 0.0), *poses_of(run)]:
-            yield pose.stamp, "/tf", self._standard.head(pose.stamp, HeadPose(pose.pan, pose.tilt))
+    def head(self) -> Iterator[Item]:
+        start = self._run.history.start
+        yield start, "/tf_static", self._standard.camera(start, self._mounting)
+        if self._neck is None:
+            return
+        for stamp in beats(self._run, nanoseconds(1 / HEAD_HZ)):
+            pose = self._course.at(stamp)
+            yield stamp, "/tf", self._standard.head(stamp, pose, self._mounting.height_m)
+            yield stamp, JOINTS, self._standard.joints(stamp, (self._neck.pan, self._neck.tilt), pose)
 
-    def diagnostics(self, run: Run) -> Iterator[Item]:
-        stamp, end = run.history.start or 0, run.history.end or 0
-        while stamp <= end:
-            nodes = run.nodes(stamp)
+    def diagnostics(self) -> Iterator[Item]:
+        for stamp in beats(self._run, DIAGNOSTICS_EVERY):
+            nodes = self._run.nodes(stamp)
             if nodes:
                 status = [self._status(node) for node in nodes]
                 header = self._standard.header(stamp)
@@ -111,7 +138,6 @@ class _Show:
                     "/diagnostics",
                     self.types.make("diagnostic_msgs/msg/DiagnosticArray", header=header, status=status),
                 )
-            stamp += DIAGNOSTICS_EVERY
 
     def _colour(self, red: float, green: float, blue: float, alpha: float) -> Any:
         return self.types.make("foxglove_msgs/msg/Color", r=red, g=green, b=blue, a=alpha)
@@ -133,6 +159,7 @@ class _Show:
                     outline_colors=[],
                     fill_color=clear,
                     thickness=2.0,
+                    metadata=[],
                 )
             )
             away = "" if person.distance_m is None else f" {person.distance_m:.1f} m"
@@ -145,9 +172,13 @@ class _Show:
                     font_size=14.0,
                     text_color=self._colour(1.0, 1.0, 1.0, 1.0),
                     background_color=self._colour(0.05, 0.4, 0.15, 0.8),
+                    metadata=[],
                 )
             )
-        return make("foxglove_msgs/msg/ImageAnnotations", circles=[], points=boxes, texts=texts)
+        # The stamp is what a picture without people is known by.
+        return make(
+            "foxglove_msgs/msg/ImageAnnotations", timestamp=time, circles=[], points=boxes, texts=texts, metadata=[]
+        )
 
     def _log(self, sentence: Sentence) -> Any:
         return self.types.make(

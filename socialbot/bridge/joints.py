@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from socialbot.bridge.mounting import AHEAD, HeadPose, parameters_of
 from socialbot.clock import SECOND
-from socialbot.graph import Graph, check_parameters
+from socialbot.graph import Graph
 from socialbot.messages import JointTrajectory
+
+if TYPE_CHECKING:
+    from socialbot.inspect.streams import Pose
+
+HEAD_HZ = 20.0
+"""How often others are told where a head is."""
 
 _KEPT = 32
 """So many turns of each joint are remembered: of at least three seconds, as a head is told ten times a second."""
@@ -17,20 +26,16 @@ _KEPT = 32
 
 @dataclass(frozen=True)
 class Neck:
-    """The joints by which the head of a graph pans and tilts, and whether the camera turns with it."""
+    """The joints by which the head of a graph pans and tilts."""
 
     pan: str
     tilt: str
-    camera_on_head: bool = False
 
 
 def neck_of(graph: Graph) -> Neck | None:
     """The neck of the first node of ``graph`` that turns a head; None when there is no such node."""
-    for placement in graph.placements:
-        if {"pan_joint", "tilt_joint"} <= placement.type.parameters().keys():
-            values = check_parameters(placement.type, placement.parameters, where=placement.place(graph.name))
-            return Neck(values["pan_joint"], values["tilt_joint"], bool(values.get("camera_on_head")))
-    return None
+    values = parameters_of(graph, "pan_joint", "tilt_joint")
+    return Neck(values["pan_joint"], values["tilt_joint"]) if values else None
 
 
 @dataclass(frozen=True)
@@ -72,3 +77,25 @@ class Joints:
         """Where (rad) the joint ``name`` is, or was, at ``stamp`` (ns)."""
         turns = self._turns[name]
         return next((turn for turn in reversed(turns) if turn.begin <= stamp), turns[0]).at(stamp)
+
+
+class HeadCourse:
+    """Where a head was at any time of a run, by the poses that it was told to take, which are in order."""
+
+    def __init__(self, poses: Iterable[Pose]) -> None:
+        self._begins: list[int] = []
+        self._turns: list[tuple[Turn, Turn]] = []
+        for stamp, pan, tilt, duration_s in poses:
+            start = self.at(stamp)
+            self._begins.append(stamp)
+            self._turns.append(
+                (Turn(start.pan, pan, stamp, duration_s), Turn(start.tilt, tilt, stamp, duration_s)),
+            )
+
+    def at(self, stamp: int) -> HeadPose:
+        """Where it pointed at ``stamp`` (ns)."""
+        begun = bisect_right(self._begins, stamp)
+        if not begun:
+            return AHEAD
+        pan, tilt = self._turns[begun - 1]
+        return HeadPose(pan.at(stamp), tilt.at(stamp))

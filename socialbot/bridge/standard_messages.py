@@ -8,49 +8,41 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from socialbot.bridge.codec import TypeFactory
+from socialbot.bridge.mounting import (
+    AHEAD,
+    BASE,
+    CAMERA,
+    HEIGHT_M,
+    PAN,
+    TILT,
+    HeadPose,
+    Mounting,
+    Vector,
+    place_of,
+)  # fmt: skip
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.messages import PersonDetection, PersonDetections
 
-BASE, PAN, TILT, CAMERA = "base_link", "head_pan_link", "head_tilt_link", "camera_link"
-OPTICAL = "camera_color_optical_frame"
-"""Frames, from the foot of the robot to its camera; the last looks along z, and is that of most drivers' pictures."""
-
-HEAD_HEIGHT_M = 1.2
 BODY_HEIGHT_M, BODY_WIDTH_M, HIPS_HEIGHT_M = 1.7, 0.45, 0.9
 PERSON = "person"
 
 _CYLINDER, _TEXT = 3, 9
 _ADD, _DELETE_ALL = 0, 3
+_NO_BYTES = np.zeros(0, np.uint8)
 _SHOWN_S = 0.5
 """So long a marker is shown if nothing new is said."""
 
-Vector = tuple[float, float, float]
 Rotation = tuple[float, float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
 
 _TIMES = range(2**31 * SECOND)
 _NO_LETTERS = re.compile(r"[^A-Za-z0-9]+")
 _ID_LETTERS = 64
-
-
-class HeadPose(NamedTuple):
-    """Where a head points, rad: pan to the left, tilt up."""
-
-    pan: float
-    tilt: float
-
-
-def place_of(person: PersonDetection, head_pan_rad: float = 0.0) -> Vector | None:
-    """Where somebody stands (m) in the robot's base, seen by a camera that is turned by ``head_pan_rad``."""
-    if person.distance_m is None or person.bearing_rad is None:
-        return None
-    bearing = person.bearing_rad + head_pan_rad
-    return person.distance_m * math.cos(bearing), person.distance_m * math.sin(bearing), 0.0
 
 
 def body_id(person: PersonDetection) -> str:
@@ -79,40 +71,33 @@ class StandardMessages:
         """A Header."""
         return self._make("std_msgs/msg/Header", stamp=self.time(stamp), frame_id=frame_id)
 
-    def mounting(self, stamp: int, optical: str = OPTICAL, *, camera_on_head: bool) -> Any:
-        """A TFMessage: where the camera sits, on the head or, at its height, on the base.
+    def camera(self, stamp: int, mounting: Mounting) -> Any:
+        """A TFMessage: where the camera sits, on the head or on the base, and the frame of its pictures."""
+        holder, place = (TILT, ORIGIN) if mounting.on_head else (BASE, (0.0, 0.0, mounting.height_m))
+        frames = [self._transform(stamp, holder, CAMERA, place, _looking_up(-mounting.pitch_rad))]
+        if mounting.optical not in (BASE, PAN, TILT, CAMERA):
+            # From "x forward, y left, z up" to "z forward, x right, y down".
+            frames.append(self._transform(stamp, CAMERA, mounting.optical, rotation=(-0.5, 0.5, -0.5, 0.5)))
+        return self._frames(frames)
 
-        Its pictures are in the frame ``optical``.
-        """
-        holder, place = (TILT, ORIGIN) if camera_on_head else (BASE, (0.0, 0.0, HEAD_HEIGHT_M))
-        # The second is from "x forward, y left, z up" to "z forward, x right, y down".
-        return self._frames(
-            [
-                self._transform(stamp, holder, CAMERA, place),
-                self._transform(stamp, CAMERA, optical, rotation=(-0.5, 0.5, -0.5, 0.5)),
-            ]
-        )
-
-    def head(self, stamp: int, pose: HeadPose) -> Any:
+    def head(self, stamp: int, pose: HeadPose, height_m: float = HEIGHT_M) -> Any:
         """A TFMessage: where the head points."""
-        half_pan, half_tilt = pose.pan / 2, -pose.tilt / 2  # a positive turn about y looks down
-        turned = (0.0, 0.0, math.sin(half_pan), math.cos(half_pan))
-        nodded = (0.0, math.sin(half_tilt), 0.0, math.cos(half_tilt))
+        turned = (0.0, 0.0, math.sin(pose.pan / 2), math.cos(pose.pan / 2))
         return self._frames(
             [
-                self._transform(stamp, BASE, PAN, (0.0, 0.0, HEAD_HEIGHT_M), turned),
-                self._transform(stamp, PAN, TILT, rotation=nodded),
+                self._transform(stamp, BASE, PAN, (0.0, 0.0, height_m), turned),
+                self._transform(stamp, PAN, TILT, rotation=_looking_up(pose.tilt)),
             ]
         )
 
-    def bodies(self, found: PersonDetections, head_pan_rad: float = 0.0) -> Any:
+    def bodies(self, found: PersonDetections, head: HeadPose = AHEAD) -> Any:
         """A TFMessage: a frame ``body_<id>`` for each person of whom it is known where they stand.
 
         It is between their hips; how they are turned is not known.
         """
         frames = []
         for person in found.persons:
-            place = place_of(person, head_pan_rad)
+            place = place_of(person, head)
             if person.track_id and place is not None:
                 hips = (*place[:2], HIPS_HEIGHT_M)
                 frames.append(self._transform(found.stamp, BASE, f"body_{body_id(person)}", hips))
@@ -129,11 +114,11 @@ class StandardMessages:
             effort=np.zeros(0),
         )
 
-    def markers(self, found: PersonDetections, head_pan_rad: float = 0.0) -> Any:
+    def markers(self, found: PersonDetections, head: HeadPose = AHEAD) -> Any:
         """A MarkerArray for RViz: a cylinder with id and distance for each person; it takes the place of the last."""
         shapes = [self._marker(found.stamp, 0, _CYLINDER, action=_DELETE_ALL)]
         for number, person in enumerate(found.persons):
-            place = place_of(person, head_pan_rad)
+            place = place_of(person, head)
             if place is None:
                 continue
             x, y, _ = place
@@ -229,6 +214,15 @@ class StandardMessages:
             color=make("std_msgs/msg/ColorRGBA", **_named("rgba", colour)),
             lifetime=make("builtin_interfaces/msg/Duration", sec=seconds, nanosec=rest),
             text=text,
+            frame_locked=False,
+            points=[],
+            colors=[],
+            uv_coordinates=[],
+            texture_resource="",
+            texture=make("sensor_msgs/msg/CompressedImage", header=self.header(0), format="", data=_NO_BYTES),
+            mesh_resource="",
+            mesh_file=make("visualization_msgs/msg/MeshFile", filename="", data=_NO_BYTES),
+            mesh_use_embedded_materials=False,
         )
 
     def _pose(self, place: Vector) -> Any:
@@ -255,6 +249,11 @@ class StandardMessages:
         return self._make(
             "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=transform
         )
+
+
+def _looking_up(angle: float) -> Rotation:
+    """A turn by ``angle`` (rad), up; one about y that is positive looks down."""
+    return (0.0, -math.sin(angle / 2), 0.0, math.cos(angle / 2))
 
 
 def _named(names: str, numbers: Iterable[float]) -> dict[str, float]:

@@ -11,6 +11,7 @@ DEFINITIONS: Mapping[str, str] = MappingProxyType(
     {
         "foxglove_msgs/msg/Point2": "float64 x\nfloat64 y\n",
         "foxglove_msgs/msg/Color": "float64 r\nfloat64 g\nfloat64 b\nfloat64 a\n",
+        "foxglove_msgs/msg/KeyValuePair": "string key\nstring value\n",
         "foxglove_msgs/msg/PointsAnnotation": """
 builtin_interfaces/Time timestamp
 uint8 UNKNOWN=0
@@ -24,6 +25,7 @@ foxglove_msgs/Color outline_color
 foxglove_msgs/Color[] outline_colors
 foxglove_msgs/Color fill_color
 float64 thickness
+foxglove_msgs/KeyValuePair[] metadata
 """,
         "foxglove_msgs/msg/CircleAnnotation": """
 builtin_interfaces/Time timestamp
@@ -32,6 +34,7 @@ float64 diameter
 float64 thickness
 foxglove_msgs/Color fill_color
 foxglove_msgs/Color outline_color
+foxglove_msgs/KeyValuePair[] metadata
 """,
         "foxglove_msgs/msg/TextAnnotation": """
 builtin_interfaces/Time timestamp
@@ -40,11 +43,14 @@ string text
 float64 font_size
 foxglove_msgs/Color text_color
 foxglove_msgs/Color background_color
+foxglove_msgs/KeyValuePair[] metadata
 """,
         "foxglove_msgs/msg/ImageAnnotations": """
+builtin_interfaces/Time timestamp
 foxglove_msgs/CircleAnnotation[] circles
 foxglove_msgs/PointsAnnotation[] points
 foxglove_msgs/TextAnnotation[] texts
+foxglove_msgs/KeyValuePair[] metadata
 """,
         "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
         "vision_msgs/msg/Point2D": "float64 x\nfloat64 y\n",

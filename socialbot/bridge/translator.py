@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
-from socialbot.bridge.joints import Joints, Neck, neck_of
+from socialbot.bridge.joints import HEAD_HZ, Joints, Neck, neck_of
+from socialbot.bridge.mounting import AHEAD, HeadPose, mounting_of
 from socialbot.bridge.qos import publisher_qos
 from socialbot.bridge.ros_types import RclpyTypes, message_class
-from socialbot.bridge.standard_messages import OPTICAL, HeadPose, StandardMessages, body_id, fits_time
+from socialbot.bridge.standard_messages import StandardMessages, body_id, fits_time
 from socialbot.errors import InstallationError, ParameterError
-from socialbot.graph import Delivery, Graph, check_parameters
-from socialbot.messages import Image, JointTrajectory, Message, PersonDetections
+from socialbot.graph import Delivery, Graph
+from socialbot.messages import JointTrajectory, Message, PersonDetections
 
 TF, TF_STATIC, JOINTS = "/tf", "/tf_static", "/joint_states"
 MARKERS, BOXES, TRACKED = "/humans/bodies/markers", "/humans/bodies/boxes", "/humans/bodies/tracked"
@@ -30,24 +32,11 @@ TYPES: Mapping[str, str] = {
 HEAD_TYPES: Mapping[str, str] = {TF_STATIC: "tf2_msgs/msg/TFMessage", JOINTS: "sensor_msgs/msg/JointState"}
 REGION_TYPE = "hri_msgs/msg/NormalizedRegionOfInterest2D"
 
-HEAD_HZ = 20.0
-
 
 def translated_topics(graph: Graph) -> dict[str, type[Message]]:
     """The topics of ``graph`` that a `Translator` has to hear."""
     kinds = (PersonDetections, JointTrajectory)
     return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
-
-
-def camera_frame(graph: Graph) -> str:
-    """The frame of the pictures of the first camera of ``graph`` that names one, else that of most drivers."""
-    for placement in graph.placements:
-        if "frame_id" in placement.type.parameters() and Image in (
-            port.message_type for _, port in placement.publications
-        ):
-            values = check_parameters(placement.type, placement.parameters, where=placement.place(graph.name))
-            return str(values["frame_id"])
-    return OPTICAL
 
 
 class Translator:
@@ -65,6 +54,7 @@ class Translator:
         self._ros = ros
         self._say = StandardMessages(RclpyTypes())
         self._neck = neck or Neck("", "")
+        self._mounting = mounting_of(graph)
         self._joints = Joints((self._neck.pan, self._neck.tilt))
         self._bodies: dict[str, Any] = {}
         self._lock = threading.Lock()
@@ -73,8 +63,7 @@ class Translator:
         for topic, kind in (*TYPES.items(), *(HEAD_TYPES.items() if head else ())):
             self._offer(topic, kind, Delivery.LATCHED if topic == TF_STATIC else Delivery.EVERY)
         if head:
-            on_head = self._neck.camera_on_head
-            self._tell(TF_STATIC, lambda: self._say.mounting(self._now(), camera_frame(graph), camera_on_head=on_head))
+            self._tell_camera()
             ros.create_timer(1 / HEAD_HZ, self._tell_head)
 
     @property
@@ -95,10 +84,14 @@ class Translator:
                 self._tell_people(message)
 
     def _tell_people(self, found: PersonDetections) -> None:
-        pan = self._pose(found.stamp).pan if self._neck.camera_on_head else 0.0
+        if found.frame_id not in ("", self._mounting.optical):
+            # Whose pictures these are is not for the graph to say: another driver's, or those of a bag.
+            self._mounting = replace(self._mounting, optical=found.frame_id)
+            self._tell_camera()
+        head = self._pose(found.stamp) if self._mounting.on_head else AHEAD
         if found.persons:
-            self._tell(TF, lambda: self._say.bodies(found, pan))
-        self._tell(MARKERS, lambda: self._say.markers(found, pan))
+            self._tell(TF, lambda: self._say.bodies(found, head))
+        self._tell(MARKERS, lambda: self._say.markers(found, head))
         self._tell(BOXES, lambda: self._say.boxes(found))
         if TRACKED in self._publishers:
             self._tell_regions(found)
@@ -119,12 +112,15 @@ class Translator:
                 )
             self._bodies[name].publish(self._say.region(found, person))
 
+    def _tell_camera(self) -> None:
+        self._tell(TF_STATIC, lambda: self._say.camera(self._now(), self._mounting))
+
     def _tell_head(self) -> None:
         with self._lock:
             now = self._now()
             pose = self._pose(now)
         self._tell(JOINTS, lambda: self._say.joints(now, self._joints.names, pose))
-        self._tell(TF, lambda: self._say.head(now, pose))
+        self._tell(TF, lambda: self._say.head(now, pose, self._mounting.height_m))
 
     def _tell(self, topic: str, make: Callable[[], Any]) -> None:
         """Publishes what is made, where the type of ``topic`` is installed."""

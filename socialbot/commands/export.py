@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -15,14 +14,10 @@ from socialbot.errors import ParameterError
 
 if TYPE_CHECKING:
     from socialbot.bridge.bags import Bag
-    from socialbot.inspect.run import Picture
     from socialbot.inspect.run_folder import RecordedRun
 
 Format = Literal["foxglove", "rerun"]
 SUFFIXES: dict[str, Format] = {".mcap": "foxglove", ".rrd": "rerun"}
-
-WIDEST = 65_535
-"""Pixels; no JPEG is wider, so that pictures keep the size that boxes are told in."""
 
 
 def export(
@@ -47,7 +42,7 @@ def export(
         else:
             from socialbot.rerun_recording import export_rerun
 
-            export_rerun(recorded, _pictures(bag), out)
+            export_rerun(recorded, bag, out)
     without = "" if bag is not None else "; without pictures: its bag is not at hand"
     size = out.stat().st_size / 1e6
     console.print(
@@ -64,16 +59,3 @@ def _bag(run: RecordedRun, stack: ExitStack) -> Bag | None:
         return None
     bag = stack.enter_context(open_bag(path))
     return bag if bag.image_topics else None
-
-
-def _pictures(bag: Bag | None) -> Iterator[Picture]:
-    """The pictures of the first image topic of a bag as JPEG."""
-    from socialbot.inspect.run import Picture
-    from socialbot.messages import CompressedImage, Image
-    from socialbot.vision.jpeg import as_jpeg
-
-    if bag is not None:
-        topic = bag.image_topics[0].name
-        for _, message in bag.messages({topic: topic}):
-            assert isinstance(message, CompressedImage | Image)
-            yield Picture(message.stamp, as_jpeg(message, WIDEST))

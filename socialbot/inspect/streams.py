@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from socialbot.clock import SECOND
 from socialbot.inspect.history import OF_TOPICS
 from socialbot.inspect.moment import AgentMoment
 from socialbot.inspect.run import Run
@@ -15,6 +16,7 @@ from socialbot.inspect.sentences import Teller
 from socialbot.messages import Mind, MindBelief, PersonDetection, PersonDetections
 
 FAILURES = frozenset({"failure", "desire_refused", "refused", "silent"})
+LEAP = 3600 * SECOND
 _POSE = re.compile(r"(?P<joint>\w+) (?P<angle>-?\d+\.\d+) rad")
 
 
@@ -28,11 +30,23 @@ class Sentence(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Where the head has been told to point at a time (ns), rad: pan to the left, tilt up."""
+    """Where the head has been told to point at a time (ns), rad: pan to the left, tilt up; it takes so long."""
 
     stamp: int
     pan: float
     tilt: float
+    duration_s: float
+
+
+def beats(run: Run, period: int) -> Iterator[int]:
+    """Times ``period`` apart (ns), from the start to the last record; none in between where the clock leaps."""
+    stamp = run.history.start
+    for record in run.history:
+        if record.stamp - stamp > LEAP:
+            stamp = record.stamp
+        while stamp <= record.stamp:
+            yield stamp
+            stamp += period
 
 
 def detections_of(run: Run, frame_id: str = "camera") -> Iterator[PersonDetections]:
@@ -74,7 +88,7 @@ def poses_of(run: Run) -> Iterator[Pose]:
         angles = {found["joint"]: float(found["angle"]) for found in _POSE.finditer(record.what)}
         if record.kind == "motion" and len(angles) == 2:
             pan, tilt = angles.values()
-            yield Pose(record.stamp, pan, tilt)
+            yield Pose(record.stamp, pan, tilt, float(record.detail.get("duration_s", 0.0)))
 
 
 def _mind(run: Run, agent: AgentMoment, stamp: int) -> Mind:

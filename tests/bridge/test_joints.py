@@ -6,9 +6,10 @@ import math
 
 import pytest
 
-from socialbot.bridge.joints import Joints, Neck, neck_of
+from socialbot.bridge.joints import HeadCourse, Joints, Neck, neck_of
 from socialbot.clock import SECOND
 from socialbot.graph_file import load_graph
+from socialbot.inspect.streams import Pose
 from socialbot.messages import JointTrajectory
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
@@ -59,6 +60,14 @@ def test_what_makes_no_sense_does_not_move_them() -> None:
 def test_the_neck_of_a_graph_is_what_its_head_says() -> None:
     waldo = load_graph("waldo")
     assert neck_of(waldo) == Neck(PAN, TILT)
-    changed = waldo.with_parameters({"head": {"pan_joint": "neck_1", "camera_on_head": True}})
-    assert neck_of(changed) == Neck("neck_1", TILT, camera_on_head=True)
+    assert neck_of(waldo.with_parameters({"head": {"pan_joint": "neck_1"}})) == Neck("neck_1", TILT)
     assert neck_of(load_graph("warehouse")) is None
+
+
+def test_the_course_of_a_head_is_known_at_any_time_from_what_it_was_told() -> None:
+    course = HeadCourse([Pose(SECOND, 1.0, 0.2, 2.0), Pose(2 * SECOND, 0.0, 0.0, 1.0), Pose(9 * SECOND, 0.3, 0.3, 0.0)])
+    assert course.at(SECOND // 2) == (0.0, 0.0)
+    assert course.at(2 * SECOND) == pytest.approx((0.5, 0.1)), "it was told anew half way"
+    assert course.at(2 * SECOND + SECOND // 2) == pytest.approx((0.25, 0.05))
+    assert course.at(8 * SECOND) == (0.0, 0.0), "and does not begin to turn before it is told"
+    assert course.at(9 * SECOND) == (0.3, 0.3)

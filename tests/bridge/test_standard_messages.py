@@ -2,12 +2,15 @@
 
 import math
 
+import msgspec
 import pytest
 
 from socialbot.bridge.bags import RosbagsTypes
-from socialbot.bridge.standard_messages import HeadPose, StandardMessages, body_id, place_of
+from socialbot.bridge.mounting import CAMERA, OPTICAL, PAN, TILT, HeadPose, Mounting, place_of
+from socialbot.bridge.standard_messages import StandardMessages, body_id
 from socialbot.clock import SECOND
 from socialbot.messages import PersonDetection, PersonDetections
+from socialbot.vision.camera import CameraModel
 
 TYPES = RosbagsTypes()
 SAY = StandardMessages(TYPES)
@@ -41,7 +44,9 @@ def turned(q, vector):
 
 def test_where_somebody_stands():
     assert place_of(ANN) == pytest.approx((4 * math.cos(math.pi / 6), 2.0, 0.0))
-    assert place_of(ANN, math.pi / 3) == pytest.approx((0.0, 4.0, 0.0)), "seen by a camera that is turned to the left"
+    assert place_of(ANN, HeadPose(math.pi / 3, 0.0)) == pytest.approx((0.0, 4.0, 0.0)), (
+        "seen by a camera that is turned to the left"
+    )
     assert place_of(SOMEBODY) is None
 
 
@@ -81,12 +86,39 @@ def test_a_head_that_looks_left_and_up_looks_left_and_up():
 
 @pytest.mark.parametrize(("on_head", "holder"), [(True, "head_tilt_link"), (False, "base_link")])
 def test_the_camera_sits_on_the_head_or_on_the_base_and_its_optical_frame_looks_along_z(on_head, holder):
-    camera, optical = there_and_back(SAY.mounting(0, "eye", camera_on_head=on_head)).transforms
+    camera, optical = there_and_back(SAY.camera(0, Mounting(1.5, on_head=on_head, optical="eye"))).transforms
     assert (camera.header.frame_id, camera.child_frame_id) == (holder, "camera_link")
+    assert camera.transform.translation.z == (0.0 if on_head else 1.5)
+    assert there_and_back(SAY.head(0, HeadPose(0.0, 0.0), 1.5)).transforms[0].transform.translation.z == 1.5
     assert optical.child_frame_id == "eye"
     turn = optical.transform.rotation
     assert turned(turn, (0.0, 0.0, 1.0)) == pytest.approx((1.0, 0.0, 0.0))
     assert turned(turn, (1.0, 0.0, 0.0)) == pytest.approx((0.0, -1.0, 0.0)), "its x is to the right"
+
+
+def test_no_frame_hangs_from_itself_when_pictures_are_in_the_frame_of_the_camera():
+    (camera,) = there_and_back(SAY.camera(0, Mounting(optical=CAMERA))).transforms
+    assert (camera.header.frame_id, camera.child_frame_id) == ("base_link", CAMERA)
+
+
+@pytest.mark.parametrize("pose", [HeadPose(0.0, 0.0), HeadPose(0.4, 0.3), HeadPose(-0.7, -0.4)])
+def test_a_body_stands_where_a_ray_through_the_frames_of_camera_and_head_goes(pose):
+    seeing = CameraModel(525.0, 525.0, 320.0, 240.0, 640, 480, pitch_rad=0.1)
+    u, v = 500.0, 120.0
+    bearing, elevation = seeing.direction(u, v)
+    person = msgspec.structs.replace(ANN, bearing_rad=bearing, elevation_rad=elevation)
+    frames = {
+        frame.child_frame_id: frame.transform.rotation
+        for frame in (*SAY.head(0, pose).transforms, *SAY.camera(0, Mounting(1.2, 0.1, on_head=True)).transforms)
+    }
+    ray = ((u - seeing.cx) / seeing.fx, (v - seeing.cy) / seeing.fy, 1.0)
+    for frame in (OPTICAL, CAMERA, TILT, PAN):
+        ray = turned(frames[frame], ray)
+    x, y, _ = place_of(person, pose)
+    assert math.atan2(y, x) == pytest.approx(math.atan2(ray[1], ray[0]))
+    assert math.hypot(x, y) == pytest.approx(ANN.distance_m)
+    if pose == (0.0, 0.0):
+        assert math.atan2(ray[2], math.hypot(*ray[:2])) == pytest.approx(elevation)
 
 
 def test_boxes_have_centres_and_sizes_in_pixels():

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from socialbot.bridge.mounting import Mounting, mounting_of
 from socialbot.clock import SECOND
 from socialbot.errors import InstallationError, ParameterError
 from socialbot.graph_file import load_graph
@@ -42,12 +43,15 @@ def test_it_hears_people_and_the_joints_of_the_head() -> None:
     }
 
 
-def test_pictures_are_in_the_frame_that_the_camera_names() -> None:
-    from socialbot.bridge.translator import camera_frame
-
-    assert camera_frame(WALDO) == "camera_color_optical_frame"
-    assert camera_frame(WALDO.with_parameters({"camera": {"frame_id": "eye"}})) == "eye"
-    assert camera_frame(load_graph("warehouse")) == "camera_color_optical_frame"
+def test_the_camera_sits_as_its_detector_takes_it_to_and_gives_pictures_in_its_frame() -> None:
+    assert mounting_of(WALDO) == Mounting(1.62, 0.052, on_head=False, optical="camera_color_optical_frame")
+    changes = {
+        "camera": {"frame_id": "eye"},
+        "person_detector": {"mount_height_m": 0.9, "pitch_rad": -0.2},
+        "head": {"camera_on_head": True},
+    }
+    assert mounting_of(WALDO.with_parameters(changes)) == Mounting(0.9, -0.2, on_head=True, optical="eye")
+    assert mounting_of(load_graph("warehouse")) == Mounting()
 
 
 def test_what_is_seen_comes_as_markers_and_a_head_as_joints() -> None:
