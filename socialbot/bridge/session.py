@@ -27,6 +27,10 @@ REFUSALS = (
 )
 
 
+_LOOKS_AGAIN_S = 0.5
+"""So long an executor waits at most until it asks its node again what there is to wait for."""
+
+
 @contextmanager
 def ros_context(args: list[str] | None = None) -> Iterator[Context]:
     """A context of its own, with signals left to the caller. Raises ParameterError for ``args`` that ROS refuses."""
@@ -56,18 +60,22 @@ def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
         node = Node(name, context=context, start_parameter_services=False)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        thread = threading.Thread(target=_spin, args=(executor,), name=name, daemon=True)
+        ended = threading.Event()
+        thread = threading.Thread(target=_spin, args=(executor, ended), name=name, daemon=True)
         thread.start()
         try:
             yield node
         finally:
+            ended.set()
             executor.shutdown()
             thread.join(2.0)
             node.destroy_node()
 
 
-def _spin(executor: SingleThreadedExecutor) -> None:
+def _spin(executor: SingleThreadedExecutor, ended: threading.Event) -> None:
+    # On a busy machine an executor may sleep through what was added to its node as it began to spin, for ever.
     try:
-        executor.spin()
+        while not ended.is_set():
+            executor.spin_once(timeout_sec=_LOOKS_AGAIN_S)
     except ExternalShutdownException:
         return

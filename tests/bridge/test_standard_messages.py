@@ -114,7 +114,9 @@ def test_a_body_stands_where_a_ray_through_the_frames_of_camera_and_head_goes(po
     ray = ((u - seeing.cx) / seeing.fx, (v - seeing.cy) / seeing.fy, 1.0)
     for frame in (OPTICAL, CAMERA, TILT, PAN):
         ray = turned(frames[frame], ray)
-    x, y, _ = place_of(person, pose)
+    place = place_of(person, pose)
+    assert place is not None
+    x, y, _ = place
     assert math.atan2(y, x) == pytest.approx(math.atan2(ray[1], ray[0]))
     assert math.hypot(x, y) == pytest.approx(ANN.distance_m)
     if pose == (0.0, 0.0):
