@@ -23,7 +23,7 @@ SECONDS ?= 30
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
 INSTALL = $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check $(shell [ -t 2 ] || echo --quiet)
 
-.PHONY: setup demo inspect evaluate test test-all test-pages fuzz interfaces viewers check docs lock clean
+.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces viewers check docs dist lock clean
 
 setup: $(VENV)/installed
 
@@ -73,7 +73,7 @@ interfaces: setup
 	$(INSTALL) --no-deps ./interfaces/socialbot_msgs
 
 viewers: setup
-	$(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check 'rerun-sdk>=0.31' 'foxglove-sdk>=0.30'
+	$(INSTALL) 'rerun-sdk>=0.31' 'foxglove-sdk>=0.30'
 
 check: tools
 	$(BIN)/ruff check .

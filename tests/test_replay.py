@@ -10,9 +10,13 @@ from socialbot.bridge.bags import open_bag
 from socialbot.errors import GraphError
 from socialbot.graph import Graph
 from socialbot.recorded_run import recorded
-from socialbot.replay import Replay, find_truth, graph_of
+from socialbot.replay import Replay, find_truth, graph_of, replay
+from socialbot.run_record import RunRecord
 from tests.evaluate.scenes import drawn_bag
+from tests.planning import busy
 from tests.system.running import socialbot_here
+
+BAGS = Path(__file__).parents[1] / "data" / "synthetic"
 
 
 def test_the_truth_of_a_folder_lies_beside_it_under_the_folders_whole_name(tmp_path):
@@ -38,6 +42,21 @@ def test_code_that_lies_beside_a_bag_is_not_run(tmp_path, monkeypatch):
     (tmp_path / "graph.yaml").write_text("name: odd\nnodes:\n  odd: {type: lies_beside:Node}\n")
     with pytest.raises(GraphError, match="there is no module 'lies_beside'"):
         graph_of(tmp_path)
+
+
+@pytest.mark.slow
+@busy.can_be_made
+def test_the_same_bag_gives_the_same_trace_twice_however_busy_the_machine_is(tmp_path):
+    bag = BAGS / "warehouse_run2"
+    graph = graph_of(bag).with_parameters({"gripper_a": {"planning_timeout_s": 0.5}})
+    traces = []
+    for name, machine in ("alone", nullcontext()), ("among others", busy.busy_machine()):
+        with machine, open_bag(bag) as opened, RunRecord(tmp_path / name) as record:
+            outcome = replay(Replay(opened, graph, "inline"), record, lambda topic, message: None)
+        assert outcome.decisions is not None
+        assert outcome.decisions.exact, outcome.decisions.told
+        traces.append((tmp_path / name / "trace.jsonl").read_bytes())
+    assert traces[0] == traces[1]
 
 
 def test_the_pictures_of_a_run_are_found_from_any_folder(tmp_path, monkeypatch):

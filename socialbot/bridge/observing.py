@@ -66,7 +66,7 @@ def observing(
     """
     environment.require_ros()
     from socialbot.bridge.diagnostics import DiagnosticsInlet
-    from socialbot.bridge.qos import subscription_qos
+    from socialbot.bridge.qos import onlooker_qos
     from socialbot.bridge.session import spinning_node
 
     def receive(topic: str, kind: type[Message], inlet: Inlet, ros_message: Any) -> None:
