@@ -12,6 +12,8 @@ import time
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from glob import glob
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -69,6 +71,9 @@ class Course:
     shared: list[tuple[int, float]] = field(default_factory=list)
     """How many segments of shared memory all of them map, and how large (MiB)."""
     segments: set[str] = field(default_factory=set)
+    """Those that were mapped, but for the ``found`` ones."""
+    found: frozenset[str] = field(default_factory=lambda: frozenset(glob(f"{SEGMENTS}*")))
+    """What others, who were killed, had left there before."""
 
     def note(self, looks: Mapping[str, Look]) -> None:
         """Takes one look at each process."""
@@ -77,7 +82,7 @@ class Course:
             self.looks[name].append(look)
             mapped |= look.segments
         self.shared.append((len(mapped), sum(mapped.values()) / KIB / KIB))
-        self.segments |= mapped.keys()
+        self.segments |= mapped.keys() - self.found
 
 
 def write_laps(path: Path, laps: int) -> float:
@@ -138,6 +143,11 @@ def more(counts: Sequence[float]) -> float:
     """By how much the most of the last third exceeds the most of the third before."""
     third = len(counts) // 3
     return max(counts[2 * third :]) - max(counts[third : 2 * third]) if third else 0.0
+
+
+def steady(counts: Sequence[int]) -> list[int]:
+    """What was there at two looks in a row, each time: a file that is read in between is gone at the next."""
+    return [min(pair) for pair in pairwise(counts)]
 
 
 def soak(report: Report, plan: Plan) -> str:
@@ -217,7 +227,7 @@ def judge_course(report: Report, course: Course, limit: float) -> None:
             "threads": max(one.threads for one in looks),
             "more threads": more([one.threads for one in looks]),
             "files": max(one.files for one in looks),
-            "more files": more([one.files for one in looks]),
+            "more files": more(steady([one.files for one in looks])),
         }
     # What replays keeps all detections, to score them and draw them.
     judged = {name: row for name, row in rows.items() if name != "replay"}

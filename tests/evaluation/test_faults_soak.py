@@ -8,7 +8,18 @@ from pathlib import Path
 import pytest
 
 from evaluation.faults_processes import descendants, kill_all, process_name, write_pictures
-from evaluation.faults_soak import Course, Look, deeds_of_laps, judge_course, judge_deeds, look, more, same, write_laps
+from evaluation.faults_soak import (
+    Course,
+    Look,
+    deeds_of_laps,
+    judge_course,
+    judge_deeds,
+    look,
+    more,
+    same,
+    steady,
+    write_laps,
+)
 from evaluation.report import Report
 from socialbot.bridge.bags import open_bag
 
@@ -97,3 +108,8 @@ def test_processes_are_looked_at_from_outside_and_killed_with_all_that_descend_f
 def test_pictures_of_the_corridor_make_a_scene(tmp_path: Path):
     names = [path.name for path in sorted(write_pictures(tmp_path / "scene", [0, 100, 0]).iterdir())]
     assert names == ["0000.jpg", "0001.jpg", "0002.jpg"]
+
+
+def test_a_file_that_is_read_between_two_looks_is_none_that_stays_open():
+    assert more(steady([3, 4, 3, 3, 3, 4, 3, 3, 3])) == 0
+    assert more(steady([3, 3, 3, 3, 3, 3, 3, 4, 4])) == 1
