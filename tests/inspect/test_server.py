@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,6 +19,7 @@ from socialbot.inspect.live_run import LiveRun
 from socialbot.inspect.run import Picture, Run
 from socialbot.inspect.run_folder import open_run
 from socialbot.inspect.server import Server
+from socialbot.inspect.serving import Address, _listening
 from socialbot.messages import AgentAnswer
 from tests.inspect.runs import START, greeting, waldo_at_work
 
@@ -319,6 +321,11 @@ def test_a_live_run_shows_what_a_record_of_it_shows(tmp_path):
     assert live.course.at(live.history.end) == recorded.course.at(recorded.end)
     assert live.timeline.lanes() == recorded.timeline.lanes()
     assert live.wording.name("bdi_engine") == "Waldo"
+
+
+def test_answers_are_sent_at_once():
+    with _listening(Address(port=0)) as ear:
+        assert ear.proto == socket.IPPROTO_TCP, "asyncio looks at that, and else lets the end of an answer wait"
 
 
 def test_an_agent_of_which_nothing_was_heard_yet_is_there_all_the_same():
