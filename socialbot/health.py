@@ -43,7 +43,7 @@ LINK = "link"
 
 _A_WHILE = nanoseconds(FIRST_S)
 
-WORSE: Sequence[State] = ("ok", "ended", "paused", "waiting", "degraded", "failed")
+WORSE: Sequence[State] = ("ok", "ended", "waiting", "paused", "degraded", "failed")
 
 
 @dataclass
