@@ -164,7 +164,7 @@ def test_when_no_plan_is_short_enough_the_first_found_is_named():
     assert answer.verdict is Verdict.GAVE_UP
     told = "the plan found first lasts 142.013 s, longer than the 100 s there are; none was found that is short enough"
     assert answer.message == told
-    assert answer.seconds > 0.9
+    assert 1.0 < answer.seconds < 3.0
     assert 0.9 < children_worked() - worked < 1.5
 
 
@@ -205,6 +205,7 @@ def test_a_hard_problem_is_given_up_when_its_time_is_over(planner, tmp_path):
     assert answer.verdict is Verdict.GAVE_UP
     assert answer.message == "kairos found no plan in 0.2 s"
     assert children_worked() - worked < 1.0
+    assert answer.seconds < 2.0
     assert list(tmp_path.iterdir()) == []
 
 

@@ -19,8 +19,8 @@ import msgspec
 from socialbot.bridge.bags import BagWriter, open_bag
 from socialbot.cli import main
 
-PATIENCE_S = 60.0
-"""So long a command may take to end that is told to; on a busy machine each of its processes has to get its turn."""
+PATIENCE_S = 15.0
+"""So long a command may take to end that is told to."""
 
 
 def socialbot(*arguments: object, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:

@@ -32,7 +32,7 @@ nodes:
   person_detector: {type: person_detector}
   head: {type: head}
 """
-LIMIT_S = 300.0
+LIMIT_S = 120.0
 """So long something may take that comes in a second or two where no compiler is at work beside it."""
 BODY = re.compile(r"t\d+")
 HEAD = {"/tf_static": "tf2_msgs/msg/TFMessage", "/joint_states": "sensor_msgs/msg/JointState"}

@@ -218,7 +218,7 @@ def test_a_timeout_of_any_length_works_in_any_thread(seconds):
     thread.start()
     thread.join()
     assert answers[0].verdict is TaskVerdict.TIMEOUT
-    assert seconds <= answers[0].seconds <= time.monotonic() - begin
+    assert seconds <= answers[0].seconds <= time.monotonic() - begin < seconds + 1.0
     assert seconds <= worked[0] < seconds + 0.5
 
 
