@@ -45,6 +45,7 @@ def test_code_that_lies_beside_a_bag_is_not_run(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@busy.in_turn
 @busy.can_be_made
 def test_the_same_bag_gives_the_same_trace_twice_however_busy_the_machine_is(tmp_path):
     bag = BAGS / "warehouse_run2"

@@ -13,6 +13,9 @@ import pytest
 RIVALS = 9
 """So many others want the same processor: one who works there takes about ten times as long."""
 
+in_turn = pytest.mark.xdist_group("a busy machine")
+"""For tests that make the machine busy, and those that time something on the wall: never two of them at once."""
+
 can_be_made = pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="processes cannot be bound to processors")
 
 

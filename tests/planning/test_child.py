@@ -13,6 +13,8 @@ import pytest
 from socialbot.planning.child import MOST_OUTPUT, guarded, run
 from tests.planning import busy
 
+pytestmark = busy.in_turn
+
 SOON_S = 20.0
 """No test here takes as long, however busy the machine is."""
 

@@ -33,6 +33,8 @@ try:
 except InstallationError:
     pytest.skip("kairos-planner is not installed", allow_module_level=True)
 
+pytestmark = busy.in_turn
+
 LONG = Limits(timeout_s=60.0)
 
 
