@@ -30,9 +30,13 @@ MOST_LINES = 50
 
 
 class News(msgspec.Struct, frozen=True):
-    """What is new: the moment, with those agents only that have changed; bars that are new or have changed; lines."""
+    """What is new: the moment, with those agents only that have changed; bars that are new or have changed; lines.
+
+    What was before ``since_s`` is forgotten.
+    """
 
     t: float
+    since_s: float
     moment: Moment
     bars: tuple[Changed, ...]
     log: tuple[LogLine, ...]
@@ -130,15 +134,16 @@ class Broadcast:
         moment = run.course.at(run.end)
         changed = tuple(agent for agent in moment.agents if self._agents.get(agent.name) != agent)
         bars = run.timeline.changed()
-        count = len(run.history)
-        lines = told(run, run.history.part(max(self._records, count - MOST_LINES), count))
-        self._records = count
+        history = run.history
+        fresh = min(history.forgotten + len(history) - self._records, MOST_LINES)
+        lines = told(run, history.part(max(0, len(history) - fresh), len(history)))
+        self._records = history.forgotten + len(history)
         self._agents.update((agent.name, agent) for agent in changed)
         before, self._last = self._last, moment
         if before is not None and before.at_s == moment.at_s and not (changed or bars or lines):
             return None
         shown = msgspec.structs.replace(moment, agents=changed)
-        return News(moment.at_s, shown, bars, tuple(lines))
+        return News(moment.at_s, history.seconds(history.since), shown, bars, tuple(lines))
 
 
 def _event(name: str, content: Any) -> bytes:

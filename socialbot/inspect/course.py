@@ -58,7 +58,7 @@ class Course:
         scene = self._scene(count)
         return Moment(
             at_s=self._history.seconds(stamp),
-            records=count,
+            records=self._history.forgotten + count,
             agents=tuple(mind.moment() for mind in scene.minds.values()),
             sight=self._sight(scene.sight),
             speech=scene.speech,
@@ -68,6 +68,24 @@ class Course:
     def prepare(self) -> None:
         """Goes through the history once, so that every moment is found fast from now on."""
         self.at(self._history.end)
+
+    def forget(self, count: int) -> int:
+        """Has the history forget ``count`` of its first records, or some fewer, and says how many.
+
+        What held then is where everything goes on from.
+        """
+        self.prepare()
+        parts = min(count // APART, len(self._checkpoints) - 1)
+        if not parts:
+            return 0
+        del self._checkpoints[:parts]
+        count = parts * APART
+        self._checkpoints = [(place - count, scene) for place, scene in self._checkpoints]
+        done, scene = self._latest
+        self._latest = done - count, scene
+        self._history.forget(count, [id for mind in scene.minds.values() for id in mind.ids()])
+        self._late = 0
+        return count
 
     def _scene(self, count: int) -> _Scene:
         done, scene = self._latest
@@ -93,7 +111,7 @@ class Course:
             self._late += len(late)
             del self._checkpoints[max(1, min(late) // APART + 1) :]
             if self._latest[0] > min(late):
-                self._latest = 0, _Scene()
+                self._latest = 0, self._checkpoints[0][1].fork()
 
     def _take(self, scene: _Scene, record: TraceRecord) -> None:
         if record.kind not in OF_TOPICS:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
 
 from socialbot.clock import SECOND, nanoseconds
 from socialbot.inspect.hints import Hints
@@ -14,6 +15,10 @@ OF_TOPICS = frozenset({"detection", "utterance", "speech", "head", "motion"})
 
 LONGEST_CHAIN = 1000
 """So many links of a chain of causes are followed at most: who goes on from what it did last may do so for days."""
+
+
+REMEMBERED_CHAIN = 20
+"""So many links of it are kept of what still goes on when what was long ago is forgotten."""
 
 
 class History:
@@ -31,6 +36,7 @@ class History:
         self._agents: dict[str, None] = {}
         self._hints = Hints(self)
         self._late: list[int] = []
+        self._forgotten = 0
         for record in records:
             self.append(record)
 
@@ -46,11 +52,44 @@ class History:
             self._records.insert(place, record)
             self._stamps.insert(place, record.stamp)
             self._late.append(place)
+        self._refer(record)
+        if record.kind not in OF_TOPICS:
+            self._agents[record.source] = None
+
+    def forget(self, count: int, still: Iterable[str] = ()) -> None:
+        """Forgets the first ``count`` records, and which ones came late. Agents and the start of time stay known.
+
+        Of what is ``still`` so, by the ids of its records, it remains known what led to it and what it has come to.
+        """
+        roots = [record for record in map(self.find, still) if record is not None]
+        kept = {id(record): record for root in roots for record in (*self._nearest(root), *self._newest(root))}
+        del self._records[:count]
+        del self._stamps[:count]
+        self._late.clear()
+        self._forgotten += count
+        self._by_id, self._by_cause = {}, {}
+        for each in self._records:
+            kept.pop(id(each), None)
+        for each in (*sorted(kept.values(), key=lambda record: record.stamp), *self._records):
+            self._refer(each)
+
+    def _nearest(self, record: TraceRecord) -> Iterator[TraceRecord]:
+        """A record and the first links of what led to it."""
+        return islice((record, *self.before(record)), REMEMBERED_CHAIN)
+
+    def _newest(self, record: TraceRecord) -> Iterator[TraceRecord]:
+        """What a record has come to: of its effects the newest, of the effects of that the newest and so on."""
+        for _ in range(REMEMBERED_CHAIN):
+            effects = [effect for effect in self.effects(record) if effect.kind not in OF_TOPICS]
+            if not effects:
+                return
+            record = effects[-1]
+            yield record
+
+    def _refer(self, record: TraceRecord) -> None:
         for name in names_of(record):
             self._by_id.setdefault(name, []).append(record)
         self._by_cause.setdefault(record.cause, []).append(record)
-        if record.kind not in OF_TOPICS:
-            self._agents[record.source] = None
 
     def __len__(self) -> int:
         return len(self._records)
@@ -70,6 +109,16 @@ class History:
     def start(self) -> int:
         """The stamp (ns) at which time begins."""
         return self._start or 0
+
+    @property
+    def forgotten(self) -> int:
+        """How many records are forgotten."""
+        return self._forgotten
+
+    @property
+    def since(self) -> int:
+        """The stamp (ns) since when all is known: the start, or that of the first record that is not forgotten."""
+        return self._stamps[0] if self._forgotten and self._stamps else self.start
 
     @property
     def end(self) -> int:

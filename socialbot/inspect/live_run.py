@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from socialbot.clock import nanoseconds
 from socialbot.graph import Graph
 from socialbot.inspect.course import Course
 from socialbot.inspect.history import History
@@ -21,6 +22,12 @@ from socialbot.report.worlds import World, world_of
 from socialbot.run_record import NodeTold, trace_record
 from socialbot.status import NodeStatus
 
+LOOKS_BACK_S = 3600.0
+MOST_RECORDS = 100_000
+
+LATER_S = 300.0
+"""So much more than it looks back it may keep, as to forget takes time."""
+
 
 @dataclass(frozen=True)
 class _Heard:
@@ -31,7 +38,9 @@ class _Heard:
 class LiveRun:
     """A run of ``graph``. Any thread may `observe` and `note_node`; all else is for one thread.
 
-    What was heard waits until somebody looks. All of it is kept: a run is looked at for hours, not for weeks.
+    What was heard waits until somebody looks, so that is to be done now and then. A robot may run for weeks: what is
+    longer ago than `LOOKS_BACK_S` is forgotten, and of so many records that they are more than `MOST_RECORDS`, the
+    older half. What still holds from then is not.
     """
 
     live = True
@@ -47,6 +56,7 @@ class LiveRun:
         self._world: World | None = world_of(graph)
         self._nodes = NodesThen([placement.name for placement in graph.placements])
         self._end = 0
+        self._forgotten_until = 0
 
     # What happens, from any thread
 
@@ -147,3 +157,19 @@ class LiveRun:
                 continue
             self._history.append(record)
             self._timeline.take(record)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forgets what is too long ago."""
+        history = self._history
+        back = self._end - nanoseconds(LOOKS_BACK_S)
+        if len(history) > MOST_RECORDS:
+            back = max(back, history[len(history) // 2].stamp)
+        elif self._forgotten_until > back - nanoseconds(LATER_S):
+            return
+        self._forgotten_until = back
+        self._course.forget(history.until(back))
+        self._timeline.forget(back)
+        self._nodes.forget(history.seconds(back))
+        if self._world is not None:
+            self._world.forget(back)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from msgspec.structs import replace
@@ -48,6 +49,11 @@ class MindThen:
                 self.paused,
             )
         return self._shown
+
+    def ids(self) -> Iterator[str]:
+        """The records of all that holds and goes on."""
+        for each in (self.beliefs, self.desires, self.goals, self.plans, self.actions):
+            yield from (held.id for held in each.values())
 
     def take(self, record: TraceRecord, history: History, wording: Wording) -> None:
         """Takes the next record of this agent."""

@@ -26,6 +26,10 @@ class _Course(Generic[T]):
         self.times.insert(place, at_s)
         self.told.insert(place, told)
 
+    def forget(self, at_s: float) -> None:
+        count = max(0, bisect_right(self.times, at_s) - 1)
+        del self.times[:count], self.told[:count]
+
     def before(self, at_s: float) -> tuple[float, T] | None:
         place = bisect_right(self.times, at_s)
         return (self.times[place - 1], self.told[place - 1]) if place else None
@@ -45,6 +49,11 @@ class NodesThen:
             self._health.setdefault(told.node, _Course()).note(at_s, told)
         else:
             self._told.setdefault(told.name, _Course()).note(at_s, told)
+
+    def forget(self, at_s: float) -> None:
+        """Forgets what was told before, but for what each of them had told last by ``at_s``."""
+        for course in (*self._health.values(), *self._told.values()):
+            course.forget(at_s)
 
     @property
     def health(self) -> list[tuple[float, Health]]:

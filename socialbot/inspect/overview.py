@@ -40,10 +40,14 @@ class Has(msgspec.Struct, frozen=True):
 
 
 class Overview(msgspec.Struct, frozen=True):
-    """A run in short. A page of its record opens at ``opens_s``, where there is something to see."""
+    """A run in short. A page of its record opens at ``opens_s``, where there is something to see.
+
+    Of one that has been live for long what was before ``since_s`` is forgotten.
+    """
 
     title: str
     live: bool
+    since_s: float
     duration_s: float
     opens_s: float
     agents: tuple[AgentView, ...]
@@ -58,6 +62,7 @@ def overview(run: Run, office: Office) -> Overview:
     return Overview(
         title=run.title,
         live=run.live,
+        since_s=run.history.seconds(run.history.since),
         duration_s=run.history.seconds(end),
         opens_s=_opens_s(run.history),
         agents=tuple(_agents(run)),

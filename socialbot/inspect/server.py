@@ -6,7 +6,7 @@ import asyncio
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,6 +34,7 @@ from socialbot.messages import Command
 
 T = TypeVar("T")
 
+KEEP_UP_S = 2.0
 PAGE = Path(str(files("socialbot.inspect"))) / "page"
 MOST_LINES = 500
 """So many lines of the log are given at once."""
@@ -75,7 +76,11 @@ class Server:
 
         @asynccontextmanager
         async def lifespan(_: Starlette) -> AsyncIterator[None]:
+            keeping_up = asyncio.create_task(self._keep_up())
             yield
+            keeping_up.cancel()
+            with suppress(asyncio.CancelledError):
+                await keeping_up
             await self.close()
             self._desk.shutdown(wait=False)
             self._darkroom.shutdown(wait=False)
@@ -103,6 +108,14 @@ class Server:
     async def close(self) -> None:
         """Sends every page away that listens to what happens."""
         await self._broadcast.close()
+
+    async def _keep_up(self) -> None:
+        """Has a live run take in what it has heard, also while nobody looks: who comes then need not wait for it."""
+        while True:
+            await asyncio.sleep(KEEP_UP_S)
+            run = self.run
+            if run.live:
+                await self._look(lambda: run.end)  # noqa: B023 - it is over before the next one
 
     async def _look(self, look: Callable[[], T]) -> T:
         return await asyncio.get_running_loop().run_in_executor(self._desk, look)
@@ -187,7 +200,8 @@ class Server:
         name = request.query_params.get("id", "").rpartition("@")[2]
         record = await self._look(lambda: run.history.find(name))
         if record is None:
-            raise HTTPException(404, f"there is no record {name!r}")
+            forgotten = ", or it is forgotten: the record on disk may have it" if run.history.forgotten else ""
+            raise HTTPException(404, f"there is no record {name!r}{forgotten}")
         return reply(await self._look(lambda: explain(run.history, run.wording, record)))
 
     async def _live(self, request: Request) -> Response:
@@ -225,7 +239,8 @@ def _stamp(request: Request, run: Run, name: str = "t", default: float | None = 
         seconds = math.nan
     if not math.isfinite(seconds) or abs(seconds) > 1e9:
         raise HTTPException(400, f"{name} is to be a time in seconds")
-    return run.history.stamp(seconds)
+    stamp = run.history.stamp(seconds)
+    return max(stamp, run.history.since) if run.history.forgotten else stamp
 
 
 def _answered(ask: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:

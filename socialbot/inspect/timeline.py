@@ -71,6 +71,16 @@ class Timeline:
         self._changed.clear()
         return found
 
+    def forget(self, stamp: int) -> None:
+        """Forgets what had ended before ``stamp`` (ns)."""
+        since = self._history.seconds(stamp)
+        for bars in self._lanes.values():
+            for bar in [bar for bar in bars.values() if bar.to_s is not None and bar.to_s < since]:
+                del bars[bar.id], self._at[bar.id]
+                self._changed.pop(bar.id, None)
+        self._plans = {plan: id for plan, id in self._plans.items() if id in self._at}
+        self._there = {track: id for track, id in self._there.items() if id in self._at}
+
     def take_all(self, records: Iterable[TraceRecord]) -> None:
         """Takes records in their order."""
         for record in records:

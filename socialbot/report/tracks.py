@@ -23,6 +23,11 @@ def add(track: list[tuple[int, T]], stamp: int, what: T) -> None:
         track.append((stamp, what))
 
 
+def forget(track: list[tuple[int, T]], stamp: int) -> None:
+    """Forgets what was so before ``stamp`` (ns), but for what was so until then."""
+    del track[: max(bisect_right(track, stamp, key=lambda moment: moment[0]) - 1, 0)]
+
+
 def latest(track: Sequence[tuple[int, Any]], stamp: int) -> Any:
     """What was so at ``stamp`` (ns); what came first, before that."""
     number = bisect_right(track, stamp, key=lambda moment: moment[0])

@@ -26,6 +26,10 @@ class World(Protocol):
         """Takes a message; those of other kinds are left alone."""
         ...
 
+    def forget(self, stamp: int) -> None:
+        """Forgets what was to be seen before ``stamp`` (ns), but for how things were by then."""
+        ...
+
     def __bool__(self) -> bool:
         """Whether anything was seen."""
         ...
@@ -67,6 +71,9 @@ class FloorTold:
     def take(self, message: Message) -> None:
         self._film.take(message)
 
+    def forget(self, stamp: int) -> None:
+        self._film.forget(stamp)
+
     def __bool__(self) -> bool:
         return bool(self._film)
 
@@ -99,6 +106,9 @@ class WardTold:
     def take(self, message: Message) -> None:
         self._film.take(message)
         self._told.take(message)
+
+    def forget(self, stamp: int) -> None:
+        self._film.forget(stamp)
 
     def __bool__(self) -> bool:
         return bool(self._film)

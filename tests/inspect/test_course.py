@@ -178,3 +178,56 @@ class TestCheckpoints:
             history.append(each)
             stamp = history.stamp(random.randrange(45) / 10)
             assert course.at(stamp) == Course(history).at(stamp)
+
+    @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(st.lists(HAPPENINGS, max_size=20), st.lists(HAPPENINGS, max_size=8), st.integers(0, 40), st.integers(0, 25))
+    def test_they_stay_right_when_what_was_long_ago_is_forgotten(self, before, after, count, seen):
+        records = happened([*before, *after])
+        whole, history = (History(records[: len(before)], start=100 * SECOND) for _ in range(2))
+        course, told = Course(history), Course(whole)
+        course.at(history.stamp(seen / 10))
+        forgotten = course.forget(count)
+        assert forgotten == history.forgotten <= min(count, len(whole))
+        for each in records[len(before) :]:
+            history.append(each)
+            whole.append(each)
+        for stamp in {each.stamp for each in history}:
+            assert course.at(stamp) == told.at(stamp)
+
+    def test_of_what_still_goes_on_it_remains_known_what_led_to_it_and_what_it_has_come_to(self):
+        early = [
+            record(0.0, "ann", "belief", "hungry", id="b1"),
+            record(0.1, "ann", "goal", "eat()", "b1", id="g1"),
+            record(0.1, "ann", "plan", "eat()", "g1", id="p1"),
+            record(0.2, "ann", "action", "cook()", "p1", id="a1"),
+            *(record(0.3 + n / 10, "ann", "belief", f"tick({n})") for n in range(12)),
+        ]
+        history = History(early, start=100 * SECOND)
+        course = Course(history)
+        assert course.forget(14) == 12
+        cook = history.find("a1")
+        assert cook is not None
+        assert [each.id for each in history.chain(cook)] == ["a1", "p1", "g1", "b1"]
+        for each in (
+            record(9.0, "ann", "failure", "cook()", "a1", id="f1"),
+            record(9.0, "ann", "dropped", "eat()", "f1", reason="burnt"),
+        ):
+            history.append(each)
+        (ann,) = course.at(history.end).agents
+        assert (ann.goals, [(ended.text, ended.outcome) for ended in ann.ended]) == ((), [("eat()", "burnt")])
+
+    def test_what_is_over_is_not_kept_for_ever(self):
+        history = History(start=100 * SECOND)
+        course = Course(history)
+        for n in range(0, 400, 4):
+            for each in (
+                record(n, "ann", "goal", "look()", f"g{n - 4}", id=f"g{n}"),
+                record(n + 1, "ann", "plan", "look()", f"g{n}", id=f"p{n}"),
+                record(n + 2, "ann", "achieved", "look()", f"g{n}"),
+                record(n + 3, "ann", "belief", "looked", f"p{n}", id=f"b{n}"),
+            ):
+                history.append(each)
+            course.forget(max(0, len(history) - 8))
+            assert len(history) <= 12
+        assert history.find("g200") is history.find("p200") is None
+        assert history.find("b0") is not None, "it is still believed"

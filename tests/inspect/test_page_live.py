@@ -16,6 +16,7 @@ from playwright.sync_api import Browser, expect
 
 from socialbot.clock import SECOND
 from socialbot.graph_file import load_graph
+from socialbot.inspect import live_run
 from socialbot.inspect.live_run import LiveRun
 from socialbot.inspect.run_folder import open_run
 from socialbot.inspect.serving import Address, serving
@@ -160,3 +161,28 @@ def test_a_page_of_a_record_comes_back_to_where_somebody_went_meanwhile(browser,
         expect(notice).to_be_hidden()
         expect(visit.page.locator("#beliefs")).to_contain_text(SOMEBODY)
         visit.close(lost=True)
+
+
+def test_a_page_that_is_open_for_long_forgets_what_the_server_does(browser, tmp_path, monkeypatch):
+    monkeypatch.setattr(live_run, "MOST_RECORDS", 600)
+    live = LiveRun(load_graph("waldo"))
+    runner = waldo_at_work(tmp_path / "run", live, range(20))
+    with serving(live, ANY) as served:
+        visit = Visit(browser, served.url)
+        visit.wait(1.9)
+        for begin in range(20, 1000, 100):
+            waldo_at_work(tmp_path / "run", live, range(begin, begin + 100), runner)
+            visit.wait((begin + 99) / 10)
+        visit.page.keyboard.press("Home")
+        since = live.history.seconds(live.history.since)
+        assert since > 30.0
+        visit.wait(since)
+        slider = visit.page.locator("#scrubber")
+        expect(slider).to_have_attribute("min", str(since))
+        assert slider.evaluate("slider => slider.valueAsNumber") == since
+        visit.page.locator("#beliefs button").first.click()
+        expect(visit.page.locator("#pane-why")).to_contain_text("because")
+        visit.page.keyboard.press("End")
+        visit.wait(101.9)
+        visit.close()
+    runner.close()

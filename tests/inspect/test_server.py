@@ -14,6 +14,8 @@ import pytest
 
 from socialbot.clock import SECOND
 from socialbot.graph_file import load_graph
+from socialbot.inspect import live_run, log
+from socialbot.inspect import server as server_module
 from socialbot.inspect.guard import COOKIE
 from socialbot.inspect.live_run import LiveRun
 from socialbot.inspect.run import Picture, Run
@@ -321,6 +323,59 @@ def test_a_live_run_shows_what_a_record_of_it_shows(tmp_path):
     assert live.course.at(live.history.end) == recorded.course.at(recorded.end)
     assert live.timeline.lanes() == recorded.timeline.lanes()
     assert live.wording.name("bdi_engine") == "Waldo"
+
+
+def test_what_is_heard_is_taken_in_though_nobody_looks(tmp_path, monkeypatch):
+    monkeypatch.setattr(server_module, "KEEP_UP_S", 0.01)
+    live = LiveRun(load_graph("waldo"))
+    waldo_at_work(tmp_path / "run", live, range(20)).close()
+    assert live._heard
+
+    async def serving() -> None:
+        async with Server(live).application().router.lifespan_context(None):
+            while live._heard:
+                await asyncio.sleep(0.01)
+
+    asyncio.run(asyncio.wait_for(serving(), 20))
+
+
+def test_of_a_long_run_the_beginning_is_forgotten_and_the_answers_say_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(live_run, "MOST_RECORDS", 600)
+    live = LiveRun(load_graph("waldo"))
+    runner = waldo_at_work(tmp_path / "run", live, range(20))
+    assert live.end
+    first = live.history[3].id
+    get = client(live)
+    assert get("/api/run").json()["since_s"] == 0.0
+    for begin in range(20, 1000, 20):
+        waldo_at_work(tmp_path / "run", live, range(begin, begin + 20), runner)
+    run = get("/api/run").json()
+    assert 30.0 < run["since_s"] < run["duration_s"] - 10.0
+    assert get("/api/moment?t=0").json() == get(f"/api/moment?t={run['since_s']}").json()
+    assert all(line["t"] >= run["since_s"] for line in get(f"/api/log?from=0&to={run['duration_s']}").json())
+    answer = get(f"/api/why?id={first}")
+    assert answer.status_code == 404
+    assert "it is forgotten: the record on disk may have it" in answer.json()["error"]
+    runner.close()
+
+
+def test_news_go_on_when_some_is_forgotten(tmp_path, monkeypatch):
+    monkeypatch.setattr(live_run, "MOST_RECORDS", 600)
+    live = LiveRun(load_graph("waldo"))
+    runner = waldo_at_work(tmp_path / "run", live, range(20))
+    broadcast = Server(live)._broadcast
+    told: list[str] = []
+    news = broadcast._news()
+    for begin in range(20, 1000, 20):
+        waldo_at_work(tmp_path / "run", live, range(begin, begin + 20), runner)
+        news = broadcast._news()
+        assert news is not None
+        told += [line.id for line in news.log]
+    assert news is not None
+    assert news.since_s > 30.0
+    assert len(told) == len(set(told)), "nothing is told twice"
+    assert told[-1] == log.told_between(live, live.history.since, live.end, 1)[0].id
+    runner.close()
 
 
 def test_answers_are_sent_at_once():

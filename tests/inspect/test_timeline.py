@@ -77,3 +77,26 @@ def test_a_run_of_waldo_has_people_goals_actions_and_speech(tmp_path):
     assert lanes["bdi_engine.goals"][0][0] == "GreetPeople()"
     assert lanes["bdi_engine.actions"][0][0] == 'speak("greeting")'
     assert lanes[".speech"][0][0] == "Hello! Nice to see you."
+
+
+def test_what_had_ended_long_ago_is_forgotten_and_what_goes_on_is_not():
+    lasts = (*ERRAND[:7], desire(0.0, "ann", "be_glad"))
+    history = History(sorted(lasts, key=lambda each: each.stamp), start=100 * SECOND)
+    timeline = timeline_of(history)
+    timeline.forget(history.stamp(4.0))
+    assert bars(timeline) == {
+        "ann.desires": [("be_home", 0.0, None, ""), ("be_glad", 0.0, None, "")],
+        "ann.plans": [("plan 1 for be_home", 1.0, None, "")],
+    }
+    timeline.take(plan_end(5.0, "ann", "be_home", 1, "succeeded"))
+    assert bars(timeline)["ann.plans"] == [("plan 1 for be_home", 1.0, 5.0, "succeeded")]
+
+
+def test_who_was_there_long_ago_comes_anew(tmp_path):
+    history = open_run(greeting(tmp_path / "run")).history
+    timeline = timeline_of(history)
+    timeline.forget(history.end + SECOND)
+    assert ".people" not in bars(timeline)
+    last = next(each for each in reversed(list(history)) if each.kind == "detection")
+    timeline.take(last)
+    assert [text for text, *_ in bars(timeline)[".people"]] == ["t1"]

@@ -9,7 +9,7 @@ from socialbot.agents.warehouse.floor import Floor
 from socialbot.agents.warehouse.messages import BoxPosition, BoxPositions, MoveStatus, Point
 from socialbot.clock import SECOND
 from socialbot.messages import Message
-from socialbot.report.tracks import Moment, add, latest, thinned
+from socialbot.report.tracks import Moment, add, forget, latest, thinned
 
 
 class Film:
@@ -27,6 +27,11 @@ class Film:
             add(self._robots.setdefault(message.robot, []), message.stamp, message.current_pos)
         elif isinstance(message, BoxPositions):
             add(self._boxes, message.stamp, message.boxes)
+
+    def forget(self, stamp: int) -> None:
+        """Forgets what was before ``stamp`` (ns), but for where everything was by then."""
+        for track in (*self._robots.values(), self._boxes):
+            forget(track, stamp)
 
     def __bool__(self) -> bool:
         """Whether anything was seen."""

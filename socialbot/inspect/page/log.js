@@ -47,6 +47,13 @@ export class Log {
     this.#now = -1;
   }
 
+  /** Drops the lines before a time. */
+  forget(since) {
+    const count = this.#lines.findIndex(line => line.t >= since);
+    for (const line of this.#lines.splice(0, count < 0 ? this.#lines.length : count)) this.#known.delete(line.id);
+    this.#choose();
+  }
+
   clear() {
     this.#lines = [];
     this.#known.clear();
@@ -124,7 +131,7 @@ export class Log {
   }
 
   #row(line) {
-    if (!line) return element('li', { class: 'empty', text: 'Nothing has happened yet.' });
+    if (!line) return element('li', { class: 'empty', text: 'Nothing has happened in this time.' });
     const button = element('button', { type: 'button', onclick: () => this.pick(line) },
       element('time', { text: seconds(line.t) }), element('span', { text: line.text }));
     return element('li', { 'data-id': line.id }, button);

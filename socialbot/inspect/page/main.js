@@ -35,6 +35,7 @@ class Page {
     this.run = run;
     this.agent = this.#wished('agent') ?? run.agents[0]?.name ?? '';
     this.playhead = new Playhead(run.duration_s, run.live);
+    this.playhead.since = run.since_s;
     const pick = record => this.pick(record.id, record.from ?? record.t);
     this.timeline = new Timeline(this.playhead, { seek: t => this.playhead.seek(t), pick, called: name => this.called(name) });
     this.log = new Log(pick);
@@ -102,12 +103,13 @@ class Page {
   // What is shown at a time
 
   #moved() {
-    const { time, end, following, playing, live } = this.playhead;
+    const { time, since, end, following, playing, live } = this.playhead;
     const slider = find('scrubber');
+    slider.min = since;
     slider.max = end;
     slider.value = time;
     slider.setAttribute('aria-valuetext', seconds(time));
-    slider.style.setProperty('--share', end ? time / end : 0);
+    slider.style.setProperty('--share', end > since ? (time - since) / (end - since) : 0);
     say(find('clock'), seconds(time));
     say(find('play'), playing || following ? 'Pause' : 'Play');
     find('live').hidden = !live || following;
@@ -231,13 +233,14 @@ class Page {
         await this.#refresh();
         await this.#load();
       }),
-      news: ({ t, moment, bars, log }) => {
+      news: ({ t, since_s: since, moment, bars, log }) => {
         const minds = new Map((this.#live?.agents ?? []).map(agent => [agent.name, agent]));
         for (const agent of moment.agents) minds.set(agent.name, agent);
         this.#live = { ...moment, agents: [...minds.values()] };
         if (moment.agents.some(agent => !this.#known(agent.name))) reporting(() => this.#refresh())();
         this.timeline.take(bars);
         if (log.length) this.log.add(log);
+        if (since !== this.playhead.since) this.#forget(since);
         this.playhead.extend(t);
       },
       nodes: found => { if (this.playhead.following) this.nodes.show(found); },
@@ -253,10 +256,18 @@ class Page {
     });
   }
 
+  /** What was before `since` is not known any more. */
+  #forget(since) {
+    this.log.forget(since);
+    this.timeline.forget(since);
+    this.playhead.forget(since);
+  }
+
   /** Asks anew what the run is, as a live one may have come to something new. */
   async #refresh() {
     const graph = this.run.graph.nodes.length;
     this.run = await api.run();
+    this.playhead.since = this.run.since_s;
     this.agents.take(this.run.agents);
     if (this.run.graph.nodes.length !== graph) this.nodes = new Nodes(this.run.graph);
     this.#describe();

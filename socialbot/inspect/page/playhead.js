@@ -4,6 +4,7 @@ const LONGEST_STEP_MS = 250;
 /** The time that is shown, and how it moves. A live run is followed until somebody goes back. */
 export class Playhead {
   time = 0;
+  since = 0;
   playing = false;
   speed = 1;
   #watchers = [];
@@ -22,7 +23,7 @@ export class Playhead {
   }
 
   seek(time) {
-    this.time = Math.max(0, Math.min(time, this.end));
+    this.time = Math.max(this.since, Math.min(time, this.end));
     this.following = this.live && this.time >= this.end;
     this.#tell();
   }
@@ -38,6 +39,12 @@ export class Playhead {
     this.end = Math.max(this.end, end);
     if (this.following) this.time = this.end;
     this.#tell();
+  }
+
+  /** What was before `since` cannot be shown, as it is forgotten. */
+  forget(since) {
+    this.since = since;
+    if (this.time < since) this.seek(since);
   }
 
   /** The run has begun anew, or was out of sight: it goes until `end`. */
@@ -57,7 +64,7 @@ export class Playhead {
     if (this.playing || this.following) {
       this.playing = this.following = false;
     } else {
-      if (this.time >= this.end) this.time = 0;
+      if (this.time >= this.end) this.time = this.since;
       this.playing = true;
       this.#last = performance.now();
       requestAnimationFrame(now => this.#step(now));

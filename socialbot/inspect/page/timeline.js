@@ -65,6 +65,16 @@ export class Timeline {
     if (changes.length) this.#later();
   }
 
+  /** Drops the bars that had ended before `since`. */
+  forget(since) {
+    for (const lane of this.#lanes.values()) {
+      for (const [id, bar] of lane.bars) {
+        if ((bar.to ?? Infinity) < since && lane.bars.delete(id)) lane.rows = null;
+      }
+    }
+    this.#later();
+  }
+
   /** Brings the lanes of an agent into sight, and shows those of it and of nobody only where it is `alone`. */
   show(agent, alone) {
     this.#agent = agent;
@@ -85,17 +95,21 @@ export class Timeline {
 
   zoom(factor, around = this.playhead.time) {
     const { from, to } = this.#view;
-    const span = Math.min(Math.max((to - from) * factor, CLOSEST_S), Math.max(this.playhead.end, CLOSEST_S));
+    const span = Math.min(Math.max((to - from) * factor, CLOSEST_S), this.#longest);
     const share = Math.min(Math.max((around - from) / (to - from), 0), 1);
     this.#look(around - span * share, span);
   }
 
   whole() {
-    this.#look(0, this.playhead.end || 1);
+    this.#look(this.playhead.since, this.#longest);
+  }
+
+  get #longest() {
+    return Math.max(this.playhead.end - this.playhead.since, CLOSEST_S);
   }
 
   #look(from, span) {
-    const begin = Math.max(Math.min(from, this.playhead.end - span), 0);
+    const begin = Math.max(Math.min(from, this.playhead.end - span), this.playhead.since);
     this.#view = { from: begin, to: begin + span };
     this.#later();
   }

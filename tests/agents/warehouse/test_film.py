@@ -97,3 +97,14 @@ def test_messages_from_the_past_are_left_out(film, hall):
         late.take(message)
         late.take(hall.said["/warehouse/boxes"][0])
     assert late.boxes(START + 29 * SECOND) == film.boxes(START + 29 * SECOND)
+
+
+def test_what_was_long_ago_is_forgotten_and_the_rest_stays_as_it_was(hall):
+    forgetful, film = Film(SIX), Film(SIX)
+    for message in sorted((m for said in hall.said.values() for m in said), key=lambda m: m.stamp):
+        forgetful.take(message)
+        film.take(message)
+    forgetful.forget(START + 20 * SECOND)
+    for second in (20, 21, 25, 30):
+        assert places(forgetful.picture(START + second * SECOND)) == places(film.picture(START + second * SECOND))
+    assert places(forgetful.picture(START + SECOND)) == places(film.picture(START + 20 * SECOND))

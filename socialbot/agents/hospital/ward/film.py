@@ -9,7 +9,7 @@ from socialbot.agents.hospital.ward.picture import Group, Picture
 from socialbot.agents.hospital.ward.ward import Ward
 from socialbot.clock import SECOND
 from socialbot.messages import Message
-from socialbot.report.tracks import Moment, add, latest, thinned
+from socialbot.report.tracks import Moment, add, forget, latest, thinned
 
 
 class WardFilm:
@@ -25,6 +25,10 @@ class WardFilm:
             if self._states and message.stamp == self._states[-1][0]:
                 self._states.pop()
             add(self._states, message.stamp, message)
+
+    def forget(self, stamp: int) -> None:
+        """Forgets what was before ``stamp`` (ns), but for how the ward was by then."""
+        forget(self._states, stamp)
 
     def __bool__(self) -> bool:
         """Whether anything was seen."""

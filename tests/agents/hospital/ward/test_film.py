@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import copy
 import re
 from xml.etree import ElementTree
 
@@ -72,3 +73,12 @@ def test_of_several_states_of_one_moment_the_last_one_counts():
     film.take(WardState(stamp=-1, rooms=(), agents=()))
     assert film
     assert re.search("room3: door open, dirty", film.picture(0, ""))
+
+
+def test_what_was_long_ago_is_forgotten_and_the_rest_stays_as_it_was(film):
+    forgetful = copy.deepcopy(film)
+    forgetful.forget(3 * SECOND)
+    for tenth in range(30, 51):
+        stamp = tenth * SECOND // 10
+        assert forgetful.picture(stamp, "") == film.picture(stamp, "")
+    assert forgetful.picture(0, "") == film.picture(3 * SECOND, "")

@@ -1,0 +1,102 @@
+"""A run that goes on for so long that not all of it can be kept."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from socialbot.clock import SECOND
+from socialbot.graph_file import load_graph
+from socialbot.inline import InlineRunner
+from socialbot.inspect import live_run
+from socialbot.inspect.live_run import LiveRun
+from socialbot.inspect.why import explain
+from socialbot.replay import observed_topics
+from tests.inspect.runs import START, frame
+
+MINUTES = 40
+
+
+@pytest.fixture(scope="module")
+def long() -> tuple[LiveRun, LiveRun]:
+    """Waldo is visited for 20 s of each minute: a run that looks back five of them, and one without end."""
+    graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
+    runner, short, whole = InlineRunner(graph, start=START), LiveRun(graph), LiveRun(graph)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(live_run, "LATER_S", 60.0)
+        for live in (short, whole):
+            for topic in observed_topics(graph):
+                runner.tap(topic, live.observe)
+        runner.start()
+        for tenth in range(600 * MINUTES):
+            runner.feed("/humans/bodies/detections", frame(tenth, *([4.0] if tenth % 600 < 200 else [])))
+            if tenth % 10 == 0:
+                for live in (short, whole):
+                    live.note_node(frame(tenth).stamp, "speech", {"machine": "desk", "call_hz": str(tenth)})
+            if tenth % 100 == 0:
+                patch.setattr(live_run, "LOOKS_BACK_S", 300.0)
+                assert short.end
+        patch.setattr(live_run, "LOOKS_BACK_S", 1e9)
+        assert whole.end
+    return short, whole
+
+
+def test_it_looks_back_for_some_time(long):
+    short, whole = long
+    kept_s = (short.end - short.history.since) / SECOND
+    assert 300.0 <= kept_s < 300.0 + 60.0 + 30.0 + 10.0
+    assert short.history.forgotten + len(short.history) == len(whole.history)
+    assert short.history.find(whole.history[10].id) is None
+
+
+def test_what_it_still_shows_is_right(long):
+    short, whole = long
+    for stamp in range(short.history.since, short.end, 7 * SECOND):
+        assert short.course.at(stamp) == whole.course.at(stamp)
+        assert short.nodes(stamp) == whole.nodes(stamp)
+    since = short.history.seconds(short.end) - 300.0
+    bars = {bar.id: bar for lane in short.timeline.lanes() for bar in lane.bars}
+    assert bars
+    for lane in whole.timeline.lanes():
+        for bar in lane.bars:
+            assert bars.get(bar.id) == bar or (bar.to_s is not None and bar.to_s < since)
+
+
+def test_what_has_been_believed_all_the_time_can_still_be_explained(long):
+    short, whole = long
+    (waldo,) = short.course.at(short.end).agents
+    oldest = min(waldo.beliefs, key=lambda held: held.since_s)
+    assert short.history.stamp(oldest.since_s) < short.history.since
+    record = short.history.find(oldest.id)
+    assert record is not None
+    assert explain(short.history, short.wording, record) == explain(whole.history, whole.wording, record)
+
+
+def test_of_many_records_the_older_half_is_forgotten(monkeypatch):
+    monkeypatch.setattr(live_run, "MOST_RECORDS", 1000)
+    graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
+    runner, live = InlineRunner(graph, start=START), LiveRun(graph)
+    for topic in observed_topics(graph):
+        runner.tap(topic, live.observe)
+    runner.start()
+    counts = []
+    for tenth in range(4000):
+        runner.feed("/humans/bodies/detections", frame(tenth, 4.0))
+        counts.append(len(live.history))
+    drops = [(before, after) for before, after in pairwise(counts) if after < before]
+    assert max(counts) <= 1000
+    assert len(drops) > 4
+    assert all(500 <= after < 500 + 256 + 10 for _, after in drops)
+
+
+def test_a_graph_in_which_nothing_happens_forgets_how_its_nodes_were():
+    graph = load_graph("waldo")
+    live = LiveRun(graph)
+    live.observe("/humans/bodies/detections", frame(0))
+    for second in range(10_000):
+        live.note_node(START + second * SECOND, "speech", {"machine": "desk", "call_hz": str(second)})
+        assert live.end
+    (told,) = live._nodes.told.values()
+    assert 3600 <= len(told) <= 3600 + 300 + 2
+    assert [node.name for node in live.nodes(live.end)] == [node.name for node in live.graph().nodes]
