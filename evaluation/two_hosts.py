@@ -12,6 +12,7 @@ import re
 import shutil
 import signal
 import subprocess
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ add table netdev cable
 add chain netdev cable arriving {{ type filter hook ingress device {device} priority 0; }}
 add rule netdev cable arriving numgen random mod 100 < {percent} drop
 """
+CARRIER_WITHIN_S = 10.0
 NAMES = re.compile(r"sbt(\d+)_\d+[ab]")
 
 _numbers = itertools.count()
@@ -57,6 +59,17 @@ class Host:
     def run(self, *arguments: object) -> str:
         """What a command prints. Raises RuntimeError when it fails."""
         return _run(*self.command(*arguments))
+
+    def wait_for_carrier(self) -> None:
+        """Waits until its end of the cable is up. Who starts before, Fast DDS too, finds no network.
+
+        Raises RuntimeError when it does not come up.
+        """
+        end = time.monotonic() + CARRIER_WITHIN_S
+        while self.run("cat", f"/sys/class/net/{self.device}/operstate").strip() != "up":
+            if time.monotonic() > end:
+                raise RuntimeError(f"{self.device}: is not up after {CARRIER_WITHIN_S:g} s")
+            time.sleep(0.02)
 
 
 @dataclass(frozen=True)
@@ -133,6 +146,8 @@ def two_hosts() -> Iterator[TwoHosts]:
             host.run("ip", "address", "add", f"{host.address}/24", "dev", host.device)
             host.run("ip", "link", "set", "lo", "up")
             host.run("ip", "link", "set", host.device, "up")
+        for host in hosts:
+            host.wait_for_carrier()
         yield TwoHosts(*hosts)
 
 
