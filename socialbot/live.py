@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,6 +40,18 @@ LONGEST_BYTES = 20_000_000
 """A longer record is not made a page of at the end, so that nobody waits for it."""
 
 
+class Surroundings:
+    """What a live run depends on beside its graph; here nothing."""
+
+    def there(self) -> AbstractContextManager[object]:
+        """What has to be there as long as the processes of the graph are; entered anew each time that they start."""
+        return nullcontext()
+
+    def missed(self) -> tuple[float, float] | None:
+        """When something has come: who started between these times (monotonic s) does not know of it. Told once."""
+        return None
+
+
 def run_live(
     graph: Graph,
     record: RunTrace,
@@ -50,16 +62,19 @@ def run_live(
     nodes: Collection[str] | None = None,
     variables: Variables = no_variables,
     minds: Path | None = None,
+    surroundings: Surroundings | None = None,
 ) -> None:
     """Runs ``graph`` until SIGINT, SIGTERM or ``socialbot down``, and tells on ``console`` what happens.
 
     What dies is started again. With ``nodes`` it runs only these, and tells of what they say and hear; ``variables`` as
     for a `Supervisor`. Agents keep their minds in ``minds``, and go on with those that are there; by default in the
-    folder of the record, so that they begin anew.
+    folder of the record, so that they begin anew. What has missed a part of the ``surroundings`` is started again
+    when that has come.
     Raises what `Supervisor.attend` does.
     """
     record.describe(graph)
     graph = keep_minds(keep_speech(graph, record.folder), minds or record.folder / "minds")
+    around = surroundings or Surroundings()
     clock, names = WallClock(), {placement.name for placement in graph.placements}
     from socialbot.bridge.obituaries import Obituaries
     from socialbot.bridge.presence import Presence
@@ -78,20 +93,35 @@ def run_live(
             if name in names:  # others may speak on /diagnostics, too
                 record.note_node(clock.now(), name, values)
 
-        with observing(topics_of(graph, nodes), telling(graph, observe), note, graph.wire) as onlooker:
-            presence = Presence(onlooker.ros, graph.name, ending.ask)
-            expect_free_names(onlooker.ros, graph, nodes)
-            supervisor = Supervisor(
-                graph, record.folder / "log", composed=composed, policy=policy, nodes=nodes, variables=variables
-            )
-            with presence, supervisor:
-                watch = ClockWatch(clock)
-                obituaries = Obituaries(onlooker.ros, supervisor)
-                while not ending.asked:
-                    supervisor.attend(ATTEND_S)
-                    obituaries.tell()
-                    presence.tell()
-                    watch.look()
+        watch = ClockWatch(clock)
+        while not ending.asked:
+            begun, missed = time.monotonic(), None
+            with (
+                around.there(),
+                observing(topics_of(graph, nodes), telling(graph, observe), note, graph.wire) as onlooker,
+            ):
+                presence = Presence(onlooker.ros, graph.name, ending.ask)
+                expect_free_names(onlooker.ros, graph, nodes)
+                supervisor = Supervisor(
+                    graph, record.folder / "log", composed=composed, policy=policy, nodes=nodes, variables=variables
+                )
+                with presence, supervisor:
+                    obituaries = Obituaries(onlooker.ros, supervisor)
+                    while not (ending.asked or within(begun, missed)):
+                        if missed is not None:
+                            supervisor.renew(*missed)
+                        supervisor.attend(ATTEND_S)
+                        obituaries.tell()
+                        presence.tell()
+                        watch.look()
+                        missed = around.missed()
+            if not ending.asked:
+                log.warning("all is started again, as it has missed what came later")
+
+
+def within(moment: float, times: tuple[float, float] | None) -> bool:
+    """Whether a moment lies between two times, where there are any."""
+    return times is not None and times[0] <= moment <= times[1]
 
 
 @dataclass

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import select
+import signal
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
@@ -65,6 +66,8 @@ class Member:
     is_down: bool = False
     is_given_up: bool = False
     hung: str = ""
+    is_renewed: bool = False
+    started: float = 0.0
     due: float | None = None
     last_error: str = ""
 
@@ -165,6 +168,14 @@ class Supervisor:
                 remedy=f"their logs are in {self._folder}",
             )
 
+    def renew(self, begin: float, end: float) -> None:
+        """Starts the processes again that were started between two times (monotonic s). It is no fault of theirs."""
+        for member in self.members.values():
+            if member.process is not None and begin <= member.started <= end:
+                log.warning("%s is started again, as it has missed what came later", member.name)
+                member.is_renewed = True
+                member.process.send_signal(signal.SIGINT)
+
     def stop(self) -> None:
         """Ends all processes."""
         self._nursery.close()
@@ -193,6 +204,7 @@ class Supervisor:
             )
         now = time.monotonic()
         member.line, member.due, member.hung = line, None, ""
+        member.started, member.is_renewed = now, False
         member.words.clear()
         member.heard = dict.fromkeys(member.nodes, now)
         member.patience.started(now)
@@ -247,6 +259,10 @@ class Supervisor:
         self._part(member)
         remove_stale()
         file = log_file(self._folder, member.name)
+        if member.is_renewed:
+            member.due, member.is_down = now, True
+            member.restarts += 1
+            return
         if code == 0:
             log.warning("%s has ended", member.name)
             return

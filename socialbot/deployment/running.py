@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -12,8 +13,9 @@ from socialbot.bridge import environment
 from socialbot.bridge.discovery_server import DiscoveryServer
 from socialbot.deployment.deployment import Deployment, is_own
 from socialbot.deployment.entering import enter
+from socialbot.deployment.network import Network
 from socialbot.graph import Graph
-from socialbot.live import run_live
+from socialbot.live import Surroundings, run_live
 from socialbot.run_record import RunTrace
 
 
@@ -41,7 +43,7 @@ def run_machine(
         environment.prepare(prepared, across=deployment.across(machine), raw_pictures=raw)
         return {environment.DATAGRAM_VARIABLE: prepared[environment.DATAGRAM_VARIABLE]}
 
-    with discovery(deployment, machine, record.folder / "log"):
+    with Network(deployment.address(machine)) as network:
         run_live(
             graph or deployment.graph,
             record,
@@ -50,7 +52,24 @@ def run_machine(
             nodes=names,
             variables=variables,
             minds=minds or deployment.minds,
+            surroundings=OnNetwork(deployment, machine, record.folder / "log", network),
         )
+
+
+@dataclass(frozen=True)
+class OnNetwork(Surroundings):
+    """The surroundings of ``machine`` in a deployment: its network, and the discovery server if that belongs there."""
+
+    deployment: Deployment
+    machine: str
+    logs: Path
+    network: Network
+
+    def there(self) -> AbstractContextManager[object]:
+        return discovery(self.deployment, self.machine, self.logs)
+
+    def missed(self) -> tuple[float, float] | None:
+        return self.network.missed()
 
 
 def discovery(deployment: Deployment, machine: str, logs: Path) -> AbstractContextManager[object]:

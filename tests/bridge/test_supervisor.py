@@ -93,6 +93,24 @@ def test_one_that_is_killed_is_started_again_and_the_others_go_on(
     assert one.state == two.state == "ended"
 
 
+def test_those_that_were_started_between_two_times_are_started_again_and_the_others_go_on(
+    scripts: dict[str, str], tmp_path: Path
+) -> None:
+    """That is no death: it is not counted as one, and may come as often as it likes."""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == two.state == "active")
+        before = supervisor.pids
+        supervisor.renew(one.started, (one.started + two.started) / 2)
+        for times in range(1, 2 * POLICY.times + 1):
+            assert attended(supervisor, lambda times=times: one.restarts == times and one.state == "active")
+            supervisor.renew(one.started, one.started)
+        assert attended(supervisor, lambda: one.restarts == 2 * POLICY.times + 1 and one.state == "active")
+        assert supervisor.pids["two"] == before["two"]
+        assert supervisor.pids["one"] != before["one"]
+        assert (one.last_error, one.is_given_up, two.restarts) == ("", False, 0)
+
+
 def test_one_that_hangs_is_killed_and_started_again(scripts: dict[str, str], tmp_path: Path) -> None:
     scripts["one"] = f"""
 if os.environ["{RESTARTS_VARIABLE}"] == "0":

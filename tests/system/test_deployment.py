@@ -13,6 +13,7 @@ from time import sleep
 
 import cv2
 import msgspec
+import psutil
 import pytest
 
 from socialbot.bridge.bags import open_bag
@@ -119,6 +120,47 @@ def test_the_workstation_may_come_late(folder: Path) -> None:
         with half(hosts.workstation, folder):
             assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
             check_run(folder, hosts.sent_bytes())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("missing", ["cable", "address"])
+def test_the_network_of_the_robot_may_come_late(folder: Path, missing: str) -> None:
+    """What has started without knows no network but the loopback."""
+    with two_hosts() as hosts:
+        address = ("address", "{}", f"{ROBOT}/24", "dev", hosts.robot.device)
+        if missing == "cable":
+            hosts.cut()
+        else:
+            hosts.robot.run("ip", *(word.format("delete") for word in address))
+        with half(hosts.workstation, folder), half(hosts.robot, folder, "--machine", "robot"):
+            log = folder / f"{hosts.robot.name}.log"
+            assert eventually(lambda: "is not up on this machine" in log.read_text(), 20), logs(folder)
+            sleep(5.0)
+            assert told(folder, WORKSTATION, "detection") == []
+            if missing == "cable":
+                hosts.mend()
+            else:
+                hosts.robot.run("ip", *(word.format("add") for word in address))
+            assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
+            assert "all is started again" in log.read_text()
+            assert list((folder / ROBOT / "speech").glob("001-hallo.wav"))
+
+
+@pytest.mark.slow
+def test_what_is_started_again_while_the_link_is_down_is_found_when_that_is_up(folder: Path) -> None:
+    with two_hosts() as hosts, half(hosts.workstation, folder), half(hosts.robot, folder) as robot:
+        assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
+        hosts.cut()
+        sleep(2.0)
+        [camera] = [child for child in psutil.Process(robot.pid).children(recursive=True) if child.name() == "camera"]
+        camera.kill()
+        log = folder / f"{hosts.robot.name}.log"
+        assert eventually(lambda: "camera is back" in log.read_text(), 20), logs(folder)
+        before = len(told(folder, WORKSTATION, "detection"))
+        hosts.mend()
+        assert eventually(lambda: len(told(folder, WORKSTATION, "detection")) > before + 10, 30), logs(folder)
+        assert "camera is started again, as it has missed what came later" in log.read_text()
+        assert "all is started again" not in log.read_text()
 
 
 def servers(up: subprocess.Popen[str]) -> list[int]:

@@ -30,8 +30,9 @@ class Film:
 
     def forget(self, stamp: int) -> None:
         """Forgets what was before ``stamp`` (ns), but for where everything was by then."""
-        for track in (*self._robots.values(), self._boxes):
+        for track in self._robots.values():
             forget(track, stamp)
+        forget(self._boxes, stamp)
 
     def __bool__(self) -> bool:
         """Whether anything was seen."""
