@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from socialbot.clock import SECOND
 from socialbot.inspect.commands import Office
 from socialbot.inspect.history import History
 from socialbot.inspect.run import GraphView, Run
@@ -42,11 +43,13 @@ class Has(msgspec.Struct, frozen=True):
 class Overview(msgspec.Struct, frozen=True):
     """A run in short. A page of its record opens at ``opens_s``, where there is something to see.
 
-    Of one that has been live for long what was before ``since_s`` is forgotten.
+    It began at ``began_s`` (s since 1970, where its time is not simulated). Of one that has
+    been live for long what was before ``since_s`` is forgotten.
     """
 
     title: str
     live: bool
+    began_s: float
     since_s: float
     duration_s: float
     opens_s: float
@@ -62,6 +65,7 @@ def overview(run: Run, office: Office) -> Overview:
     return Overview(
         title=run.title,
         live=run.live,
+        began_s=run.history.start / SECOND,
         since_s=run.history.seconds(run.history.since),
         duration_s=run.history.seconds(end),
         opens_s=_opens_s(run.history),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,9 @@ pytest.importorskip("playwright", reason="needs playwright")
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, expect
 
+from socialbot.clock import SECOND
 from tests.inspect.browsing import COMES_S, Visit, chromium, served, waldo_with_pictures
+from tests.inspect.runs import START
 
 pytestmark = pytest.mark.xdist_group("browser")
 
@@ -91,6 +94,9 @@ def test_everything_moves_in_step_with_the_scrubber(visit):
         assert visit.texts("#boxes .box") == ["t1 · 4.0 m"]
         assert "greeted()" in visit.texts("#beliefs .what")
         assert visit.texts("#clock") == [f"{seconds:.2f} s"]
+        began = datetime.fromtimestamp(START // SECOND, timezone.utc)
+        then = began + timedelta(seconds=int(seconds))
+        assert visit.page.locator("#day").get_attribute("datetime") == then.strftime("%Y-%m-%dT%H:%M:%S.000Z")
         times = [float(time.removesuffix(" s")) for time in visit.texts("#log li:not(.later) time")]
         assert max(times) <= seconds
     frame, box = visit.place("#picture"), visit.place("#boxes .box")

@@ -85,6 +85,7 @@ def get(run: Run) -> Get:
 def test_a_run_in_short(get):
     found = get("/api/run").json()
     assert (found["title"], found["live"], found["duration_s"]) == ("Waldo: evening", False, 1.9)
+    assert (found["began_s"], found["since_s"]) == (START / SECOND, 0.0)
     assert [(agent["name"], agent["called"]) for agent in found["agents"]] == [("bdi_engine", "Waldo")]
     assert any(plan["chosen"] for plan in found["agents"][0]["plans"])
     assert {node["name"] for node in found["graph"]["nodes"]} >= {"bdi_engine", "speech"}

@@ -61,8 +61,26 @@ export function seconds(value, digits = 2) {
   return `${value.toFixed(digits)} s`;
 }
 
+// Stamps before are of simulated time.
+const FIRST_DATE_S = 1e9;
+
+/** Says in `place` when something was, on the clocks and calendars of people, where stamps (s) tell that. */
+export function showDate(place, stamp) {
+  place.hidden = stamp < FIRST_DATE_S;
+  if (place.hidden) return;
+  const second = Math.floor(stamp);
+  if (place.second === second) return;
+  place.second = second;
+  const date = new Date(second * 1000);
+  say(place, date.toLocaleTimeString());
+  place.dateTime = date.toISOString();
+  place.title = date.toLocaleString();
+}
+
 /** How long ago, or how long yet, without more digits than help. */
 export function ago(value) {
   if (value < 10) return `${value.toFixed(1)} s`;
-  return value < 120 ? `${value.toFixed(0)} s` : `${Math.floor(value / 60)} min ${Math.floor(value % 60)} s`;
+  if (value < 120) return `${value.toFixed(0)} s`;
+  const minutes = Math.floor(value / 60);
+  return minutes < 120 ? `${minutes} min ${Math.floor(value % 60)} s` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }

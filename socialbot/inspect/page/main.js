@@ -3,7 +3,7 @@
 import { Agents } from './agents.js';
 import * as api from './api.js';
 import { Asking } from './asking.js';
-import { find, say, seconds } from './dom.js';
+import { find, say, seconds, showDate } from './dom.js';
 import { startKeys } from './keys.js';
 import { Latest } from './latest.js';
 import { listen } from './live.js';
@@ -111,6 +111,7 @@ class Page {
     slider.setAttribute('aria-valuetext', seconds(time));
     slider.style.setProperty('--share', end > since ? (time - since) / (end - since) : 0);
     say(find('clock'), seconds(time));
+    showDate(find('day'), this.run.began_s + time);
     say(find('play'), playing || following ? 'Pause' : 'Play');
     find('live').hidden = !live || following;
     find('now').ariaLive = playing && this.playhead.speed > 1 ? 'off' : 'polite';
