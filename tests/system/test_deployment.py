@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import sleep
 
@@ -165,10 +165,12 @@ def test_what_is_started_again_while_the_link_is_down_is_found_when_that_is_up(f
 
 def servers(up: subprocess.Popen[str]) -> list[int]:
     """The discovery servers that a half has started."""
-    children = [
-        int(pid) for task in Path(f"/proc/{up.pid}/task").glob("*/children") for pid in task.read_text().split()
-    ]
-    return [pid for pid in children if b"fast-discovery-server" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    found = []
+    for child in psutil.Process(up.pid).children():
+        with suppress(psutil.NoSuchProcess):  # it has just ended
+            if any("fast-discovery-server" in argument for argument in child.cmdline()):
+                found.append(child.pid)
+    return found
 
 
 @pytest.mark.slow

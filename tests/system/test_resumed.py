@@ -64,7 +64,7 @@ def test_nobody_is_greeted_twice_after_a_power_cut(file: Path, tmp_path: Path) -
     first, second, mind = tmp_path / "first", tmp_path / "second", tmp_path / "minds" / "bdi_engine.json"
     with running("up", file, "--out", first) as up:
         assert eventually(lambda: bool(told(first, "utterance")), 90)
-        assert eventually(lambda: "greeted" in mind.read_text())
+        assert eventually(lambda: mind.exists() and "greeted" in mind.read_text())
         up.send_signal(signal.SIGKILL)
     with running("up", file, "--out", second):
         assert eventually(lambda: told(second, "detection").count("1 person") > 30, 90)
