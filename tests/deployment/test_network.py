@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import logging
+import socket
 from collections.abc import Iterator
 from time import monotonic
+from types import SimpleNamespace
 
+import psutil
 import pytest
 
 from socialbot.deployment import network as networks
@@ -102,6 +105,57 @@ def test_a_name_is_looked_up_until_it_is_known(cable, monkeypatch):
         assert network.missed() is None
         known[0] = frozenset({ADDRESS})
         assert eventually(lambda: network.missed() is not None, 10)
+
+
+def test_that_the_machine_does_not_know_its_addresses_for_a_moment_changes_nothing(cable, network, monkeypatch):
+    def refuse() -> frozenset[str]:
+        looks.append(1)
+        raise OSError(24, "Too many open files")
+
+    looks: list[int] = []
+    monkeypatch.setattr(networks, "own_addresses", refuse)
+    assert eventually(lambda: len(looks) > 1, 10)
+    assert network.missed() is None
+    monkeypatch.setattr(networks, "own_addresses", cable)
+    cable.plug(ADDRESS)
+    assert network.missed() is not None
+
+
+def test_who_asks_seldom_misses_none_of_the_times(cable, network, monkeypatch):
+    monkeypatch.setattr(networks, "UNCERTAIN_S", 0.0)
+    begun = monotonic()
+    cable.plug(ADDRESS)
+    cable.plug()
+    between = monotonic()
+    cable.plug(ADDRESS)
+    begin, end = missed(network)
+    assert begin < begun < between < end
+
+
+def test_a_name_that_stands_for_the_machine_itself_is_up_with_any_network_that_reaches_others(cable, monkeypatch):
+    """As Debian writes its own name into /etc/hosts."""
+    monkeypatch.setattr(networks, "addresses_of", lambda _: frozenset({"127.0.1.1"}))
+    cable.addresses = frozenset({"127.0.0.1"})
+    with Network("robot") as network:
+        cable.plug("127.0.0.1")
+        assert network.missed() is None
+        cable.plug("127.0.0.1", ADDRESS)
+        assert network.missed() is not None
+
+
+def test_an_address_with_a_label_belongs_to_its_network(monkeypatch):
+    def address(text: str) -> SimpleNamespace:
+        return SimpleNamespace(family=socket.AF_INET, address=text)
+
+    interfaces = {
+        "eth0": [address("192.0.2.7")],
+        "eth0:1": [address(ADDRESS)],
+        "eth1:1": [address("192.0.2.8")],
+    }
+    monkeypatch.setattr(psutil, "net_if_addrs", lambda: interfaces)
+    states = {"eth0": SimpleNamespace(flags="up,running"), "eth1": SimpleNamespace(flags="up")}
+    monkeypatch.setattr(psutil, "net_if_stats", lambda: states)
+    assert own_addresses() == {"192.0.2.7", ADDRESS}
 
 
 def test_the_addresses_of_this_machine_are_found():
