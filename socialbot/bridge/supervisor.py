@@ -23,7 +23,7 @@ from socialbot.bridge.launch import (
 )
 from socialbot.bridge.lifeline import Lifeline, lifelines
 from socialbot.bridge.nursery import Nursery
-from socialbot.bridge.processes import Process, end_processes, how_it_ended
+from socialbot.bridge.processes import ASKED_AGAIN_S, GRACE_S, Process, end_processes, how_it_ended
 from socialbot.bridge.restarting import Patience, RestartPolicy, in_time
 from socialbot.bridge.rotation import Rotation
 from socialbot.bridge.stale_memory import remove_stale
@@ -66,7 +66,8 @@ class Member:
     is_down: bool = False
     is_given_up: bool = False
     hung: str = ""
-    is_renewed: bool = False
+    renewed: float | None = None
+    is_pressed: bool = False
     started: float = 0.0
     due: float | None = None
     last_error: str = ""
@@ -159,6 +160,8 @@ class Supervisor:
                 elif not member.hung and (hung := self._hung(member, now)):
                     member.hung = hung
                     member.process.kill()
+                elif member.renewed is not None:
+                    self._press(member, member.process, now - member.renewed)
             elif member.due is not None and now >= member.due:
                 self._start(member)
         if self.members and all(member.state == "given up" for member in self.members.values()):
@@ -171,9 +174,9 @@ class Supervisor:
     def renew(self, begin: float, end: float) -> None:
         """Starts the processes again that were started between two times (monotonic s). It is no fault of theirs."""
         for member in self.members.values():
-            if member.process is not None and begin <= member.started <= end:
+            if member.process is not None and member.renewed is None and begin <= member.started <= end:
                 log.warning("%s is started again, as it has missed what came later", member.name)
-                member.is_renewed = True
+                member.renewed = time.monotonic()
                 member.process.send_signal(signal.SIGINT)
 
     def stop(self) -> None:
@@ -204,7 +207,7 @@ class Supervisor:
             )
         now = time.monotonic()
         member.line, member.due, member.hung = line, None, ""
-        member.started, member.is_renewed = now, False
+        member.started, member.renewed, member.is_pressed = now, None, False
         member.words.clear()
         member.heard = dict.fromkeys(member.nodes, now)
         member.patience.started(now)
@@ -259,7 +262,7 @@ class Supervisor:
         self._part(member)
         remove_stale()
         file = log_file(self._folder, member.name)
-        if member.is_renewed:
+        if member.renewed is not None:
             member.due, member.is_down = now, True
             member.restarts += 1
             return
@@ -281,6 +284,15 @@ class Supervisor:
         member.due = now + pause_s
         member.restarts += 1
         log.warning("%s %s; started again %s (no. %d)", member.name, what, in_time(pause_s), member.restarts)
+
+    @staticmethod
+    def _press(member: Member, process: Process, waited_s: float) -> None:
+        """Sees to it that one that is to be started again ends: a signal may be lost, and not all care for it."""
+        if waited_s > GRACE_S:
+            process.kill()
+        elif waited_s > ASKED_AGAIN_S and not member.is_pressed:
+            member.is_pressed = True
+            process.send_signal(signal.SIGINT)
 
     @staticmethod
     def _part(member: Member) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from socialbot.bridge import supervisor as supervisor_module
 from socialbot.bridge.lifeline import LIFELINE_VARIABLE
 from socialbot.bridge.nursery import Nursery
 from socialbot.bridge.restarting import RestartPolicy
@@ -109,6 +110,24 @@ def test_those_that_were_started_between_two_times_are_started_again_and_the_oth
         assert supervisor.pids["two"] == before["two"]
         assert supervisor.pids["one"] != before["one"]
         assert (one.last_error, one.is_given_up, two.restarts) == ("", False, 0)
+
+
+@pytest.mark.parametrize("cares", [True, False])
+def test_one_that_does_not_hear_that_it_is_to_be_started_again_is_asked_again_and_then_killed(
+    scripts: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cares: bool
+) -> None:
+    monkeypatch.setattr(supervisor_module, "ASKED_AGAIN_S", 0.05)
+    monkeypatch.setattr(supervisor_module, "GRACE_S", 60.0 if cares else 0.1)
+    again = "signal.signal(signal.SIGINT, signal.SIG_DFL)" if cares else "None"
+    scripts["one"] = f"import signal\nsignal.signal(signal.SIGINT, lambda *_: {again})" + WELL
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == two.state == "active")
+        before = supervisor.pids
+        supervisor.renew(one.started, one.started)
+        assert attended(supervisor, lambda: one.restarts == 1 and one.state == "active")
+        assert supervisor.pids["one"] != before["one"]
+        assert (one.last_error, one.is_given_up) == ("", False)
 
 
 def test_one_that_hangs_is_killed_and_started_again(scripts: dict[str, str], tmp_path: Path) -> None:
