@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from socialbot.clock import SECOND
 from socialbot.inspect.log import LogLine, told
 from socialbot.inspect.moment import AgentMoment, Moment
 from socialbot.inspect.run import Run, node_views
@@ -32,10 +33,12 @@ MOST_LINES = 50
 class News(msgspec.Struct, frozen=True):
     """What is new: the moment, with those agents only that have changed; bars that are new or have changed; lines.
 
-    What was before ``since_s`` is forgotten.
+    It began at ``began_s``, as in an `Overview`: a page may be older than the first record. What was before ``since_s``
+    is forgotten.
     """
 
     t: float
+    began_s: float
     since_s: float
     moment: Moment
     bars: tuple[Changed, ...]
@@ -143,7 +146,8 @@ class Broadcast:
         if before is not None and before.at_s == moment.at_s and not (changed or bars or lines):
             return None
         shown = msgspec.structs.replace(moment, agents=changed)
-        return News(moment.at_s, history.seconds(history.since), shown, bars, tuple(lines))
+        since_s = history.seconds(history.since)
+        return News(moment.at_s, history.start / SECOND, since_s, shown, bars, tuple(lines))
 
 
 def _event(name: str, content: Any) -> bytes:

@@ -72,18 +72,19 @@ class Course:
     def forget(self, count: int) -> int:
         """Has the history forget ``count`` of its first records, or some fewer, and says how many.
 
-        What held then is where everything goes on from.
+        What held then is where everything goes on from. The last record is kept, as a history without one has no end.
         """
         self.prepare()
-        parts = min(count // APART, len(self._checkpoints) - 1)
-        if not parts:
+        parts = min(count, len(self._history) - 1) // APART
+        if parts <= 0:
             return 0
         del self._checkpoints[:parts]
         count = parts * APART
         self._checkpoints = [(place - count, scene) for place, scene in self._checkpoints]
         done, scene = self._latest
         self._latest = done - count, scene
-        self._history.forget(count, [id for mind in scene.minds.values() for id in mind.ids()])
+        scenes = (self._checkpoints[0][1], scene)
+        self._history.forget(count, {id: None for each in scenes for mind in each.minds.values() for id in mind.ids()})
         self._late = 0
         return count
 

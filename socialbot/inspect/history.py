@@ -18,7 +18,7 @@ LONGEST_CHAIN = 1000
 
 
 REMEMBERED_CHAIN = 20
-"""So many links of it are kept of what still goes on when what was long ago is forgotten."""
+"""So many links of it are kept of what still goes on when what was long ago is forgotten, and actions of a plan."""
 
 
 class History:
@@ -37,6 +37,7 @@ class History:
         self._hints = Hints(self)
         self._late: list[int] = []
         self._forgotten = 0
+        self._since = 0
         for record in records:
             self.append(record)
 
@@ -67,24 +68,33 @@ class History:
         del self._stamps[:count]
         self._late.clear()
         self._forgotten += count
+        self.hide(self._stamps[0] if self._stamps else self.start)
         self._by_id, self._by_cause = {}, {}
         for each in self._records:
             kept.pop(id(each), None)
         for each in (*sorted(kept.values(), key=lambda record: record.stamp), *self._records):
             self._refer(each)
 
+    def hide(self, stamp: int) -> None:
+        """From now on what was before ``stamp`` (ns) is not told of, though some of its records may still be there."""
+        if self._start is not None:
+            self._since = max(self._since, stamp)
+
     def _nearest(self, record: TraceRecord) -> Iterator[TraceRecord]:
         """A record and the first links of what led to it."""
         return islice((record, *self.before(record)), REMEMBERED_CHAIN)
 
     def _newest(self, record: TraceRecord) -> Iterator[TraceRecord]:
-        """What a record has come to: of its effects the newest, of the effects of that the newest and so on."""
+        """What a record has come to: of its effects the newest, of the effects of that the newest and so on.
+
+        Of a plan these are several, as its actions may go on side by side.
+        """
         for _ in range(REMEMBERED_CHAIN):
             effects = [effect for effect in self.effects(record) if effect.kind not in OF_TOPICS]
             if not effects:
                 return
+            yield from effects[-REMEMBERED_CHAIN if record.kind == "plan" else -1 :]
             record = effects[-1]
-            yield record
 
     def _refer(self, record: TraceRecord) -> None:
         for name in names_of(record):
@@ -117,8 +127,8 @@ class History:
 
     @property
     def since(self) -> int:
-        """The stamp (ns) since when all is known: the start, or that of the first record that is not forgotten."""
-        return self._stamps[0] if self._forgotten and self._stamps else self.start
+        """The stamp (ns) since when all is known: the start, as long as nothing is forgotten."""
+        return max(self._since, self.start)
 
     @property
     def end(self) -> int:

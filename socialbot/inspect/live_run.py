@@ -169,6 +169,7 @@ class LiveRun:
             return
         self._forgotten_until = back
         self._course.forget(history.until(back))
+        history.hide(back)
         self._timeline.forget(back)
         self._nodes.forget(history.seconds(back))
         if self._world is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -33,6 +34,8 @@ from socialbot.inspect.why import explain, why_not
 from socialbot.messages import Command
 
 T = TypeVar("T")
+
+log = logging.getLogger("socialbot.inspect")
 
 KEEP_UP_S = 2.0
 PAGE = Path(str(files("socialbot.inspect"))) / "page"
@@ -111,11 +114,18 @@ class Server:
 
     async def _keep_up(self) -> None:
         """Has a live run take in what it has heard, also while nobody looks: who comes then need not wait for it."""
+        told = ""
         while True:
             await asyncio.sleep(KEEP_UP_S)
             run = self.run
-            if run.live:
+            if not run.live:
+                continue
+            try:
                 await self._look(lambda: run.end)  # noqa: B023 - it is over before the next one
+            except Exception as error:  # what comes later is to be taken in all the same
+                if repr(error) != told:
+                    told = repr(error)
+                    log.exception("some of what was heard cannot be shown")
 
     async def _look(self, look: Callable[[], T]) -> T:
         return await asyncio.get_running_loop().run_in_executor(self._desk, look)
@@ -240,7 +250,8 @@ def _stamp(request: Request, run: Run, name: str = "t", default: float | None = 
     if not math.isfinite(seconds) or abs(seconds) > 1e9:
         raise HTTPException(400, f"{name} is to be a time in seconds")
     stamp = run.history.stamp(seconds)
-    return max(stamp, run.history.since) if run.history.forgotten else stamp
+    history = run.history
+    return max(stamp, history.since) if history.since > history.start else stamp
 
 
 def _answered(ask: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:

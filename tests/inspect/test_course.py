@@ -216,6 +216,40 @@ class TestCheckpoints:
         (ann,) = course.at(history.end).agents
         assert (ann.goals, [(ended.text, ended.outcome) for ended in ann.ended]) == ((), [("eat()", "burnt")])
 
+    def test_what_went_on_then_and_has_ended_since_is_right_at_every_moment(self):
+        records = [
+            record(0.0, "ann", "goal", "eat()", id="g1"),
+            record(0.0, "ann", "plan", "eat()", "g1", id="p1"),
+            record(0.0, "ann", "action", "cook()", "p1", id="a1"),
+            record(0.1, "ann", "belief", "hungry"),
+            record(0.2, "ann", "belief", "late"),
+            record(0.3, "ann", "failure", "cook()", "a1", id="f1"),
+            record(0.3, "ann", "dropped", "eat()", "f1", reason="burnt"),
+            *(record(1.0 + n, "ann", "belief", f"tick({n})") for n in range(9)),
+        ]
+        whole, history = (History(records, start=100 * SECOND) for _ in range(2))
+        course = Course(history)
+        assert course.forget(4) == 4
+        for each in history:
+            assert course.at(each.stamp) == Course(whole).at(each.stamp)
+        assert history.find("g1") is not None, "a page that shows it is asked why"
+
+    def test_actions_that_go_on_side_by_side_end_their_goal_when_any_of_them_fails(self):
+        records = [
+            record(0.0, "ann", "goal", "eat()", id="g1"),
+            record(0.0, "ann", "plan", "eat()", "g1", id="p1"),
+            record(0.0, "ann", "action", "cook()", "p1", id="a1"),
+            record(0.0, "ann", "action", "lay()", "p1", id="a2"),
+            *(record(1.0 + n, "ann", "belief", f"tick({n})") for n in range(9)),
+        ]
+        history = History(records, start=100 * SECOND)
+        course = Course(history)
+        assert course.forget(8) == 8
+        history.append(record(20.0, "ann", "failure", "cook()", "a1", id="f1"))
+        history.append(record(20.0, "ann", "dropped", "eat()", "f1", reason="burnt"))
+        (ann,) = course.at(history.end).agents
+        assert ann.goals == ()
+
     def test_what_is_over_is_not_kept_for_ever(self):
         history = History(start=100 * SECOND)
         course = Course(history)

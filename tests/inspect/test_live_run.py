@@ -12,10 +12,12 @@ from socialbot.inline import InlineRunner
 from socialbot.inspect import live_run
 from socialbot.inspect.live_run import LiveRun
 from socialbot.inspect.why import explain
+from socialbot.messages import TraceRecord
 from socialbot.replay import observed_topics
 from tests.inspect.runs import START, frame
 
 MINUTES = 40
+WELL = {"machine": "desk", "state": "active"}
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +35,7 @@ def long() -> tuple[LiveRun, LiveRun]:
             runner.feed("/humans/bodies/detections", frame(tenth, *([4.0] if tenth % 600 < 200 else [])))
             if tenth % 10 == 0:
                 for live in (short, whole):
-                    live.note_node(frame(tenth).stamp, "speech", {"machine": "desk", "call_hz": str(tenth)})
+                    live.note_node(frame(tenth).stamp, "speech", {**WELL, "call_hz": str(tenth)})
             if tenth % 100 == 0:
                 patch.setattr(live_run, "LOOKS_BACK_S", 300.0)
                 assert short.end
@@ -95,8 +97,60 @@ def test_a_graph_in_which_nothing_happens_forgets_how_its_nodes_were():
     live = LiveRun(graph)
     live.observe("/humans/bodies/detections", frame(0))
     for second in range(10_000):
-        live.note_node(START + second * SECOND, "speech", {"machine": "desk", "call_hz": str(second)})
+        live.note_node(START + second * SECOND, "speech", {**WELL, "call_hz": str(second)})
         assert live.end
     (told,) = live._nodes.told.values()
     assert 3600 <= len(told) <= 3600 + 300 + 2
     assert [node.name for node in live.nodes(live.end)] == [node.name for node in live.graph().nodes]
+
+
+def at_work(live: LiveRun, seconds: range, each_s: int) -> None:
+    """An agent has a goal every so often, and reaches it one second later; a node says each second how it is."""
+    for second in seconds:
+        stamp = START + second * SECOND
+        goal, now = f"g{second - second % each_s}", second % each_s
+        if now < 2:
+            kind, id, cause = ("achieved", f"e{second}", goal) if now else ("goal", goal, "")
+            told = TraceRecord(stamp=stamp, id=id, source="bdi_engine", kind=kind, what="look()", cause=cause)
+            live.observe("/bdi/trace", told)
+        live.note_node(stamp, "speech", {**WELL, "call_hz": str(second)})
+        if second % 100 == 0:
+            assert live.end
+
+
+def test_of_a_graph_in_which_little_happens_no_more_is_told_than_is_known():
+    """Records are forgotten many at once, all else one by one."""
+    short, whole = LiveRun(load_graph("waldo")), LiveRun(load_graph("waldo"))
+    at_work(short, range(3 * 3600), 60)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(live_run, "LOOKS_BACK_S", 1e9)
+        at_work(whole, range(3 * 3600), 60)
+        since = short.history.seconds(short.history.since)
+        assert 3600.0 <= short.history.seconds(short.end) - since <= 3600.0 + 300.0 + 100.0
+        for second in (since, since + 50.0, since + 1000.0):
+            stamp = short.history.stamp(second)
+            assert short.course.at(stamp) == whole.course.at(stamp)
+            assert short.nodes(stamp) == whole.nodes(stamp)
+        assert {bar for lane in short.timeline.lanes() for bar in lane.bars} == {
+            bar for lane in whole.timeline.lanes() for bar in lane.bars if bar.to_s is None or bar.to_s >= since
+        }
+
+
+def test_when_nothing_happens_any_more_it_still_ends_now():
+    live = LiveRun(load_graph("waldo"))
+    at_work(live, range(256), 2)  # as many records as are forgotten at once
+    assert len(live.history) == 256
+    for second in range(256, 10_000, 100):
+        live.note_node(START + second * SECOND, "speech", WELL)
+        assert live.end == START + second * SECOND
+    assert live.course.at(live.end).agents
+
+
+def test_what_comes_very_late_does_not_change_since_when_all_is_known():
+    live = LiveRun(load_graph("waldo"))
+    at_work(live, range(3 * 3600), 10)
+    since = live.history.since
+    old = TraceRecord(stamp=START - 9999 * SECOND, id="old", source="bdi_engine", kind="belief", what="old")
+    live.observe("/bdi/trace", old)
+    assert live.end
+    assert live.history.since == since

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -184,5 +185,24 @@ def test_a_page_that_is_open_for_long_forgets_what_the_server_does(browser, tmp_
         expect(visit.page.locator("#pane-why")).to_contain_text("because")
         visit.page.keyboard.press("End")
         visit.wait(101.9)
+        runner.close()
+        served.show(open_run(tmp_path / "run"))
+        expect(visit.page.locator("#state")).to_have_text("recorded")
+        expect(slider).to_have_attribute("min", "0")
+        visit.page.locator("#tab-log").click()
+        visit.page.keyboard.press("Home")
+        visit.wait(0.0)
+        expect(visit.page.locator("#log li button").first).to_have_text(re.compile(r"^0\.\d\d s"))
         visit.close()
-    runner.close()
+
+
+def test_a_page_that_was_there_before_the_run_began_says_the_time_of_day(browser, tmp_path):
+    live = LiveRun(load_graph("waldo"))
+    with serving(live, ANY) as served:
+        visit = Visit(browser, served.url)
+        expect(visit.page.locator("#mind-title")).to_have_text("Waldo")
+        expect(visit.page.locator("#day")).to_be_hidden()
+        waldo_at_work(tmp_path / "run", live, range(20)).close()
+        visit.wait(1.9)
+        expect(visit.page.locator("#day")).to_have_attribute("datetime", re.compile("^2023-11-14T22:13:2"))
+        visit.close()

@@ -17,12 +17,12 @@ from socialbot.graph_file import load_graph
 from socialbot.inspect import live_run, log
 from socialbot.inspect import server as server_module
 from socialbot.inspect.guard import COOKIE
-from socialbot.inspect.live_run import LiveRun
+from socialbot.inspect.live_run import LiveRun, _Heard
 from socialbot.inspect.run import Picture, Run
 from socialbot.inspect.run_folder import open_run
 from socialbot.inspect.server import Server
 from socialbot.inspect.serving import Address, _listening
-from socialbot.messages import AgentAnswer
+from socialbot.messages import AgentAnswer, TraceRecord
 from tests.inspect.runs import START, greeting, waldo_at_work
 
 HOME = "http://127.0.0.1:8765"
@@ -338,6 +338,22 @@ def test_what_is_heard_is_taken_in_though_nobody_looks(tmp_path, monkeypatch):
                 await asyncio.sleep(0.01)
 
     asyncio.run(asyncio.wait_for(serving(), 20))
+
+
+def test_what_cannot_be_shown_keeps_nothing_else_from_being_taken_in(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(server_module, "KEEP_UP_S", 0.01)
+    live = LiveRun(load_graph("waldo"))
+    odd = TraceRecord(stamp=START, id="p1", source="ann", kind="plan_start", what="x", cause="", detail={"plan": []})
+    waldo_at_work(tmp_path / "run", live, range(2)).close()
+    live._heard.insert(1, _Heard("/bdi/trace", odd))
+
+    async def serving() -> None:
+        async with Server(live).application().router.lifespan_context(None):
+            while live._heard:
+                await asyncio.sleep(0.01)
+
+    asyncio.run(asyncio.wait_for(serving(), 20))
+    assert "cannot be shown" in caplog.text
 
 
 def test_of_a_long_run_the_beginning_is_forgotten_and_the_answers_say_so(tmp_path, monkeypatch):

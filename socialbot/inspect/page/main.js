@@ -234,23 +234,26 @@ class Page {
         await this.#refresh();
         await this.#load();
       }),
-      news: ({ t, since_s: since, moment, bars, log }) => {
+      news: ({ t, began_s: began, since_s: since, moment, bars, log }) => {
+        this.run.began_s = began;
         const minds = new Map((this.#live?.agents ?? []).map(agent => [agent.name, agent]));
         for (const agent of moment.agents) minds.set(agent.name, agent);
         this.#live = { ...moment, agents: [...minds.values()] };
         if (moment.agents.some(agent => !this.#known(agent.name))) reporting(() => this.#refresh())();
         this.timeline.take(bars);
         if (log.length) this.log.add(log);
-        if (since !== this.playhead.since) this.#forget(since);
+        this.#forget(since);
         this.playhead.extend(t);
       },
       nodes: found => { if (this.playhead.following) this.nodes.show(found); },
       office: reason => this.asking.allow(reason),
       ended: reporting(async () => {
         this.#live = null;
+        const { since } = this.playhead;
         await this.#refresh();
         this.playhead.finish();
         this.#describe();
+        if (this.playhead.since < since) await this.#load(); // the record goes back further
         notice({ run: 'The run has ended; this is its record.' });
       }),
       lost: () => notice({ connection: 'The connection is lost; trying again …' }),
@@ -259,6 +262,7 @@ class Page {
 
   /** What was before `since` is not known any more. */
   #forget(since) {
+    if (since === this.playhead.since) return;
     this.log.forget(since);
     this.timeline.forget(since);
     this.playhead.forget(since);
@@ -268,7 +272,7 @@ class Page {
   async #refresh() {
     const graph = this.run.graph.nodes.length;
     this.run = await api.run();
-    this.playhead.since = this.run.since_s;
+    this.#forget(this.run.since_s);
     this.agents.take(this.run.agents);
     if (this.run.graph.nodes.length !== graph) this.nodes = new Nodes(this.run.graph);
     this.#describe();
