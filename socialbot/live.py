@@ -94,6 +94,7 @@ def run_live(
                 record.note_node(clock.now(), name, values)
 
         watch = ClockWatch(clock)
+        well: frozenset[str] = frozenset()
         while not ending.asked:
             begun, missed = time.monotonic(), None
             with (
@@ -103,7 +104,13 @@ def run_live(
                 presence = Presence(onlooker.ros, graph.name, ending.ask)
                 expect_free_names(onlooker.ros, graph, nodes)
                 supervisor = Supervisor(
-                    graph, record.folder / "log", composed=composed, policy=policy, nodes=nodes, variables=variables
+                    graph,
+                    record.folder / "log",
+                    composed=composed,
+                    policy=policy,
+                    nodes=nodes,
+                    variables=variables,
+                    well=well,
                 )
                 with presence, supervisor:
                     obituaries = Obituaries(onlooker.ros, supervisor)
@@ -115,6 +122,7 @@ def run_live(
                         presence.tell()
                         watch.look()
                         missed = around.missed()
+                    well |= supervisor.well
             if not ending.asked:
                 log.warning("all is started again, as it has missed what came later")
 

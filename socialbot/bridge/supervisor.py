@@ -88,6 +88,7 @@ class Supervisor:
 
     ``folder`` takes the graph as it runs (graph.yaml) and a log for each process. Only ``nodes`` of the graph are
     started, by default all; ``variables`` are more of the environment, for a process with the nodes of these names.
+    Processes whose names are in ``well`` have been so before, under another one: theirs is no very first start.
     Whoever has it calls `attend` all the time.
     """
 
@@ -101,6 +102,7 @@ class Supervisor:
         rotation: Rotation | None = None,
         nodes: Collection[str] | None = None,
         variables: Variables = no_variables,
+        well: Collection[str] = (),
     ) -> None:
         self._graph = graph
         self._folder = folder
@@ -114,7 +116,7 @@ class Supervisor:
         self._bring_up = BringUp((), self._activate, 0.0)
         own = {placement.name for placement in graph.placements} if nodes is None else set(nodes)
         self.members = {
-            name: Member(name, nodes, Patience(self._policy))
+            name: Member(name, nodes, Patience(self._policy), was_well=name in well)
             for name, nodes in processes_of(graph, composed=composed).items()
             if own.issuperset(nodes)
         }
@@ -186,6 +188,11 @@ class Supervisor:
         for member in self.members.values():
             self._part(member)
             member.due = None
+
+    @property
+    def well(self) -> frozenset[str]:
+        """The names of the processes that have been well."""
+        return frozenset(member.name for member in self.members.values() if member.was_well)
 
     @property
     def pids(self) -> dict[str, int]:

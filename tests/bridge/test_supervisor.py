@@ -112,6 +112,23 @@ def test_those_that_were_started_between_two_times_are_started_again_and_the_oth
         assert (one.last_error, one.is_given_up, two.restarts) == ("", False, 0)
 
 
+def test_one_that_has_been_well_before_all_was_started_again_may_fail_as_at_any_time(
+    scripts: dict[str, str], tmp_path: Path
+) -> None:
+    """As a camera does that was unplugged meanwhile."""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        assert attended(supervisor, lambda: supervisor.well == {"one", "two"})
+    scripts["one"] = f"""
+if os.environ["{RESTARTS_VARIABLE}"] == "0":
+    sys.exit(7)
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY, well=supervisor.well) as again:
+        one = again.members["one"]
+        assert attended(again, lambda: one.restarts == 1 and one.state == "active")
+    with pytest.raises(SocialbotError), Supervisor(GRAPH, tmp_path, policy=POLICY) as first:
+        attended(first, lambda: False)
+
+
 @pytest.mark.parametrize("cares", [True, False])
 def test_one_that_does_not_hear_that_it_is_to_be_started_again_is_asked_again_and_then_killed(
     scripts: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cares: bool
