@@ -94,15 +94,16 @@ def run_live(
                 record.note_node(clock.now(), name, values)
 
         watch = ClockWatch(clock)
-        well: frozenset[str] = frozenset()
+        well: frozenset[str] | None = None
         while not ending.asked:
-            begun, missed = time.monotonic(), None
+            begun = time.monotonic()
             with (
                 around.there(),
                 observing(topics_of(graph, nodes), telling(graph, observe), note, graph.wire) as onlooker,
             ):
                 presence = Presence(onlooker.ros, graph.name, ending.ask)
-                expect_free_names(onlooker.ros, graph, nodes)
+                if well is None:  # later a twin is told of, as when it is found while all goes on
+                    expect_free_names(onlooker.ros, graph, nodes)
                 supervisor = Supervisor(
                     graph,
                     record.folder / "log",
@@ -110,26 +111,30 @@ def run_live(
                     policy=policy,
                     nodes=nodes,
                     variables=variables,
-                    well=well,
+                    well=well or (),
                 )
                 with presence, supervisor:
                     obituaries = Obituaries(onlooker.ros, supervisor)
-                    while not (ending.asked or within(begun, missed)):
-                        if missed is not None:
-                            supervisor.renew(*missed)
+                    while not (ending.asked or renewed(supervisor, begun, around)):
                         supervisor.attend(ATTEND_S)
                         obituaries.tell()
                         presence.tell()
                         watch.look()
-                        missed = around.missed()
-                    well |= supervisor.well
+                    well = supervisor.well
             if not ending.asked:
                 log.warning("all is started again, as it has missed what came later")
 
 
-def within(moment: float, times: tuple[float, float] | None) -> bool:
-    """Whether a moment lies between two times, where there are any."""
-    return times is not None and times[0] <= moment <= times[1]
+def renewed(supervisor: Supervisor, begun: float, around: Surroundings) -> bool:
+    """Starts those processes again that have missed something; says whether who began at ``begun`` has, too."""
+    missed = around.missed()
+    if missed is None:
+        return False
+    begin, end = missed
+    if begin <= begun <= end:
+        return True
+    supervisor.renew(begin, end)
+    return False
 
 
 @dataclass
