@@ -28,6 +28,9 @@ MOST_RECORDS = 100_000
 LATER_S = 300.0
 """So much more than it looks back it may keep, as to forget takes time."""
 
+RECENT = 9
+"""The stamp in the middle of those that came last says what time it is, so that a wrong one has nothing forgotten."""
+
 
 @dataclass(frozen=True)
 class _Heard:
@@ -56,7 +59,8 @@ class LiveRun:
         self._world: World | None = world_of(graph)
         self._nodes = NodesThen([placement.name for placement in graph.placements])
         self._end = 0
-        self._forgotten_until = 0
+        self._recent: deque[int] = deque(maxlen=RECENT)
+        self._forgot = 0
 
     # What happens, from any thread
 
@@ -145,6 +149,7 @@ class LiveRun:
             each = heard.popleft()
             message = each if isinstance(each, NodeTold) else each.message
             self._end = max(self._end, message.stamp)
+            self._recent.append(message.stamp)
             if isinstance(message, (NodeTold, Health)):
                 if self._history:  # time begins with the first record
                     self._nodes.take(self._history.seconds(message.stamp), message)
@@ -162,12 +167,13 @@ class LiveRun:
     def _forget(self) -> None:
         """Forgets what is too long ago."""
         history = self._history
-        back = self._end - nanoseconds(LOOKS_BACK_S)
+        now = sorted(self._recent)[len(self._recent) // 2] if self._recent else 0
+        back = now - nanoseconds(LOOKS_BACK_S)
         if len(history) > MOST_RECORDS:
             back = max(back, history[len(history) // 2].stamp)
-        elif self._forgotten_until > back - nanoseconds(LATER_S):
+        elif abs(now - self._forgot) < nanoseconds(LATER_S):
             return
-        self._forgotten_until = back
+        self._forgot = now
         self._course.forget(history.until(back))
         history.hide(back)
         self._timeline.forget(back)

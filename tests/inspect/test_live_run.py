@@ -154,3 +154,16 @@ def test_what_comes_very_late_does_not_change_since_when_all_is_known():
     live.observe("/bdi/trace", old)
     assert live.end
     assert live.history.since == since
+
+
+def test_a_stamp_of_the_future_makes_nothing_forgotten():
+    graph = load_graph("waldo")
+    live = LiveRun(graph)
+    for second in range(500):
+        live.observe("/humans/bodies/detections", frame(second * 10, 4.0))
+        if second == 400:
+            live.observe("/humans/bodies/detections", frame(10_000_000, 4.0))
+        assert live.end
+    assert live.history.forgotten == 0
+    assert live.history.since == START
+    assert len(live.history) == 501
