@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
+from socialbot.bridge.supervisor import Supervisor
 from socialbot.display import Display
 from socialbot.graph_file import load_graph
-from socialbot.live import display_of, keep_minds
+from socialbot.live import Surroundings, display_of, keep_minds, renewed
 from socialbot.report.display import RunDisplay
 from tests.report.runs import record
 
@@ -33,6 +35,34 @@ def test_agents_whose_plans_come_by_messages_keep_no_mind_but_who_sends_them_rem
 def test_an_agent_that_keeps_its_mind_elsewhere_goes_on_doing_so(tmp_path):
     graph = load_graph("waldo").with_parameters({"bdi_engine": {"mind_file": "here.json"}})
     assert keep_minds(graph, tmp_path).placement("bdi_engine").parameters["mind_file"] == "here.json"
+
+
+class Come(Surroundings):
+    """Something has come that those have missed who started from 2 s to 5 s."""
+
+    def missed(self) -> tuple[float, float]:
+        return 2.0, 5.0
+
+
+@pytest.mark.parametrize(
+    ("around", "begun", "all_again", "asked"),
+    [
+        (Surroundings(), 3.0, False, []),
+        (Come(), 1.0, False, [(2.0, 5.0)]),
+        (Come(), 2.0, True, []),
+        (Come(), 6.0, False, [(2.0, 5.0)]),
+    ],
+)
+def test_all_is_started_again_only_where_the_one_who_starts_it_has_missed_something(around, begun, all_again, asked):
+    told: list[tuple[float, float]] = []
+
+    class Told(Supervisor):
+        def renew(self, begin: float, end: float) -> None:
+            told.append((begin, end))
+
+    supervisor = Told(load_graph("waldo"), Path())
+    assert renewed(supervisor, begun, around) is all_again
+    assert told == asked
 
 
 def test_a_desire_that_an_agent_refuses_is_shown():

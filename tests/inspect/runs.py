@@ -72,6 +72,17 @@ def long_run(folder: Path, *, visits: int, room: int) -> Path:
     return folder
 
 
+def waldo_heard_by(*lives: LiveRun) -> InlineRunner:
+    """Waldo, at work as soon as he is fed; what happens is told to ``lives``."""
+    graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
+    runner = InlineRunner(graph, start=START)
+    for live in lives:
+        for topic in observed_topics(graph):
+            runner.tap(topic, live.observe)
+    runner.start()
+    return runner
+
+
 def waldo_at_work(folder: Path, live: LiveRun, tenths: range, runner: InlineRunner | None = None) -> InlineRunner:
     """Shows Waldo somebody; what happens is told to ``live`` as the record of a run tells it."""
     if runner is None:

@@ -8,13 +8,11 @@ import pytest
 
 from socialbot.clock import SECOND
 from socialbot.graph_file import load_graph
-from socialbot.inline import InlineRunner
 from socialbot.inspect import live_run
 from socialbot.inspect.live_run import LiveRun
 from socialbot.inspect.why import explain
 from socialbot.messages import TraceRecord
-from socialbot.replay import observed_topics
-from tests.inspect.runs import START, frame
+from tests.inspect.runs import START, frame, waldo_heard_by
 
 MINUTES = 40
 WELL = {"machine": "desk", "state": "active"}
@@ -23,14 +21,10 @@ WELL = {"machine": "desk", "state": "active"}
 @pytest.fixture(scope="module")
 def long() -> tuple[LiveRun, LiveRun]:
     """Waldo is visited for 20 s of each minute: a run that looks back five of them, and one without end."""
-    graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
-    runner, short, whole = InlineRunner(graph, start=START), LiveRun(graph), LiveRun(graph)
+    short, whole = (LiveRun(load_graph("waldo").without_sources()) for _ in range(2))
+    runner = waldo_heard_by(short, whole)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(live_run, "LATER_S", 60.0)
-        for live in (short, whole):
-            for topic in observed_topics(graph):
-                runner.tap(topic, live.observe)
-        runner.start()
         for tenth in range(600 * MINUTES):
             runner.feed("/humans/bodies/detections", frame(tenth, *([4.0] if tenth % 600 < 200 else [])))
             if tenth % 10 == 0:
@@ -77,11 +71,8 @@ def test_what_has_been_believed_all_the_time_can_still_be_explained(long):
 
 def test_of_many_records_the_older_half_is_forgotten(monkeypatch):
     monkeypatch.setattr(live_run, "MOST_RECORDS", 1000)
-    graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
-    runner, live = InlineRunner(graph, start=START), LiveRun(graph)
-    for topic in observed_topics(graph):
-        runner.tap(topic, live.observe)
-    runner.start()
+    live = LiveRun(load_graph("waldo").without_sources())
+    runner = waldo_heard_by(live)
     counts = []
     for tenth in range(4000):
         runner.feed("/humans/bodies/detections", frame(tenth, 4.0))
