@@ -21,9 +21,9 @@ from evaluation.engine_host import host, latency
 from evaluation.engine_peers import Workload, peers
 from evaluation.engine_workloads import QUICK, WORKLOADS, Figures, Scale
 from evaluation.report import JsonOption, Machine, QuickOption, run, setting, write
-from socialbot.errors import SocialbotError
-from socialbot.report.page import Page, Section
-from socialbot.report.page import table as html_table
+from socialbot.core.errors import SocialbotError
+from socialbot.runs.report_page import Page, Section
+from socialbot.runs.report_page import table as html_table
 
 OnlyOption = Annotated[
     str | None, typer.Option("--only", metavar="W1,W2a", help="Only these workloads (W1 to W6, latency).")

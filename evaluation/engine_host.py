@@ -18,8 +18,8 @@ from evaluation import engine_programs as programs
 from evaluation.engine_workloads import Figures, Scale
 from evaluation.report import percentile
 from socialbot.bdi import Engine, Library
-from socialbot.clock import WallClock
-from socialbot.errors import SocialbotError
+from socialbot.core.clock import WallClock
+from socialbot.core.errors import SocialbotError
 
 PAUSE_S = 0.0002
 """Between two events from another thread, so that the engine rests in between."""

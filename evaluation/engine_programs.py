@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from socialbot.bdi import Action, Belief, Engine, Goal, Plan, action, send, variables
-from socialbot.clock import WallClock
+from socialbot.core.clock import WallClock
 
 A, K, N, R, T = variables("A K N R T")
 

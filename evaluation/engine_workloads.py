@@ -17,7 +17,7 @@ from evaluation.report import Value
 from evaluation.timing import Pass, Passes, Timing, take_turns, timed
 from socialbot.bdi import Atom, Engine
 from socialbot.bdi.literals import Belief
-from socialbot.clock import WallClock
+from socialbot.core.clock import WallClock
 
 Figures = dict[str, Value]
 

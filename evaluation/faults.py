@@ -22,8 +22,8 @@ from rich.console import Console
 
 from evaluation.faults_plan import Plan, Skipped
 from evaluation.report import DomainOption, JsonOption, Report, Value, run
-from socialbot.errors import ParameterError, SocialbotError
-from socialbot.graph import suggestion
+from socialbot.core.errors import ParameterError, SocialbotError
+from socialbot.graph.node import suggestion
 
 UNMET_EXIT = 1
 

@@ -21,10 +21,10 @@ from evaluation.faults_deaths import GREETING, PASS_S, SCENE, SETTINGS
 from evaluation.faults_plan import Plan, Skipped
 from evaluation.faults_processes import await_, beside, write_pictures
 from evaluation.report import Report, Value
-from socialbot.clock import SECOND
-from socialbot.inspect.run_folder import RecordedRun, open_run
-from socialbot.run_record import TRACE
-from socialbot.security.keys import new_key
+from socialbot.bridge.security import new_key
+from socialbot.core.clock import SECOND
+from socialbot.runs.folder import RecordedRun, open_run
+from socialbot.runs.record import TRACE
 
 SOURCE = Path(__file__).with_name("set_clock.c")
 CLOCK_VARIABLE = "SET_CLOCK"
@@ -35,7 +35,7 @@ STEPS_S = (-2, 3600, -3600, 2, -3600, 86400)
 QUICK_STEPS_S = (-3600, 3600)
 
 LOST_S = 2.0
-"""In this time of nothing seen nobody would be missed who is there: `Manners.vanish_s` and more is needed for that."""
+"""Longest gap without detections (s) that hides nobody: shorter than `WaldoConfig.vanish_s`."""
 
 
 def clocks(report: Report, plan: Plan) -> str:

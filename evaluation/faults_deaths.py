@@ -29,11 +29,11 @@ from evaluation.faults_plan import Plan
 from evaluation.faults_processes import await_, beside, write_pictures
 from evaluation.report import Report, Value
 from socialbot.bridge import environment
-from socialbot.bridge.observing import Fates, observing
-from socialbot.clock import SECOND
-from socialbot.graph_file import load_graph
-from socialbot.health import HEALTH_TOPIC
-from socialbot.messages import ActionRequest, CameraInfo, Health, Message, Mind, PersonDetections, SpeechStatus
+from socialbot.bridge.graph_observer import Fates, observing
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import ActionRequest, CameraInfo, Health, Message, Mind, PersonDetections, SpeechStatus
+from socialbot.graph.files import load_graph
+from socialbot.graph.health import HEALTH_TOPIC
 
 TIMES, QUICK_TIMES = 20, 1
 BACK_S = 2.0

@@ -12,7 +12,7 @@ import msgspec
 
 from evaluation.faults_plan import Plan
 from evaluation.report import Report
-from socialbot.errors import NodeError
+from socialbot.core.errors import NodeError
 
 INPUTS, QUICK_INPUTS = 1_000_000, 20_000
 HARM = {

@@ -8,7 +8,7 @@ from evaluation.faults_outage import after_s, is_centred
 from evaluation.faults_plan import Plan
 from evaluation.faults_scene import ACTIONS, FRAME_HZ, HEALTH, MOTION, READY_S, TAKEN, scene
 from evaluation.report import Report
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 
 SAYS_S = 10.0
 """So long the robot may take, from its start, to say that it is alone: its nodes start, and wait a while for others."""

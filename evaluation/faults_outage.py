@@ -10,7 +10,7 @@ from evaluation.faults_plan import Plan
 from evaluation.faults_scene import ACTIONS, ARRIVED, GREETING, HEAD, MOTION, TRACE, Scene, scene
 from evaluation.faults_watch import Heard
 from evaluation.report import Report
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 
 BELIEVED_S = 0.5
 """Within this time the workstation has to believe that it sees nothing."""

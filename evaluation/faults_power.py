@@ -19,10 +19,10 @@ import msgspec
 from evaluation.faults_plan import Plan
 from evaluation.faults_processes import await_, beside, kill_all, write_pictures
 from evaluation.report import Report, Value
+from socialbot.bags.reader import open_bag
 from socialbot.bridge import environment
-from socialbot.bridge.bags import open_bag
-from socialbot.clock import SECOND
-from socialbot.messages import Message, PersonDetections, TraceRecord
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Message, PersonDetections, TraceRecord
 
 CUTS, QUICK_CUTS = 10, 2
 LAST_S = 1.0
@@ -96,7 +96,7 @@ def power(report: Report, plan: Plan) -> str:
 
 
 def _cut(plan: Plan, folder: Path, pictures: Path, after_s: float, recorded: Sequence[str]) -> dict[str, Value]:
-    from socialbot.bridge.observing import observing
+    from socialbot.bridge.graph_observer import observing
 
     heard: list[tuple[int, int]] = []
 

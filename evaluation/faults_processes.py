@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from evaluation.faults_plan import Plan
-from socialbot.bridge.bags import open_bag
-from socialbot.errors import NodeError
-from socialbot.messages import CompressedImage
+from socialbot.bags.reader import open_bag
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import CompressedImage
 
 CORRIDOR = Path(__file__).parents[1] / "data" / "synthetic" / "corridor"
 LOOK_S = 0.02
@@ -86,7 +86,7 @@ def process_name(pid: int) -> str:
         title = Path(f"/proc/{pid}/comm").read_text("utf-8").strip()
     except OSError:
         return ""
-    if "socialbot.bridge.zygote" in words:
+    if "socialbot.runtime.fork_server_main" in words:
         return "zygote" if title.startswith("python") else title
     arguments = words[words.index("socialbot") + 1 :] if "socialbot" in words else []
     if arguments[:1] == ["node"] and "--parent" in arguments:

@@ -23,11 +23,11 @@ import cv2
 from evaluation.faults_plan import Skipped
 from evaluation.faults_watch import Heard, heard
 from evaluation.two_hosts import ROBOT, WORKSTATION, Host, NoHostsError, TwoHosts, two_hosts
-from socialbot.bridge.bags import open_bag
-from socialbot.errors import NodeError
-from socialbot.messages import CompressedImage
-from socialbot.security.keys import new_key
-from socialbot.vision.encodings import bgr_from_compressed
+from socialbot.bags.reader import open_bag
+from socialbot.bridge.security import new_key
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import CompressedImage
+from socialbot.vision.images import bgr_from_compressed
 
 ROOT = Path(__file__).parents[1]
 CORRIDOR = ROOT / "data" / "synthetic" / "corridor"

@@ -22,11 +22,11 @@ from evaluation.faults_plan import Plan, Skipped
 from evaluation.faults_processes import CORRIDOR, beside, descendants, process_name
 from evaluation.report import Report, Value
 from evaluation.soak import growth
-from socialbot.bridge.bag_writer import BagWriter
-from socialbot.bridge.bags import open_bag
-from socialbot.clock import SECOND
-from socialbot.errors import NodeError
-from socialbot.messages import CameraInfo, CompressedImage
+from socialbot.bags.reader import open_bag
+from socialbot.bags.writer import BagWriter
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import CameraInfo, CompressedImage
 
 PICTURES, INFO = "/camera/image_raw/compressed", "/camera/camera_info"
 EVERY = 10

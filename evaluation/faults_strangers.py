@@ -22,7 +22,20 @@ import msgspec
 from evaluation.faults_plan import Plan
 from evaluation.faults_processes import await_, beside
 from evaluation.report import Report, Value
-from socialbot.agent_messages import (
+from socialbot.bridge import environment
+from socialbot.bridge.security import REASONS, SCHEMA, Keys, Stream, load_keys, new_key
+from socialbot.bridge.transport import KEYS_VARIABLE
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import (
+    ActionRequest,
+    HeadCommand,
+    JointTrajectory,
+    Message,
+    SpeechStatus,
+    Structured,
+    Utterance,
+)
+from socialbot.deliberation.messages import (
     INSTANCE,
     AgentReply,
     AgentRequest,
@@ -33,14 +46,8 @@ from socialbot.agent_messages import (
     DesireSet,
     Fact,
 )
-from socialbot.bridge import environment
-from socialbot.bridge.wire import KEYS_VARIABLE
-from socialbot.clock import SECOND
-from socialbot.graph import Delivery
-from socialbot.graph_file import load_graph
-from socialbot.messages import ActionRequest, HeadCommand, JointTrajectory, Message, SpeechStatus, Structured, Utterance
-from socialbot.security.keys import Keys, load_keys, new_key
-from socialbot.security.seal import REASONS, SCHEMA, Stream
+from socialbot.graph.files import load_graph
+from socialbot.graph.node import Delivery
 
 COUNT, QUICK_COUNT = 10_000, 960
 BATCH = 288
@@ -218,8 +225,8 @@ def _besiege(
     plan: Plan, folder: Path, keys: Keys, count: int
 ) -> tuple[Counter[tuple[str, str]], Counter[tuple[str, str]], Counter[str], float]:
     """What had been done when the friend had spoken, and in the end; what was refused; how long it took (s)."""
-    from socialbot.bridge.observing import Fates, observing
-    from socialbot.bridge.sending import send
+    from socialbot.bridge.graph_observer import Fates, observing
+    from socialbot.bridge.publish_once import send
 
     graph = load_graph(str(folder / "graph.yaml"))
     effects, fates = Effects(), Fates(graph)

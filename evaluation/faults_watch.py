@@ -18,16 +18,15 @@ from typing import Any
 
 import msgspec
 
+from socialbot.bags.codec import ros_type
 from socialbot.bridge import environment
-from socialbot.bridge.codec import ros_type
-from socialbot.bridge.heap import keep_freed_memory
-from socialbot.bridge.wire import KEYS_VARIABLE
-from socialbot.clock import SECOND
-from socialbot.deployment.deployment import Deployment
-from socialbot.deployment.deployment_file import load_deployment
-from socialbot.graph import Delivery
-from socialbot.health import HEALTH_TOPIC
-from socialbot.messages import Health, Image, Message
+from socialbot.bridge.transport import KEYS_VARIABLE
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Health, Image, Message
+from socialbot.core.process import keep_freed_memory
+from socialbot.graph.health import HEALTH_TOPIC
+from socialbot.graph.node import Delivery
+from socialbot.runtime.deployment import Deployment, load_deployment
 
 DIAGNOSTICS = "/diagnostics"
 STAMP_ENDS = 12
@@ -61,9 +60,9 @@ def stamp_of(data: bytes) -> int:
 
 def watch(deployment: Deployment, topics: list[str], file: Path, end: threading.Event) -> None:
     """Watches ``topics`` until the ``end``, in an environment that is prepared."""
-    from socialbot.bridge.observing import observing
+    from socialbot.bridge.graph_observer import observing
     from socialbot.bridge.qos import subscription_qos
-    from socialbot.bridge.ros_types import message_class
+    from socialbot.bridge.transport import message_class
 
     encoder = msgspec.json.Encoder()
     kinds: dict[str, type[Message]] = {HEALTH_TOPIC: Health, **deployment.graph.topics()}

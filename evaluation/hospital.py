@@ -42,7 +42,7 @@ from evaluation.hospital_tables import (
 )
 from evaluation.progress import Bar
 from evaluation.report import JsonOption, QuickOption, Report, percentile, run
-from socialbot.errors import ParameterError, SocialbotError
+from socialbot.core.errors import ParameterError, SocialbotError
 
 INLINE_S = 60.0
 GROWTH_PERCENT = 8.0
@@ -118,7 +118,7 @@ def sample(rates: Sequence[float], count: int, growth: int) -> list[Setting]:
 def play_inline(todo: Sequence[Setting], jobs: int, scheduler: str | None) -> list[MissionRecord]:
     """Plays the missions in simulated time, many side by side."""
     # What it takes to look at pictures comes with it, and each process would import that as well.
-    from socialbot.evaluate.workers import apart, elsewhere
+    from socialbot.vision.metrics.workers import apart, elsewhere
 
     with Bar("in simulated time", len(todo)) as bar:
         if scheduler is not None:

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 from socialbot.agents.hospital.ward.agents import JOINT
 from socialbot.agents.hospital.ward.messages import ActionCommand, ActionResult
-from socialbot.clock import SECOND, nanoseconds
+from socialbot.core.clock import SECOND, nanoseconds
 
 ROUNDED_NS = 1000
 """Durations are told in s; so much may be lost."""

@@ -12,14 +12,14 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
+from socialbot.agents.hospital.coordinator import HospitalCoordinator
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
 from socialbot.agents.hospital.scripted import ScriptedCoordinator, ScriptedNurse, ScriptedSpot, ScriptedUvd
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
-from socialbot.clock import Clock
-from socialbot.errors import NodeError
-from socialbot.graph import Context, Graph, Node, Output, Parameter, Timer
-from socialbot.messages import Message
+from socialbot.core.clock import Clock
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import Message
+from socialbot.graph.node import Context, Graph, Node, Output, Parameter, Timer
 
 R = TypeVar("R")
 

@@ -17,18 +17,18 @@ from pathlib import Path
 from evaluation.hospital_noted import Notes, Work, name_of, noting, read_notes
 from evaluation.hospital_record import Configuration, MissionRecord, Share
 from evaluation.hospital_runs import LIMIT_S, graph_for, is_drawn
-from socialbot.agents.hospital.coordinator_node import MISSIONS
+from socialbot.agents.hospital.coordinator import MISSIONS
 from socialbot.agents.hospital.graphs import WORLD
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState
 from socialbot.agents.hospital.ward.ward import paper_ward
-from socialbot.bridge.launch import Launch
-from socialbot.bridge.observing import Fates, observing
+from socialbot.bridge.graph_observer import Fates, observing
 from socialbot.bridge.readiness import expect_free_names
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.errors import NodeError
-from socialbot.graph import Graph
-from socialbot.messages import Message
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import Message
+from socialbot.graph.node import Graph
+from socialbot.runtime.processes import Launch
 
 TOPICS: Mapping[str, type[Message]] = {
     TOPIC: AclMessage,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from evaluation.hospital_record import Configuration, MissionRecord, Share
-from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordinator
+from socialbot.agents.hospital.coordinator import MISSIONS, HospitalCoordinator
 from socialbot.agents.hospital.graphs import WORLD, hospital
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.scripted import ScriptedCoordinator, scripted
@@ -22,10 +22,10 @@ from socialbot.agents.hospital.ward.faults import drawn_problems
 from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, ActionResult
 from socialbot.agents.hospital.ward.ward import paper_ward
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.graph import Graph
-from socialbot.inline import InlineRunner
-from socialbot.messages import Message
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import Message
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph
 
 NOISE = 0.02
 """By how much durations differ at most from what they should be, by the seed: real ones are never quite the same."""

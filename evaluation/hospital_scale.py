@@ -28,7 +28,7 @@ from evaluation.progress import Bar
 from evaluation.report import JsonOption, QuickOption, Report, Value, percentile, run
 from socialbot.agents.hospital.disinfect import DISINFECT, mission, ward
 from socialbot.agents.hospital.missions import Policy
-from socialbot.tasks.planner import TaskPlanner
+from socialbot.planning.htn.planner import TaskPlanner
 
 RATES = (25.0, 50.0, 75.0, 100.0)
 MISSED_PERCENT = 15.0
@@ -99,7 +99,7 @@ def hush() -> None:
 def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]]:
     """Plays all runs, so many side by side; what comes out, and its order, does not depend on how many that are."""
     # What it takes to look at pictures comes with it, and each process would import that as well.
-    from socialbot.evaluate.workers import apart
+    from socialbot.vision.metrics.workers import apart
 
     everything = [(story,) for some in kinds.values() for story in some]
     with Bar("runs", len(everything)) as bar:
@@ -109,7 +109,7 @@ def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]
 
 def grow(sizes: Sequence[tuple[int, int]]) -> list[Result]:
     """Plays a run in each ward, one after the other, each in a process of its own as its memory is measured."""
-    from socialbot.evaluate.workers import apart
+    from socialbot.vision.metrics.workers import apart
 
     with Bar("wards that grow", len(sizes)) as bar:
         return [apart(play, [(grown(*size),)], 1, begin=hush, done=bar.advance)[0] for size in sizes]

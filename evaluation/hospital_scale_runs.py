@@ -11,18 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evaluation.hospital_check import violations
-from socialbot.agents.hospital.coordinator import Coordinator
-from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordinator
+from socialbot.agents.hospital.coordinator import MISSIONS, Coordinator, HospitalCoordinator
 from socialbot.agents.hospital.graphs import WORLD, large_hospital
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, Plan, Problem
 from socialbot.agents.hospital.missions import Policy
 from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.graph import Graph
-from socialbot.inline import InlineRunner
-from socialbot.messages import Message
-from socialbot.security import paths
+from socialbot.core import paths
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import Message
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph
 
 STILL_S = 60.0
 """A run in which nothing is done for so long while a room waits stands still: nobody rests, charges or is away so long.

@@ -34,15 +34,15 @@ from rich.console import Console
 from rich.table import Table
 
 from evaluation.inspect_browser import first_picture_ms, page, steps_ms, update_ms
-from socialbot.bridge.bags import BagWriter
-from socialbot.bridge.observing import observing
-from socialbot.clock import SECOND
-from socialbot.errors import NodeError
-from socialbot.graph_file import parse_graph
-from socialbot.inline import InlineRunner
-from socialbot.messages import CompressedImage, PersonDetection, PersonDetections
-from socialbot.replay import observed_topics
-from socialbot.run_record import RunRecord
+from socialbot.bags.reader import BagWriter
+from socialbot.bridge.graph_observer import observing
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import CompressedImage, PersonDetection, PersonDetections
+from socialbot.graph.files import parse_graph
+from socialbot.graph.inline import InlineRunner
+from socialbot.runs.record import RunRecord
+from socialbot.runtime.replay import observed_topics
 
 AS_REQUIRED, NOT_AS_REQUIRED = 0, 10
 START = 1_700_000_000 * SECOND

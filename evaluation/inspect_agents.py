@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from socialbot.agents.agent_node import AgentNode
+from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bdi import Engine
-from socialbot.graph import Delivery, Output
-from socialbot.messages import ActionRequest, Mind, TraceRecord
+from socialbot.core.messages import ActionRequest, Mind, TraceRecord
+from socialbot.graph.node import Delivery, Output
 
 PROGRAM = """
 at(0).

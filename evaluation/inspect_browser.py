@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from playwright.sync_api import Page, sync_playwright
 
-from socialbot.errors import NodeError
+from socialbot.core.errors import NodeError
 
 PATIENCE_MS = 60_000.0
 WINDOW = {"width": 1440, "height": 900}

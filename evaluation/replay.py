@@ -24,18 +24,18 @@ import cv2
 import typer
 
 from evaluation.report import DomainOption, JsonOption, QuickOption, Report, run
+from socialbot.bags.reader import Bag, open_bag
+from socialbot.bags.writer import BagWriter
 from socialbot.bridge import environment
-from socialbot.bridge.bag_writer import BagWriter
-from socialbot.bridge.bags import Bag, open_bag
-from socialbot.clock import SECOND
-from socialbot.errors import BagError
-from socialbot.graph_file import load_graph
-from socialbot.messages import ActionRequest, CompressedImage, Image
-from socialbot.replay import Replay, Runner, replay
-from socialbot.run_record import RunRecord
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import BagError
+from socialbot.core.messages import ActionRequest, CompressedImage, Image
+from socialbot.graph.files import load_graph
+from socialbot.runs.record import RunRecord
+from socialbot.runtime.replay import Replay, Runner, replay
 from socialbot.vision.detector import Detector
 from socialbot.vision.detectors import DETECTORS, DetectorSettings
-from socialbot.vision.encodings import bgr_from_compressed, bgr_from_image
+from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.person_detector import PersonDetector
 
 DOMAIN = 78

@@ -16,11 +16,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from socialbot.errors import SocialbotError
-from socialbot.replay import versions
-from socialbot.report.page import Page, Section, settings
-from socialbot.report.page import table as html_table
-from socialbot.report.series import series_charts
+from socialbot.core.errors import SocialbotError
+from socialbot.runs.report_page import Page, Section, settings
+from socialbot.runs.report_page import table as html_table
+from socialbot.runs.report_series import series_charts
+from socialbot.runtime.replay import versions
 
 JsonOption = Annotated[
     Path | None,

@@ -25,8 +25,8 @@ from evaluation.engine_host import rss_kib
 from evaluation.report import JsonOption, Report, Value, percentile, run
 from socialbot.bdi import Belief, Engine, Goal, PlanFailed, Reactor, Record, action, apart, ask, send, variables, wait
 from socialbot.bdi.society import Society
-from socialbot.clock import WallClock
-from socialbot.errors import SocialbotError
+from socialbot.core.clock import WallClock
+from socialbot.core.errors import SocialbotError
 
 GROWTH_LIMIT = 0.01
 """Memory is flat when a line through its samples grows by less than this share over the last two thirds of the time."""
@@ -127,7 +127,7 @@ RULES = [
 OTHER_RULES = [+question(K) >> [-question(K), send("agent", answer(K, K + 1))]]
 
 
-class Life:
+class NodeThread:
     """Two agents, and what is posted to them."""
 
     def __init__(self, rate: float, seed: int = 1) -> None:
@@ -245,7 +245,7 @@ class Minute:
 
 
 def soak(
-    life: Life, seconds: float, period_s: float, tell: Callable[[str], object]
+    life: NodeThread, seconds: float, period_s: float, tell: Callable[[str], object]
 ) -> tuple[list[Minute], list[float]]:
     """Lets it live; returns the minutes (or shorter periods) and the memory (MiB) of each second.
 
@@ -294,7 +294,7 @@ def p99_drift(minutes: list[Minute]) -> float:
     return last / first
 
 
-def verdict(report: Report, life: Life, minutes: list[Minute], memory: list[float]) -> None:
+def verdict(report: Report, life: NodeThread, minutes: list[Minute], memory: list[float]) -> None:
     """Adds what came of it."""
     seconds, deeds = minutes[-1].end_s, life.deeds.counts
     report.add("seconds", "time, s", round(seconds, 1))
@@ -329,7 +329,7 @@ def main(minutes: MinutesOption = 30, rate: RateOption = 10_000, json: JsonOptio
     """Let two agents live for a while under a steady load, and tell whether memory and latencies stay what they are."""
     logging.getLogger("socialbot.bdi").setLevel(logging.ERROR)  # failures are part of it
     report = Report("soak", quick=False)
-    life = Life(rate)
+    life = NodeThread(rate)
     gc.collect()
     seconds = minutes * 60
     periods, memory = soak(life, seconds, min(60.0, seconds / 6), lambda line: print(line, flush=True))

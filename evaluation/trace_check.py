@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 
 GAP_S = 3.0
 """So long a condition over all may seem not to hold: sensors flicker, and see late that a step has begun or ended."""

@@ -18,18 +18,18 @@ import msgspec
 
 from evaluation.report import DomainOption, JsonOption, QuickOption, Report, Value, percentile, run
 from evaluation.transport_nodes import Answerer, Begin, Camera, IdleDetector, Look
+from socialbot.bags.codec import encode, ros_type
 from socialbot.bridge import environment
-from socialbot.bridge.codec import encode, ros_type
-from socialbot.bridge.launch import Launch
-from socialbot.bridge.observing import Onlooker, observing
+from socialbot.bridge.graph_observer import Onlooker, observing
 from socialbot.bridge.qos import publisher_qos
 from socialbot.bridge.readiness import Connection, await_graph, publisher_connection
-from socialbot.bridge.ros_types import RclpyTypes, message_class
-from socialbot.clock import SECOND, WallClock
-from socialbot.errors import NodeError
-from socialbot.graph import Delivery, Graph, Placement
-from socialbot.messages import ActionRequest, Message
-from socialbot.vision.image_converter import ImageConverter
+from socialbot.bridge.transport import RclpyTypes, message_class
+from socialbot.core.clock import SECOND, WallClock
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import ActionRequest, Message
+from socialbot.graph.node import Delivery, Graph, NodeConfig
+from socialbot.runtime.processes import Launch
+from socialbot.vision.images import ImageConverter
 
 DOMAIN = 77
 RATE_HZ = 30.0
@@ -147,10 +147,10 @@ class Trial:
         return Graph(
             name="transport",
             placements=(
-                Placement("camera", Camera, camera),
-                Placement("image_converter", ImageConverter),
-                Placement("detector", IdleDetector, detector),
-                Placement("agent", Answerer),
+                NodeConfig("camera", Camera, camera),
+                NodeConfig("image_converter", ImageConverter),
+                NodeConfig("detector", IdleDetector, detector),
+                NodeConfig("agent", Answerer),
             ),
             inputs=frozenset({"/evaluation/begin", "/camera/image_raw/compressed"}),
         )

@@ -11,11 +11,11 @@ import cv2
 import msgspec
 import numpy as np
 
-from socialbot.agents.agent_node import AgentNode
+from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bdi import Action, Engine, Reactor, Sensed, Sensor, variables
-from socialbot.clock import nanoseconds
-from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter
-from socialbot.messages import Image, PersonDetections, Structured
+from socialbot.core.clock import nanoseconds
+from socialbot.core.messages import Image, PersonDetections, Structured
+from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
 
 HEIGHT, WIDTH = 480, 640
 

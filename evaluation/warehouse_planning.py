@@ -13,19 +13,19 @@ from typing import Any
 from unittest import mock
 
 from evaluation.warehouse_runs import Story, play
-from socialbot.agent_messages import Condition, Conjunction, Desire, Dnf, Fact
-from socialbot.agents import deliberating
-from socialbot.agents.warehouse.cast import GRIPPER, GRIPPER_DOMAIN, gripper_beliefs, gripper_desires
+from socialbot.agents.base import deliberating
 from socialbot.agents.warehouse.graphs import cast_with
+from socialbot.agents.warehouse.scenario import GRIPPER, GRIPPER_DOMAIN, gripper_beliefs, gripper_desires
 from socialbot.bdi import Engine
-from socialbot.clock import ManualClock
+from socialbot.core.clock import ManualClock
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.facts import FactBase
+from socialbot.deliberation.messages import Condition, Conjunction, Desire, Dnf, Fact
 from socialbot.deliberation.sensing import instance
-from socialbot.planning.domain import Domain, Problem
-from socialbot.planning.planner import Answer, Limits, Planner, Verdict
-from socialbot.planning.planners import make_planner
-from socialbot.planning.reader import read_domain
+from socialbot.planning.pddl.domain import Domain, Problem
+from socialbot.planning.pddl.reader import read_domain
+from socialbot.planning.planners.engines import make_planner
+from socialbot.planning.planners.planner import Answer, Limits, Planner, Verdict
 
 PLANNER = "kairos"
 GRIPPER_DOMAIN_NAME = "gripper-domain"

@@ -12,17 +12,16 @@ from pathlib import Path
 from typing import Literal
 
 from evaluation.trace_check import TraceCheck
-from socialbot.agents.deliberating import Deliberating
-from socialbot.agents.warehouse.cast import CARRIER_DOMAIN, GRIPPER, GRIPPER_DOMAIN, Cast
-from socialbot.agents.warehouse.faults import random_faults
+from socialbot.agents.base.deliberating import Deliberating
 from socialbot.agents.warehouse.graphs import cast_with, warehouse
+from socialbot.agents.warehouse.scenario import CARRIER_DOMAIN, GRIPPER, GRIPPER_DOMAIN, Cast, random_faults
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.agents.warehouse.world_node import WarehouseWorld
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.graph import Graph
-from socialbot.inline import InlineRunner
-from socialbot.messages import Message, TraceRecord
-from socialbot.security import paths
+from socialbot.core import paths
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import Message, TraceRecord
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph
 
 SORT = "sort_boxes"
 """The desire of the gripper."""

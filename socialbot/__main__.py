@@ -2,15 +2,14 @@
 
 import sys
 
-from socialbot.bridge.heap import keep_freed_memory
-from socialbot.ending import end_well_on_signals
+from socialbot.core.process import end_well_on_signals, keep_freed_memory
 
 
 def run() -> None:
     """Runs the command line. Signals that come while it is still being imported end it well, too."""
     end_well_on_signals()
     keep_freed_memory()
-    from socialbot.cli import main
+    from socialbot.cli.main import main
 
     main()
 

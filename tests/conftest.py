@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from socialbot.security import paths
+from socialbot.core import paths
 
 # How long an example takes depends on what else the machine does.
 settings.register_profile("socialbot", deadline=None)

@@ -99,73 +99,44 @@ def test_such_code_would_be_found(tmp_path, code):
     assert len(list(dangers(path))) == 1
 
 
-PARTS = {"bdi", "vision", "speech", "planning", "tasks", "deliberation", "agents", "report", "inspect", "bridge"}
+ROOMS = (
+    ("core",),
+    ("graph", "bdi", "planning"),
+    ("bags", "speech"),
+    ("vision", "deliberation"),
+    ("runs",),
+    ("agents",),
+    ("bridge",),
+    ("runtime",),
+    ("cli",),
+)
+"""The folders from the ground up; a room imports only rooms of lower floors."""
+
+FLOOR = {room: floor for floor, rooms in enumerate(ROOMS) for room in rooms}
 
 
-@pytest.mark.parametrize("folder", ["bdi", "vision", "speech", "planning", "tasks"])
-def test_the_parts_do_not_know_each_other_nor_the_bridge(folder):
-    others = PARTS - {folder}
-    assert offenders(modules(folder), tuple(f"socialbot.{other}" for other in others)) == []
+def test_the_rooms_are_those_of_the_plan():
+    assert {path.parent.name for path in ROOT.glob("*/__init__.py")} == set(FLOOR)
+    assert len([path for path in ROOT.glob("*.py") if path.name not in ("__init__.py", "__main__.py")]) <= 2
 
 
-def beyond(folder: str, allowed: set[str]) -> list[str]:
-    """What a folder imports from socialbot that is not itself, nor allowed."""
-    names = ((path, name) for path in modules(folder) for name in sorted(imports(path)))
-    return [
-        f"{path.relative_to(ROOT)}: {name}"
-        for path, name in names
-        if name.startswith("socialbot.") and name.split(".")[1] not in {folder, *allowed}
-    ]
-
-
-@pytest.mark.parametrize("folder", ["planning", "security", "tasks"])
-def test_some_parts_know_nothing_but_clocks_and_errors(folder):
-    assert beyond(folder, {"clock", "errors"}) == []
-
-
-def test_deliberation_knows_the_engine_planning_and_what_agents_say():
-    assert beyond("deliberation", {"agent_messages", "bdi", "clock", "errors", "planning", "yaml_text"}) == []
-
-
-def test_what_agents_say_is_made_of_messages_only():
-    said = [name for name in imports(ROOT / "agent_messages.py") if name.startswith("socialbot.")]
-    assert said == ["socialbot.messages.Structured"]
-
-
-def test_the_parts_that_are_there_were_looked_at():
-    for folder in ("bdi", "vision", "speech", "planning", "deliberation", "agents", "bridge"):
-        assert len(modules(folder)) > 2
-    assert "socialbot.bdi.events.Head" in imports(ROOT / "bdi" / "literals.py")
-    assert any("rclpy" in name for path in modules("bridge") for name in imports(path))
-
-
-def test_agents_know_the_parts_but_not_the_bridge():
-    assert offenders(modules("agents"), ("socialbot.bridge",)) == []
-
-
-def test_the_ward_of_the_hospital_knows_nothing_of_its_missions():
-    hospital, ward = "socialbot.agents.hospital.", "socialbot.agents.hospital.ward."
-    known = {name for path in modules("agents/hospital/ward") for name in imports(path) if name.startswith(hospital)}
-    assert ward + "ward.Ward" in known
-    assert {name for name in known if not name.startswith(ward)} == set()
-
-
-def test_what_was_recorded_is_looked_at_without_the_bridge():
-    seen_live = {ROOT / "inspect" / "live_run.py"}  # of a graph that runs, an onlooker of the bridge tells
-    assert offenders([path for path in modules("inspect") if path not in seen_live], ("socialbot.bridge",)) == []
-    assert len(modules("inspect")) > 2
+@pytest.mark.parametrize("room", FLOOR)
+def test_no_room_imports_one_above_or_beside_it(room):
+    above = tuple(f"socialbot.{other}" for other, floor in FLOOR.items() if floor >= FLOOR[room] and other != room)
+    assert modules(room)
+    assert offenders(modules(room), above) == []
 
 
 def test_only_the_bridge_knows_ros():
     for path in modules():
-        if path.relative_to(ROOT).parts[0] == "bridge":
+        if path.relative_to(ROOT).parts[0] in ("bridge", "bags"):  # bags read and write with rosbags, without rclpy
             continue
         tops = {name.partition(".")[0] for name in imports(path)}
         assert not {top for top in tops if top in ROS or top.endswith(("_msgs", "_srvs"))}, path
 
 
 def test_the_engine_needs_of_socialbot_only_clock_and_errors():
-    allowed = ("socialbot.bdi", "socialbot.clock", "socialbot.errors")
+    allowed = ("socialbot.bdi", "socialbot.core.clock", "socialbot.core.errors")
     for path in modules("bdi"):
         for name in imports(path):
             top = name.partition(".")[0]
@@ -173,7 +144,7 @@ def test_the_engine_needs_of_socialbot_only_clock_and_errors():
 
 
 def test_clock_and_errors_need_nothing_but_the_standard_library():
-    for name in ("clock.py", "errors.py", "__init__.py"):
+    for name in ("core/clock.py", "core/errors.py", "core/__init__.py"):
         assert {top.partition(".")[0] for top in imports(ROOT / name)} <= sys.stdlib_module_names
 
 
@@ -193,7 +164,7 @@ def test_importing_the_engine_loads_nothing_beyond_the_standard_library():
     loaded = python(
         BEGIN + "before = set(sys.modules); import socialbot.bdi; print(*set(sys.modules) - before)"
     ).split()
-    own = {"socialbot", "socialbot.clock", "socialbot.errors"}
+    own = {"socialbot", "socialbot.core", "socialbot.core.clock", "socialbot.core.errors"}
     for name in loaded:
         assert name in own or name.startswith("socialbot.bdi") or name.partition(".")[0] in sys.stdlib_module_names
 
@@ -222,7 +193,7 @@ WITHOUT_ROS = BEGIN + textwrap.dedent(f"""
 
 
 def test_without_ros_the_inline_runner_the_replay_and_the_cli_are_there():
-    python(WITHOUT_ROS + "import socialbot.inline, socialbot.replay, socialbot.cli")
+    python(WITHOUT_ROS + "import socialbot.graph.inline, socialbot.runtime.replay, socialbot.cli.main")
 
 
 def test_without_ros_waldo_runs_inline():
@@ -230,10 +201,10 @@ def test_without_ros_waldo_runs_inline():
         WITHOUT_ROS
         + textwrap.dedent("""
         import json
-        from socialbot.clock import SECOND
-        from socialbot.graph_file import load_graph
-        from socialbot.inline import InlineRunner
-        from socialbot.messages import PersonDetection, PersonDetections
+        from socialbot.core.clock import SECOND
+        from socialbot.graph.files import load_graph
+        from socialbot.graph.inline import InlineRunner
+        from socialbot.core.messages import PersonDetection, PersonDetections
 
         graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
         runner = InlineRunner(graph)

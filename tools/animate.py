@@ -12,9 +12,9 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from socialbot.clock import SECOND
-from socialbot.inspect.moment import AgentMoment, HeadNow, Moment, Seen
-from socialbot.recorded_run import recorded
+from socialbot.core.clock import SECOND
+from socialbot.runs.report_writer import recorded
+from socialbot.runs.state_at import AgentMoment, HeadNow, Moment, Seen
 
 SIZE = (720, 360)
 SCENE = (480, 360)

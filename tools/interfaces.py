@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from socialbot.bridge.interfaces import definitions
+from socialbot.bags.types import definitions
 
 PACKAGE = Path(__file__).parents[1] / "interfaces" / "socialbot_msgs"
 

@@ -22,8 +22,8 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from socialbot.inspect.serving import Address, serving
-from socialbot.recorded_run import recorded
+from socialbot.runs.report_writer import recorded
+from socialbot.runs.serving import Address, serving
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures"

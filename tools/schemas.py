@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from socialbot.messages import Structured
-from socialbot.schemas import STRUCTURED
+from socialbot.agents.registry import STRUCTURED
+from socialbot.core.messages import Structured
 
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
 INDEX = FOLDER / "README.md"

@@ -10,12 +10,12 @@ from pathlib import Path
 import msgspec
 
 from socialbot.agents.hospital.ward.messages import STATE, WardState
-from socialbot.bridge.bags import open_bag
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.errors import ParameterError
-from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter, Timer
-from socialbot.messages import CameraInfo, CompressedImage, Image
-from socialbot.vision.encodings import bgr_from_compressed
+from socialbot.bags.reader import open_bag
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import ParameterError
+from socialbot.core.messages import CameraInfo, CompressedImage, Image
+from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
+from socialbot.vision.images import bgr_from_compressed
 
 CLIPS = Path(__file__).resolve().parents[2] / "data" / "synthetic"
 """The bags with the clips."""

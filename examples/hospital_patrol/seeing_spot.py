@@ -16,9 +16,9 @@ from socialbot.agents.hospital.ward.messages import PERSON_IN_ROOM, ActionCancel
 from socialbot.bdi import Action, Engine, Sensor
 from socialbot.bdi.literals import Literal, literal
 from socialbot.bdi.terms import Atom
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.graph import Context, Input, Parameter
-from socialbot.messages import PersonDetections, TraceRecord
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import PersonDetections, TraceRecord
+from socialbot.graph.node import Context, Input, Parameter
 
 PROGRAM = Path(__file__).with_name("seeing_spot.asl")
 NOT_SEEN = "room not seen"

@@ -1,6 +1,6 @@
 """Beliefs, desires and intentions: the engine that decides.
 
->>> from socialbot.clock import ManualClock
+>>> from socialbot.core.clock import ManualClock
 >>> class rain(Belief): ...
 >>> class stay_dry(Goal): ...
 >>> class say(Action):
@@ -17,6 +17,7 @@ False
 """
 
 from socialbot.bdi.actions import Action, PlanFailed, action, fail, wait
+from socialbot.bdi.durative_actions import LongAction, ThreadAction
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Mind
 from socialbot.bdi.library import Library
@@ -33,9 +34,7 @@ from socialbot.bdi.literals import (
     source,
 )  # fmt: skip
 from socialbot.bdi.plans import Inference, Plan, atomic, labelled, priority, stage
-from socialbot.bdi.running import LongAction, ThreadAction
 from socialbot.bdi.sensors import Sensed, Sensor, ThreadSensor
-from socialbot.bdi.speech_acts import message, send
 from socialbot.bdi.steps import (
     apart,
     as_long_as,
@@ -43,6 +42,8 @@ from socialbot.bdi.steps import (
     enter,
     first_of,
     for_each,
+    message,
+    send,
     test,
     together,
     wait_for,

@@ -7,25 +7,23 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.actions import Action
+from socialbot.bdi.belief_base import Notes
 from socialbot.bdi.beliefs import Args, literal_of
 from socialbot.bdi.compiler.runtime import EVENT, OPEN, SUBGOAL
-from socialbot.bdi.events import Change, Event
 from socialbot.bdi.explain import reasons_against
-from socialbot.bdi.failures import Failed
-from socialbot.bdi.intentions import Body, ConditionPause, EventPause, ForkPause, Pause, Request, Sleep
-from socialbot.bdi.internals import Internal
+from socialbot.bdi.intention_stack import Timed
+from socialbot.bdi.intentions import Body, ConditionPause, EventPause, Failed, ForkPause, Pause, Request, Sleep
 from socialbot.bdi.library import Ready, Trigger
-from socialbot.bdi.literals import SELF, Literal
-from socialbot.bdi.memory import Notes
-from socialbot.bdi.pursuit import Timed
+from socialbot.bdi.literals import SELF, Change, Event, Literal
 from socialbot.bdi.reasoner import Reasoner
+from socialbot.bdi.stdlib.registry import Internal
 from socialbot.bdi.terms import Atom, show
 from socialbot.bdi.unification import Trail, closed, resolve
 
 if TYPE_CHECKING:
     from random import Random
 
-    from socialbot.bdi.running import Pool
+    from socialbot.bdi.durative_actions import Pool
     from socialbot.bdi.society import Society
 
 
@@ -69,7 +67,7 @@ class Acting(Reasoner):
         action.engine = self  # type: ignore[assignment]
         action.id = self.acting(kind.functor, args, cause)
         if kind.threaded:
-            from socialbot.bdi.running import ThreadRun
+            from socialbot.bdi.durative_actions import ThreadRun
 
             return ThreadRun(action)  # type: ignore[arg-type]
         return action.execute(*args)
@@ -92,7 +90,7 @@ class Acting(Reasoner):
         if isinstance(found, Pause):
             return found
         if inspect.iscoroutine(found):
-            from socialbot.bdi.running import CoroutineRun
+            from socialbot.bdi.durative_actions import CoroutineRun
 
             return CoroutineRun(found, self.action_id)
         if found is False:
@@ -235,7 +233,7 @@ class Acting(Reasoner):
 
     def send(self, receiver: Any, performative: str, content: Any, *, cause: Any = "") -> Pause | None:
         """Says something to another agent, or to several."""
-        from socialbot.bdi.mail import send
+        from socialbot.bdi.messaging import send
 
         return send(self, receiver, performative, content, cause)  # type: ignore[arg-type]
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from socialbot.bdi.literals import Literal, T
-from socialbot.errors import RuleError
+from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine

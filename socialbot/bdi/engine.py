@@ -14,22 +14,19 @@ from typing import Any
 from socialbot.bdi.acting import Acting
 from socialbot.bdi.actions import Action
 from socialbot.bdi.beliefs import Relation
-from socialbot.bdi.bell import Bell
 from socialbot.bdi.compiler.runtime import SUBGOAL
-from socialbot.bdi.conditions import conjunction
-from socialbot.bdi.events import Change, Event
 from socialbot.bdi.explain import why_not
-from socialbot.bdi.failures import Failure
-from socialbot.bdi.intentions import Intention, Mind, goal_of
+from socialbot.bdi.intentions import Failure, Intention, Mind, goal_of
 from socialbot.bdi.library import Library
-from socialbot.bdi.literals import PERCEPT, SELF, Belief, Goal, Literal, Structure, source
+from socialbot.bdi.literals import PERCEPT, SELF, Belief, Change, Event, Goal, Literal, Structure, source
 from socialbot.bdi.plans import Inference, Plan, flat
 from socialbot.bdi.sensors import Sensor, changes
-from socialbot.bdi.terms import Atom, Variable
+from socialbot.bdi.terms import Atom, Variable, conjunction
 from socialbot.bdi.trace import Record, Sink
 from socialbot.bdi.unification import Var, closed, resolve
-from socialbot.clock import SECOND, Clock
-from socialbot.errors import RuleError
+from socialbot.bdi.wakeup import Wakeup
+from socialbot.core.clock import SECOND, Clock
+from socialbot.core.errors import RuleError
 
 
 class Engine(Acting):
@@ -164,7 +161,7 @@ class Engine(Acting):
 
     def run(self) -> None:
         """Runs until `stop`, asleep while there is nothing to do. The clock has to run by itself."""
-        bell, host = Bell(), self.wake
+        bell, host = Wakeup(), self.wake
 
         def ring_both() -> None:
             bell.ring()

@@ -9,7 +9,7 @@ from socialbot.bdi.compiler.runtime import FILENAME
 from socialbot.bdi.literals import Belief, Computed, Goal, Literal, Structure, ground
 from socialbot.bdi.plans import Inference, Plan, flat
 from socialbot.bdi.steps import Step
-from socialbot.errors import RuleError
+from socialbot.core.errors import RuleError
 
 Run = Callable[[Any, tuple[Any, ...], tuple[Any, ...], Any], Any]
 """Tries a plan: engine, arguments and annotations of the event, its record. None means that it does not apply."""

@@ -1,28 +1,108 @@
-"""Literals: names with arguments, and perhaps annotations. Beliefs and goals are literals.
-
-Subclass `Belief`, `SingletonBelief`, `Reactor`, `Computed` or `Goal` to make a name of your own::
-
-    class personDetected(SingletonBelief): ...
-    class GreetPeople(Goal): ...
-
-``+b`` and ``-b`` are events (or, in a body, changes), ``~b`` is negation, ``b & c`` a conjunction,
-``b.held_for(5)`` the event that ``b`` has been held for five seconds, ``b[source(S)]`` a belief with
-an annotation. In AgentSpeak the same literals are written without classes.
-"""
+"""Literals: names with arguments and annotations, used for beliefs and goals; and the events that trigger plans."""
 
 from __future__ import annotations
 
 import copy
+import enum
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-from socialbot.bdi.conditions import Condition
-from socialbot.bdi.terms import Atom, Pattern, Variable, names_in, show
-from socialbot.errors import RuleError
+from socialbot.bdi.terms import NOTHING, Atom, Condition, Conjunction, Pattern, Variable, conjunction, names_in, show
+from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
-    from socialbot.bdi.events import Event, Head, Held
-    from socialbot.bdi.plans import Inference, Plan
+    from socialbot.bdi.plans import Plan
+
+    pass  # merged
+    from socialbot.bdi.plans import Inference
+
+
+class Change(enum.Enum):
+    """What can happen to a belief or goal; the values are AgentSpeak's signs."""
+
+    ADDED = "+"
+    REMOVED = "-"
+    HELD = "held "
+    CHANGED = "changed "
+    WANTED = "+!"
+    FAILED = "-!"
+    ASKED = "+?"
+    UNANSWERED = "-?"
+
+
+SIGNS = {Change.WANTED: "", Change.FAILED: "-", Change.ASKED: "?", Change.UNANSWERED: "-?"}
+
+
+@dataclass(eq=False, repr=False)
+class Event(Pattern):
+    """A change of a belief or goal: the head of a plan or, for beliefs, a step of its body."""
+
+    change: Change
+    literal: Literal
+    seconds: Seconds = 0.0
+
+    def names(self) -> set[str]:
+        return self.literal.names()
+
+    @property
+    def key(self) -> str:
+        """By this the engine finds the plans that may react, as in ``+!at/2``."""
+        if self.change is Change.CHANGED:
+            return f"{self.change.value}{self.literal.functor}/{len(self.literal.args) // 2}"
+        return self.change.value + self.literal.key
+
+    def __truediv__(self, condition: object) -> Head:
+        return Head(self, conjunction(condition))
+
+    def __rshift__(self, body: Iterable[object]) -> Plan:
+        return Head(self, NOTHING) >> body
+
+    def __str__(self) -> str:
+        if self.change is Change.HELD:
+            seconds = self.seconds if isinstance(self.seconds, (int, float)) else "..."
+            return f"+{self.literal}.held_for({seconds})"
+        if self.change is Change.CHANGED:
+            half = len(self.literal.args) // 2
+            now, before = self.literal.with_(args=self.literal.args[:half]), self.literal.args[half:]
+            return f"{now}.changed({', '.join(map(show, before))})"
+        return f"{SIGNS.get(self.change, self.change.value)}{self.literal}"
+
+
+@dataclass(eq=False, repr=False)
+class Held:
+    """A belief and how long it has to be held; ``+`` makes the event of it."""
+
+    belief: Belief
+    seconds: Seconds
+
+    def __pos__(self) -> Event:
+        return Event(Change.HELD, self.belief, self.seconds)
+
+    def __str__(self) -> str:
+        return str(+self)[1:]
+
+    __repr__ = __str__
+
+
+@dataclass(eq=False, repr=False)
+class Head:
+    """An event with a condition: half a plan, waiting for ``>> [steps]``."""
+
+    event: Event
+    condition: Conjunction
+
+    def __rshift__(self, body: Iterable[object]) -> Plan:
+        from socialbot.bdi.plans import Plan
+        from socialbot.bdi.steps import body_of
+
+        return Plan(self.event, self.condition, body_of(body)).check()
+
+    def __and__(self, other: object) -> None:
+        raise RuleError(
+            f"the condition of {self.event} falls apart", remedy="put it in parentheses: event / (a & b) >> [...]"
+        )
+
 
 ANYTHING = Variable("_")
 
@@ -138,32 +218,32 @@ class Belief(Literal, Condition):
 
     def held_for(self, seconds: Seconds) -> Held:
         """The event that this has been believed, without a break, for ``seconds``."""
-        from socialbot.bdi.events import Held
+        pass  # merged
 
         return Held(self, seconds)
 
     def changed(self, *before: object) -> Event:
         """The event that this took the place of another belief of the name, which had the arguments ``before``."""
-        from socialbot.bdi.events import Change, Event
+        pass  # merged
 
         if len(before) != len(self.args) or not before:
             raise RuleError(f"{self} changes from {len(self.args)} arguments", remedy="give as many to changed()")
         return Event(Change.CHANGED, self.with_(args=(*self.args, *before)))
 
     def __pos__(self) -> Event:
-        from socialbot.bdi.events import Change, Event
+        pass  # merged
 
         return Event(Change.ADDED, self)
 
     def __neg__(self) -> Event:
-        from socialbot.bdi.events import Change, Event
+        pass  # merged
 
         return Event(Change.REMOVED, self)
 
     def __lshift__(self, condition: object) -> Inference:
         """``near(X) << (at(X, D) & (D < 2))``: it is believed whenever the condition holds."""
-        from socialbot.bdi.conditions import conjunction
         from socialbot.bdi.plans import Inference
+        from socialbot.bdi.terms import conjunction
 
         return Inference(self, conjunction(condition))
 
@@ -212,17 +292,17 @@ class Goal(Literal):
 
     def __neg__(self) -> Event:
         """The event that the goal has failed."""
-        from socialbot.bdi.events import Change, Event
+        pass  # merged
 
         return Event(Change.FAILED, self)
 
     def __truediv__(self, condition: object) -> Head:
-        from socialbot.bdi.events import Change, Event
+        pass  # merged
 
         return Event(Change.WANTED, self) / condition
 
     def __rshift__(self, body: Iterable[object]) -> Plan:
-        from socialbot.bdi.events import Change, Event
+        pass  # merged
 
         return Event(Change.WANTED, self) >> body
 
@@ -236,7 +316,7 @@ class source(Annotation):  # noqa: N801 - written as AgentSpeak writes it
 
 
 class error(Annotation):  # noqa: N801
-    """Why a goal failed, as an `Atom` (see `socialbot.bdi.failures`)."""
+    """Why a goal failed, as an `Atom` (see `socialbot.bdi.intentions`)."""
 
 
 class error_msg(Annotation):  # noqa: N801

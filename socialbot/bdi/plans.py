@@ -8,12 +8,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from socialbot.bdi.conditions import Condition, Conjunction, Disjunction, Guard, Negation, Truth
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import Literal, Reactor, Structure
+from socialbot.bdi.literals import Change, Event, Literal, Reactor, Structure
 from socialbot.bdi.steps import Achieve, Ask, Await, Constrain, Do, Enter, For, Forget, Fork, If, Step, Update, While
-from socialbot.bdi.terms import Call, Comparison, Cons, Expression, Variable, names_in
-from socialbot.errors import RuleError
+from socialbot.bdi.terms import (
+    Call,
+    Comparison,
+    Condition,
+    Conjunction,
+    Cons,
+    Disjunction,
+    Expression,
+    Guard,
+    Negation,
+    Truth,
+    Variable,
+    names_in,
+)
+from socialbot.core.errors import RuleError
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from collections.abc import Collection
 from itertools import repeat
 from typing import Any
 
+from socialbot.bdi.belief_base import Notes
 from socialbot.bdi.beliefs import Args
 from socialbot.bdi.compiler.runtime import DONE, END, EVENT, SUBGOAL, TAIL
+from socialbot.bdi.intention_stack import Pursuit, Timed
 from socialbot.bdi.intentions import Intention
 from socialbot.bdi.library import Trigger
-from socialbot.bdi.memory import Notes
-from socialbot.bdi.pursuit import Pursuit, Timed
 
 STEPS = 8
 """So many steps an intention makes in its turn when nobody else waits; then the clock is looked at."""

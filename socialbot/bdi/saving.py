@@ -29,14 +29,14 @@ from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.beliefs import Relation
 from socialbot.bdi.compiler.runtime import EVENT, OPEN, SUBGOAL
-from socialbot.bdi.inspection import later_request
+from socialbot.bdi.explain import later_request
 from socialbot.bdi.intentions import Intention, Request
 from socialbot.bdi.library import Ready, Trigger
 from socialbot.bdi.literals import Literal, literal
 from socialbot.bdi.log import log
 from socialbot.bdi.terms import Atom, show
 from socialbot.bdi.unification import Var, closed, resolve
-from socialbot.errors import SocialbotError
+from socialbot.core.errors import SocialbotError
 
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
@@ -200,7 +200,7 @@ def _ripening(engine: Engine) -> list[dict[str, Any]]:
 
 
 def _ripens(engine: Engine, callback: Callable[[], object]) -> bool:
-    return isinstance(callback, functools.partial) and callback.func == engine._ripen
+    return isinstance(callback, functools.partial) and callback.func == engine._on_held
 
 
 def _encode(term: Any, where: str, variables: dict[int, str] | None = None) -> Any:
@@ -347,7 +347,7 @@ def _ripen_later(engine: Engine, mind: _Mind) -> None:
         if ready is None or fact is None:
             log().warning("%s: nothing of the plan %s is left to hear of %s", engine.name, item.plan, item.key)
         else:
-            engine.at(item.due, functools.partial(engine._ripen, relation, item.args, fact, ready, item.seconds))
+            engine.at(item.due, functools.partial(engine._on_held, relation, item.args, fact, ready, item.seconds))
 
 
 def _pursue(engine: Engine, pursuit: _Pursuit) -> None:
@@ -372,7 +372,7 @@ def _pursue(engine: Engine, pursuit: _Pursuit) -> None:
 
 def _begin_later(engine: Engine, request: Request, *, suspended: bool) -> None:
     """An intention that begins with a goal when its turn comes."""
-    from socialbot.bdi.pursuit import _later
+    from socialbot.bdi.intention_stack import _later
 
     intention = engine._new(request)
     intention.frames.append((_later(request), None, None))

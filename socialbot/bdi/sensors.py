@@ -6,9 +6,8 @@ import threading
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import Belief
-from socialbot.errors import RuleError
+from socialbot.bdi.literals import Belief, Change, Event
+from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.beliefs import literal_of
 from socialbot.bdi.engine import Engine
-from socialbot.bdi.failures import Failed
+from socialbot.bdi.intentions import Failed
 from socialbot.bdi.literals import source
 from socialbot.bdi.terms import Atom
-from socialbot.clock import SECOND, Clock
-from socialbot.errors import RuleError
+from socialbot.core.clock import SECOND, Clock
+from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
-    from socialbot.bdi.bell import Bell
+    from socialbot.bdi.wakeup import Wakeup
 
 TURNS = 4
 """So many turns an agent reasons before the next one may."""
@@ -46,7 +46,7 @@ class Society:
         self._due: dict[Engine, int] = {}
         self._sequence = itertools.count()
         self._sources: dict[str, tuple[object, ...]] = {}
-        self._bell: Bell | None = None
+        self._bell: Wakeup | None = None
         self.stopping = False
 
     def add(self, agent: Engine | str) -> Engine:
@@ -85,13 +85,13 @@ class Society:
             receiver = receiver.name
         agent = self.agents.get(receiver) if receiver.__class__ is str else None
         if agent is None or agent is sender:
-            from socialbot.bdi.mail import send
+            from socialbot.bdi.messaging import send
 
             send(sender, receiver, "tell", literal_of(key, args), cause)
             return
         notes = self._sources.get(sender.name) or self.source_of(sender.name)
         if agent.accepts is not None or LISTENING in agent.triggers:
-            from socialbot.bdi.mail import tell
+            from socialbot.bdi.messaging import tell
 
             tell(sender, agent, key, args, cause)
         else:
@@ -136,10 +136,10 @@ class Society:
         """Runs until `stop`, for ``seconds`` at most, asleep while there is nothing to do. The clock has to run by
         itself. Unless it lingers, it ends when nothing is left to do, now and later, but what comes from outside.
         """
-        from socialbot.bdi.bell import Bell
+        from socialbot.bdi.wakeup import Wakeup
 
         end = None if seconds is None else self.clock.now() + round(seconds * SECOND)
-        bell = self._bell = Bell()
+        bell = self._bell = Wakeup()
         try:
             while not self.stopping:
                 busy = self.run_until_idle(VISITS)

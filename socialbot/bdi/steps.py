@@ -1,16 +1,30 @@
-"""Steps: what the body of a plan is made of."""
+"""Speech acts: what agents say to each other."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from socialbot.bdi.actions import Action
-from socialbot.bdi.conditions import Condition, Conjunction, conjunction
-from socialbot.bdi.events import Change, Event, Held
-from socialbot.bdi.literals import Belief, Goal, Literal
-from socialbot.bdi.terms import Variable, show
-from socialbot.errors import RuleError
+from socialbot.bdi.literals import Belief, Change, Event, Goal, Held, Literal, Reactor
+from socialbot.bdi.terms import Condition, Conjunction, Variable, conjunction, show
+from socialbot.core.errors import RuleError
+
+
+class send(Action):  # noqa: N801 - reads as a step of a plan
+    """Says something to another agent: ``send(to, belief)`` tells it, ``send(to, goal, "achieve")`` asks for it.
+
+    The third argument is the performative (see `socialbot.bdi.messaging.PERFORMATIVES`).
+    """
+
+    def execute(self, receiver: Any, content: Any, performative: str = "tell") -> Any:
+        """Sends the message; it has this action as its cause."""
+        return self.engine.send(receiver, performative, content, cause=self.id)
+
+
+class message(Reactor):  # noqa: N801 - written like a belief
+    """``+message(Sender, Performative, Content)``: the event that something was said to the agent, whatever follows."""
 
 
 class Step:

@@ -10,12 +10,16 @@ any other hashable Python object. In a plan, variables and what is computed from
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from socialbot.errors import RuleError
+from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
-    from socialbot.bdi.conditions import Conjunction, Disjunction, Negation
+    pass  # merged
+
 
 COMPARISONS = frozenset({">", ">=", "<", "<=", "==", "!=", "=", "=.."})
 """``==`` and ``!=`` compare values, ``=`` unifies, ``=..`` takes a literal apart."""
@@ -221,27 +225,27 @@ class Condition(Pattern):
     """The base of conditions, among them beliefs: something matching is believed."""
 
     def __and__(self, other: object) -> Conjunction:
-        from socialbot.bdi.conditions import conjunction
+        pass  # merged
 
         return conjunction(self, other)
 
     def __rand__(self, other: object) -> Conjunction:
-        from socialbot.bdi.conditions import conjunction
+        pass  # merged
 
         return conjunction(other, self)
 
     def __or__(self, other: object) -> Disjunction:
-        from socialbot.bdi.conditions import Disjunction, conjunction
+        pass  # merged
 
         return Disjunction((conjunction(self), conjunction(other)))
 
     def __ror__(self, other: object) -> Disjunction:
-        from socialbot.bdi.conditions import Disjunction, conjunction
+        pass  # merged
 
         return Disjunction((conjunction(other), conjunction(self)))
 
     def __invert__(self) -> Negation:
-        from socialbot.bdi.conditions import Negation
+        pass  # merged
 
         return Negation(self)
 
@@ -321,3 +325,101 @@ def show(term: object) -> str:
 
 def _part(term: object) -> str:
     return f"({term})" if isinstance(term, Expression) else show(term)
+
+
+@dataclass(eq=False, repr=False)
+class Negation(Condition):
+    """The condition that another one has no solution."""
+
+    condition: Condition
+
+    def names(self) -> set[str]:
+        return self.condition.names()
+
+    def __str__(self) -> str:
+        joined = isinstance(self.condition, (Conjunction, Disjunction))
+        return f"~({self.condition})" if joined else f"~{self.condition}"
+
+
+class Guard(Condition):
+    """A Python function as a condition; its parameters are named like the variables it looks at."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
+        self.parameters = tuple(inspect.signature(function).parameters)
+
+    def names(self) -> set[str]:
+        return set(self.parameters)
+
+    def __str__(self) -> str:
+        name = getattr(self.function, "__name__", type(self.function).__name__)
+        return f"{name}({', '.join(self.parameters)})"
+
+
+@dataclass(eq=False, repr=False)
+class Truth(Condition):
+    """``true`` and ``false``."""
+
+    value: bool
+
+    def names(self) -> set[str]:
+        return set()
+
+    def __str__(self) -> str:
+        return "true" if self.value else "false"
+
+
+@dataclass(eq=False, repr=False)
+class Conjunction(Condition):
+    """Conditions that must hold together, tried from left to right."""
+
+    terms: tuple[Condition, ...]
+
+    def names(self) -> set[str]:
+        return set().union(*(term.names() for term in self.terms))
+
+    def __str__(self) -> str:
+        return " & ".join(
+            f"({term})" if isinstance(term, (Comparison, Disjunction)) else str(term) for term in self.terms
+        )
+
+
+@dataclass(eq=False, repr=False)
+class Disjunction(Condition):
+    """Conditions of which one must hold, tried from left to right."""
+
+    terms: tuple[Condition, ...]
+
+    def names(self) -> set[str]:
+        return set().union(*(names_in(term) for term in self.terms))
+
+    def __or__(self, other: object) -> Disjunction:
+        return Disjunction((*self.terms, conjunction(other)))
+
+    def __str__(self) -> str:
+        return " | ".join(f"({term})" if isinstance(term, Conjunction) and len(term.terms) > 1 else str(term)
+                          for term in self.terms)  # fmt: skip
+
+
+NOTHING = Conjunction(())
+"""The condition that always holds."""
+
+
+def conjunction(*parts: object) -> Conjunction:
+    """Joins conditions. Raises RuleError for something that cannot be one."""
+    terms: list[Condition] = []
+    for part in parts:
+        if isinstance(part, Conjunction):
+            terms.extend(part.terms)
+        elif isinstance(part, Disjunction) and len(part.terms) == 1:
+            terms.append(part.terms[0])
+        elif isinstance(part, Condition):
+            terms.append(part)
+        elif callable(part) and not isinstance(part, type):
+            terms.append(Guard(part))
+        else:
+            raise RuleError(
+                f"{part!r} cannot be a condition",
+                remedy="use beliefs, ~beliefs, comparisons of variables or functions, joined with &",
+            )
+    return Conjunction(tuple(terms))

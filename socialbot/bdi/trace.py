@@ -9,8 +9,8 @@ from os import PathLike
 from string import Formatter
 from typing import IO, Any
 
-from socialbot.clock import SECOND
-from socialbot.errors import RuleError
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import RuleError
 
 KINDS = {
     "belief": "a belief was added, or told by one more source; its cause is a percept, or the plan that added it",

@@ -22,20 +22,20 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from socialbot.bridge.life import Life, report
-from socialbot.bridge.lifeline import BEAT_S, Lifeline
-from socialbot.bridge.managed import ACTIVE, FINALIZED, INACTIVE, ManagedNode
+from socialbot.bridge.diagnostics import Reporter, Statistics
+from socialbot.bridge.lifecycle import ACTIVE, FINALIZED, INACTIVE, ManagedNode
+from socialbot.bridge.node_thread import NodeThread, report
 from socialbot.bridge.parameters import declare_parameters, parameter_values, watch_parameters
 from socialbot.bridge.qos import DEPTH, publisher_qos, subscription_qos
 from socialbot.bridge.readiness import Connection, publisher_connection, subscription_connection
-from socialbot.bridge.statistics import Reporter, Statistics
-from socialbot.bridge.timekeeper import KEPT_TOPIC
-from socialbot.bridge.wire import Inlet, Outlet, reason_of, wire
-from socialbot.clock import SECOND, Clock, ForwardClock, WallClock
-from socialbot.errors import MessageError, NodeError, SocialbotError
-from socialbot.graph import Delivery, Graph, Input, Node, Placement
-from socialbot.health import health_topics
-from socialbot.messages import Health, Message
+from socialbot.bridge.sim_clock import KEPT_TOPIC
+from socialbot.bridge.supervisor_channel import BEAT_S, SupervisorChannel
+from socialbot.bridge.transport import Receiver, Sender, reason_of, wire
+from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
+from socialbot.core.errors import MessageError, NodeError, SocialbotError
+from socialbot.core.messages import Health, Message
+from socialbot.graph.health import health_topics
+from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig
 
 AUTOSTART = "autostart"
 AUTOSTART_DOC = "whether the node configures and activates itself, or somebody else does"
@@ -62,11 +62,11 @@ class NodeHost:
     def __init__(
         self,
         graph: Graph,
-        placement: Placement,
+        placement: NodeConfig,
         *,
         ros_context: RosContext,
         sim_time: bool,
-        lifeline: Lifeline | None = None,
+        lifeline: SupervisorChannel | None = None,
     ) -> None:
         self.name = placement.name
         self.statistics = Statistics()
@@ -89,12 +89,12 @@ class NodeHost:
         self._simulated = bool(self._ros.get_parameter("use_sim_time").value)
         self._clock = clock_of(self._ros, simulated=self._simulated)
         self._error: SocialbotError | None = None
-        self._outlets: dict[str, Outlet] = {}
-        self._healths: list[tuple[Publisher, Outlet]] = []
+        self._outlets: dict[str, Sender] = {}
+        self._healths: list[tuple[Publisher, Sender]] = []
         self._connections: list[Connection] = []
         self._latched: dict[Input[Any], Message] = {}
         self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=DEPTH[Delivery.EVERY])
-        self._life: Life | None = None
+        self._life: NodeThread | None = None
         self._unwatch: Callable[[], None] | None = None
         if self._simulated:
             every_step = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
@@ -204,8 +204,8 @@ class NodeHost:
         self._latched.clear()
         self._wire = wire(form=self._graph.wire)
 
-    def _build(self) -> Life:
-        life = self._life = Life(
+    def _build(self) -> NodeThread:
+        life = self._life = NodeThread(
             self._placement,
             parameter_values(self._ros, self._placement),
             clock=self._clock,
@@ -228,7 +228,7 @@ class NodeHost:
 
     # What comes in
 
-    def _receive(self, port: Input[Any], inlet: Inlet, ros_message: Any) -> None:
+    def _receive(self, port: Input[Any], inlet: Receiver, ros_message: Any) -> None:
         try:
             message = inlet.decode(port.message_type, ros_message, stamp=self._clock.now())
         except MessageError as error:

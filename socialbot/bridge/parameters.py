@@ -10,8 +10,8 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node as RosNode
 
-from socialbot.errors import ParameterError
-from socialbot.graph import Node, Parameter, Placement, check_parameters
+from socialbot.core.errors import ParameterError
+from socialbot.graph.node import Node, NodeConfig, Parameter, check_parameters
 
 PATIENCE_S = 7.0
 """How long a node may take to say whether it takes a new value; at first it may be waiting for its connections."""
@@ -20,7 +20,7 @@ UNBOUNDED = 1e308
 UNBOUNDED_INTEGER = 2**62
 
 
-def declare_parameters(ros: RosNode, placement: Placement) -> None:
+def declare_parameters(ros: RosNode, placement: NodeConfig) -> None:
     """Declares all parameters of the placed node.
 
     The graph's values are the defaults; ROS (``--ros-args -p name:=value``) overrides them. Raises
@@ -34,7 +34,7 @@ def declare_parameters(ros: RosNode, placement: Placement) -> None:
             raise ParameterError(str(error), where=f"{placement.name}.{name}", remedy=parameter.doc) from error
 
 
-def parameter_values(ros: RosNode, placement: Placement) -> dict[str, object]:
+def parameter_values(ros: RosNode, placement: NodeConfig) -> dict[str, object]:
     """The values that the parameters of the placed node have by now."""
     return {name: ros.get_parameter(name).value for name in placement.type.parameters()}
 

@@ -13,20 +13,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from socialbot.bags.codec import MESSAGE_TYPES, ROS_TYPES, STRING, decode, raw_stamp, with_stamp
+from socialbot.bags.reader import IMAGE_TYPES, Bag, RosbagsTypes
+from socialbot.bags.stamps import Stamps
 from socialbot.bridge import environment
-from socialbot.bridge.bags import IMAGE_TYPES, Bag, RosbagsTypes
-from socialbot.bridge.codec import MESSAGE_TYPES, ROS_TYPES, STRING, decode, raw_stamp, with_stamp
 from socialbot.bridge.readiness import Connection, await_graph, publisher_connection, subscription_connection
-from socialbot.bridge.reenactment import Played, Reenactment
-from socialbot.bridge.ros_types import message_class
-from socialbot.bridge.stamps import Stamps
-from socialbot.bridge.wire import Inlet, Outlet, wire
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.ending import Ending
-from socialbot.errors import MessageError, NodeError
-from socialbot.graph import Delivery, Graph
-from socialbot.health import HEALTH_TOPIC, ended
-from socialbot.messages import CameraInfo, Health, Message
+from socialbot.bridge.transport import Receiver, Sender, message_class, wire
+from socialbot.bridge.world_replay import Played, Reenactment
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import MessageError, NodeError
+from socialbot.core.messages import CameraInfo, Health, Message
+from socialbot.core.process import Ending
+from socialbot.graph.health import HEALTH_TOPIC, ended
+from socialbot.graph.node import Delivery, Graph
 
 log = logging.getLogger("socialbot.player")
 
@@ -65,7 +64,7 @@ class Playing:
 class _Answers:
     """The latest stamp that the graph has answered."""
 
-    def __init__(self, inlet: Inlet, kind: type[Message]) -> None:
+    def __init__(self, inlet: Receiver, kind: type[Message]) -> None:
         self._inlet = inlet
         self._kind = kind
         self._changed = threading.Condition()
@@ -109,7 +108,7 @@ class Player:
         self._clock_type = Clock
         self._clock = ros.create_publisher(Clock, "/clock", 10)
         self._publishers: dict[str, Any] = {}
-        self._outlets: dict[str, Outlet] = {}
+        self._outlets: dict[str, Sender] = {}
         kinds = {} if graph is None else graph.topics()
         self._types = RosbagsTypes()
         for name, topic in topics.items():
@@ -195,7 +194,7 @@ class Player:
 def play_bag(bag: Bag, topics: Mapping[str, str], playing: Playing, *, parent: int | None = None) -> Played:
     """Plays ``bag`` in a process of its own. Raises NodeError when the graph to wait for does not come."""
     environment.require_ros()
-    from socialbot.bridge.session import spinning_node
+    from socialbot.bridge.rclpy_context import spinning_node
 
     with Ending(parent).on_signals() as ending, spinning_node("bag_player") as ros:
         graph = playing.await_graph

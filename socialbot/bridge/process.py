@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bridge import environment
-from socialbot.bridge.lifeline import Lifeline, own_lifeline
 from socialbot.bridge.readiness import expect_free_names
-from socialbot.ending import Ending
-from socialbot.errors import SocialbotError
-from socialbot.graph import Graph
-from socialbot.messages import CompressedImage, Image
+from socialbot.bridge.supervisor_channel import SupervisorChannel, own_lifeline
+from socialbot.core.errors import SocialbotError
+from socialbot.core.messages import CompressedImage, Image
+from socialbot.core.process import Ending
+from socialbot.graph.node import Graph
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -47,7 +47,7 @@ def run_nodes(
     from rclpy.executors import SingleThreadedExecutor
 
     from socialbot.bridge.host import NodeHost
-    from socialbot.bridge.session import ros_context
+    from socialbot.bridge.rclpy_context import ros_context
 
     _read_by_udp(graph, names)
     lifeline = own_lifeline()
@@ -90,7 +90,7 @@ def _read_by_udp(graph: Graph, names: Collection[str]) -> None:
     environment.read_by_udp(topics, folder / f"dds_{'_'.join(names)[:80]}.xml")
 
 
-def _obey(lifeline: Lifeline, hosts: list[NodeHost], executor: Executor) -> None:
+def _obey(lifeline: SupervisorChannel, hosts: list[NodeHost], executor: Executor) -> None:
     """Has the executor take nodes to the states that the supervisor orders."""
     named = {host.name: host for host in hosts}
     while (order := lifeline.wait()) is not None:
@@ -99,7 +99,7 @@ def _obey(lifeline: Lifeline, hosts: list[NodeHost], executor: Executor) -> None
 
 
 def _expect_free_names(graph: Graph, names: Collection[str]) -> None:
-    from socialbot.bridge.session import spinning_node
+    from socialbot.bridge.rclpy_context import spinning_node
 
     for name in names:
         graph.placement(name)

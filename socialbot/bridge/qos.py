@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
-from socialbot.graph import Delivery
+from socialbot.graph.node import Delivery
 
 DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}
 """Messages that a writer keeps for a slow reader, and a reader for a slow node."""

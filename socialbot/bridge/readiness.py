@@ -12,8 +12,8 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from socialbot.errors import NodeError
-from socialbot.graph import Graph
+from socialbot.core.errors import NodeError
+from socialbot.graph.node import Graph
 
 UNCONNECTED = "unconnected"
 """The key on /diagnostics: what a node still misses, empty when it is connected."""

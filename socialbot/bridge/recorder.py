@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from socialbot.bags.codec import STRING
+from socialbot.bags.writer import BagWriter
 from socialbot.bridge import environment
-from socialbot.bridge.bag_writer import BagWriter
-from socialbot.bridge.codec import STRING
-from socialbot.bridge.ros_types import message_class
 from socialbot.bridge.topics import HIDDEN, AdaptingSubscription
-from socialbot.bridge.wire import reason_of, wire
-from socialbot.clock import Clock, WallClock
-from socialbot.errors import InstallationError, MessageError
+from socialbot.bridge.transport import message_class, reason_of, wire
+from socialbot.core.clock import Clock, WallClock
+from socialbot.core.errors import InstallationError, MessageError
 
 log = logging.getLogger("socialbot.recorder")
 
@@ -60,7 +59,7 @@ def record(
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
 
-    from socialbot.bridge.session import ros_context
+    from socialbot.bridge.rclpy_context import ros_context
 
     with BagWriter(out, storage=storage) as bag, ros_context() as context:
         node = Node("bag_recorder", context=context, start_parameter_services=False)

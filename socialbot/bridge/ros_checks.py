@@ -1,4 +1,4 @@
-"""Checks of ROS 2 and DDS for ``socialbot doctor``: what is installed, what is set, and whether pictures arrive."""
+"""Checks of ROS 2 and DDS for ``socialbot doctor``."""
 
 from __future__ import annotations
 
@@ -8,18 +8,39 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, MutableMapping
+from collections.abc import Callable, Mapping, MutableMapping
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
+from typing import Literal
 from xml.etree import ElementTree
 
 from socialbot.bridge import environment
+from socialbot.bridge.environment import stale_locks
 from socialbot.bridge.round_trip import cause, try_round_trip
-from socialbot.bridge.stale_memory import stale_locks
-from socialbot.bridge.wire import KEYS_VARIABLE, has_keys, wire
-from socialbot.errors import InstallationError, NodeError, SocialbotError
-from socialbot.findings import Check, Finding
+from socialbot.bridge.transport import KEYS_VARIABLE, has_keys, wire
+from socialbot.core.errors import InstallationError, NodeError, SocialbotError
+
+State = Literal["ok", "warning", "error"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was looked at, how it stands, what was found, and how to mend it.
+
+    A warning tells of something that not every graph needs, an error of something without which none runs.
+    """
+
+    name: str
+    state: State
+    text: str
+    remedy: str = ""
+
+
+Check = Callable[[], Finding | None]
+"""Looks at one thing; None where there is no such thing to look at."""
+
 
 WHEELS: Mapping[str, str] = MappingProxyType(
     {"ros-jazzy-rclpy": "7.1.6", "ros-jazzy-common-interfaces": "5.3.6", "ros-jazzy-rmw-fastrtps-cpp": "8.4.3"}

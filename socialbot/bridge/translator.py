@@ -10,14 +10,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from socialbot.bridge.joints import HEAD_HZ, Joints, Neck, neck_of
-from socialbot.bridge.mounting import AHEAD, HeadPose, mounting_of
 from socialbot.bridge.qos import publisher_qos
-from socialbot.bridge.ros_types import RclpyTypes, message_class
-from socialbot.bridge.standard_messages import StandardMessages, body_id, fits_time
-from socialbot.errors import InstallationError, ParameterError
-from socialbot.graph import Delivery, Graph
-from socialbot.messages import JointTrajectory, Message, PersonDetections
+from socialbot.bridge.transport import RclpyTypes, message_class
+from socialbot.core.errors import InstallationError, ParameterError
+from socialbot.core.messages import JointTrajectory, Message, PersonDetections
+from socialbot.graph.node import Delivery, Graph
+from socialbot.runs.standard_messages import (
+    AHEAD,
+    HEAD_HZ,
+    HeadPose,
+    Joints,
+    Neck,
+    StandardMessages,
+    body_id,
+    fits_time,
+    mounting_of,
+    neck_of,
+)
 
 TF, TF_STATIC, JOINTS = "/tf", "/tf_static", "/joint_states"
 MARKERS, BOXES, TRACKED = "/humans/bodies/markers", "/humans/bodies/boxes", "/humans/bodies/tracked"

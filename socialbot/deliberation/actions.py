@@ -14,10 +14,9 @@ import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from socialbot.bdi import Engine, LongAction, variables
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import literal
-from socialbot.clock import nanoseconds
-from socialbot.errors import PlanningError
+from socialbot.bdi.literals import Change, Event, literal
+from socialbot.core.clock import nanoseconds
+from socialbot.core.errors import PlanningError
 
 if TYPE_CHECKING:
     from socialbot.bdi.intentions import Intention

@@ -14,7 +14,7 @@ rules, desires that are fulfilled, whose turn it is. What it decides goes on the
 | `silent`, `heard` | a sensor tells nothing any more, or again |
 
 Each has what it follows from as its cause: a desire the rule, file or request, planning the desire or the end of the
-plan before. The plan and its steps follow, see `socialbot.deliberation.director`.
+plan before. The plan and its steps follow, see `socialbot.deliberation.plan_executor`.
 """
 
 from __future__ import annotations
@@ -22,25 +22,33 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
-from socialbot.agent_messages import Desire, Fact, PlanExecutionInfo
 from socialbot.bdi import Engine
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.deliberation.alarm import Alarm
-from socialbot.deliberation.desires import DesireSet, End, Listener, Wish
-from socialbot.deliberation.director import Director, DirectorOptions
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import PlanningError
+from socialbot.deliberation.action_executor import Watched
+from socialbot.deliberation.desires import (
+    DesireSet,
+    DesireState,
+    End,
+    Listener,
+    ending_with,
+    hindrances,
+    lacking,
+    lifted,
+    next_wish,
+    prepares,
+)
+from socialbot.deliberation.fact_index import like
 from socialbot.deliberation.facts import FactBase, out_of_range
-from socialbot.deliberation.families import ending_with, hindrances, lacking, lifted, prepares
 from socialbot.deliberation.matching import mismatch, unfit_condition
+from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import Options
-from socialbot.deliberation.patterns import like
-from socialbot.deliberation.performer import Watched
+from socialbot.deliberation.plan_executor import DirectorOptions, PlanExecutor
 from socialbot.deliberation.pursuit import Aside, Pursuit
 from socialbot.deliberation.rules import Reaction, ReactiveRule, RuleBook, conditions_in
-from socialbot.deliberation.scheduler import next_wish
-from socialbot.deliberation.silence import Silence
-from socialbot.errors import PlanningError
-from socialbot.planning.domain import Domain
-from socialbot.planning.planner import Planner
+from socialbot.deliberation.wakeup import Alarm, SensorTimeouts
+from socialbot.planning.pddl.domain import Domain
+from socialbot.planning.planners.planner import Planner
 
 NEARLY_DONE = 0.75
 """A plan that has come this far is carried out to its end though its desire is fulfilled already."""
@@ -82,8 +90,8 @@ class Deliberator:
         self.facts = FactBase(engine, domain)
         self.desires = DesireSet()
         self.rules = RuleBook(self.facts)
-        self.silence = Silence(engine)
-        self.director = Director(
+        self.silence = SensorTimeouts(engine)
+        self.director = PlanExecutor(
             engine,
             self.facts,
             domain,
@@ -98,8 +106,8 @@ class Deliberator:
         self._observer = observer
         self._alarm = Alarm(engine, self.wake)
         self._changed: dict[tuple[int, str, tuple[str, ...]], Fact] = {}
-        self._new: list[Wish] = []
-        self._pursued: Wish | None = None
+        self._new: list[DesireState] = []
+        self._pursued: DesireState | None = None
         self._rules_changed = True
         self._posted = False
         self._desires_shown = True
@@ -269,7 +277,7 @@ class Deliberator:
                     self._judge(wish)
             wishes.clear()  # what was desired meanwhile to prepare others
 
-    def _judge(self, wish: Wish) -> None:
+    def _judge(self, wish: DesireState) -> None:
         if wish.is_fulfilled() and not self._lets_finish(wish):
             self._end(wish, "fulfilled", "")
             return
@@ -283,7 +291,7 @@ class Deliberator:
                 wish.told.append(hindrance[0])
                 self.engine.record("desire_refused", hindrance[0], wish.record, reason=hindrance[1])
 
-    def _lets_finish(self, wish: Wish) -> bool:
+    def _lets_finish(self, wish: DesireState) -> bool:
         """Whether the plan for a desire that is fulfilled is nearly done, and had better be carried out to its end."""
         if self.pursuit.wish is not wish or self.pursuit.problem:
             return False
@@ -312,13 +320,13 @@ class Deliberator:
         if wish is not None:
             self.pursuit.ask(wish)
 
-    def _is_ready(self, wish: Wish) -> bool:
+    def _is_ready(self, wish: DesireState) -> bool:
         hopeless = wish.hopeless_at == self.facts.version and not self._alarm.is_due(wish.hopeless_until)
         return not hopeless and self._alarm.is_due(wish.not_before)
 
     # The begin and the end of a desire
 
-    def _adopt(self, desire: Desire, cause: str) -> Wish:
+    def _adopt(self, desire: Desire, cause: str) -> DesireState:
         wish = self.desires.add(desire)
         assert wish is not None
         wish.is_fulfilled = self.facts.achieved(desire)
@@ -333,7 +341,7 @@ class Deliberator:
         self.wake()
         return wish
 
-    def _revise(self, wish: Wish, priority: float, deadline: float, cause: str) -> None:
+    def _revise(self, wish: DesireState, priority: float, deadline: float, cause: str) -> None:
         self.desires.revise(wish, priority, deadline)
         record = self.engine.record("desire", wish.name, cause, priority=priority, deadline=deadline)
         self.pursuit.revise(wish)
@@ -343,14 +351,14 @@ class Deliberator:
         self._desires_shown = False
         self.wake()
 
-    def _end(self, wish: Wish, how: End, reason: str, cause: str = "") -> None:
+    def _end(self, wish: DesireState, how: End, reason: str, cause: str = "") -> None:
         if self.desires.get(wish.name) is not wish:
             return  # its plan was still being stopped
         record = self._take_out(wish, how, reason, cause)
         for relative, why in ending_with(wish, how, reason, self.desires):
             self._take_out(relative, "dropped", why, record)
 
-    def _take_out(self, wish: Wish, how: End, reason: str, cause: str) -> str:
+    def _take_out(self, wish: DesireState, how: End, reason: str, cause: str) -> str:
         self.desires.remove(wish)
         self._desires_shown = False
         record = self.engine.record(f"desire_{how}", wish.name, cause or wish.record, reason=reason)

@@ -1,23 +1,65 @@
-"""The execution of one plan: its steps as tasks, how each fares, and when all will be over."""
+"""The execution state of a plan: its steps as tasks, predicted facts, and merging of a repaired plan."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
-from socialbot.agent_messages import ActionExecutionInfo, ActionStatus, Desire, PlanExecutionInfo, PlanStatus
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import PlanningError
 from socialbot.deliberation.actions import progress_of
-from socialbot.deliberation.projection import Projection
-from socialbot.planning.domain import Domain
-from socialbot.planning.formulas import Add, Delete, Effect, Fluent, World
-from socialbot.planning.plan import Step
-from socialbot.planning.semantics import TOLERANCE, GroundAction, GroundChange, SetValue, changes
+from socialbot.deliberation.facts import FactBase
+from socialbot.deliberation.messages import ActionExecutionInfo, ActionStatus, Desire, PlanExecutionInfo, PlanStatus
+from socialbot.planning.pddl.causal_order import causal_order
+from socialbot.planning.pddl.domain import Domain, Plan, Problem, Step
+from socialbot.planning.pddl.formulas import Add, Delete, Effect, Fluent, Formula, Predicate, World
+from socialbot.planning.pddl.read_write_sets import Happening as Numbered
+from socialbot.planning.pddl.semantics import TOLERANCE, GroundAction, GroundChange, SetValue, changes, ground
+from socialbot.planning.pddl.state import Derivation, State
+from socialbot.planning.pddl.validation import faults
 
 if TYPE_CHECKING:
-    from socialbot.bdi.failures import Failure
-    from socialbot.bdi.intentions import Intention
+    from socialbot.bdi.intentions import Failure, Intention
+
+
+class Projection:
+    """A world after some changes, with what is derived then; the world itself stays as it is."""
+
+    def __init__(self, world: World, domain: Domain, changes: Iterable[GroundChange] = ()) -> None:
+        self._world = world
+        self._domain = domain
+        self._derived: frozenset[Predicate] | None = None
+        self._predicates: dict[Predicate, bool] = {}
+        self._values: dict[Fluent, float] = {}
+        for change in changes:
+            match change:
+                case Add(predicate):
+                    self._predicates[predicate] = True
+                case Delete(predicate):
+                    self._predicates[predicate] = False
+                case SetValue(fluent, value):
+                    self._values[fluent] = value
+
+    def after(self, changes: Iterable[GroundChange]) -> Projection:
+        """This world after some more changes."""
+        return Projection(self, self._domain, changes)
+
+    def holds(self, predicate: Predicate) -> bool:
+        if predicate.name in self._domain.derived:
+            if self._derived is None:
+                self._derived = Derivation(self._domain).derived(self)
+            return predicate in self._derived
+        known = self._predicates.get(predicate)
+        return self._world.holds(predicate) if known is None else known
+
+    def value(self, fluent: Fluent) -> float | None:
+        known = self._values.get(fluent)
+        return self._world.value(fluent) if known is None else known
+
+    def objects(self, types: tuple[str, ...]) -> Iterable[str]:
+        return self._world.objects(types)
+
 
 Phase = Literal["waiting", "acting", "ending", "settling", "over"]
 """A task waits for its turn; its action goes on; that is done, but what has to hold at the end does not yet; the
@@ -226,3 +268,86 @@ def _has_come(start: float | None, now: float | None, end: float) -> bool:
     if start is None or start == end:
         return close
     return close or (now > end) == (end > start)
+
+
+def projected(facts: FactBase, domain: Domain, running: Iterable[Task], goal: Formula | None) -> Problem:
+    """What will be believed when the running tasks have ended as planned."""
+    state = State.of(facts.problem(goal), domain)
+    for task in sorted(running, key=_end):
+        _see(state, task)
+        _end_in(state, task)
+    return state.problem(goal)
+
+
+def merged(
+    domain: Domain, facts: FactBase, plan: Plan, goal: Formula, running: tuple[Task, ...], now: int
+) -> tuple[Task, ...]:
+    """The tasks for a plan that starts from what is `projected`, after those that are running.
+
+    Raises PlanningError when the plan does not do what it shall, as things are believed now.
+    """
+    ending = tuple(task for task in running if task.phase == "settling" or task.action.duration is None)
+    going_on = tuple(task for task in running if task not in ending)
+    state = State.of(facts.problem(goal), domain)
+    for task in sorted(ending, key=_end):
+        _see(state, task)
+        _end_in(state, task)
+    for task in sorted(going_on, key=_end):
+        _see(state, task)
+        state.apply(SetValue(fluent, value) for fluent, value in task.starting_values.items() if value is not None)
+    problem = state.problem(goal)
+    steps = [replace(task.step, start_s=((task.started or 0) - now) / SECOND) for task in going_on]
+    whole = Plan((*steps, *plan.steps))
+    before = range(len(going_on))
+    wrong = faults(domain, problem, whole, before)
+    if wrong:
+        raise PlanningError(f"the plan does not fit what is believed now: {wrong[0]}")
+    order = causal_order(domain, problem, whole, before)
+    for task, step in zip(going_on, steps, strict=True):
+        task.step = step
+    new = tuple(Task(step, ground(domain.actions[step.action], step.args)) for step in plan.steps)
+    tasks = (*going_on, *new)
+    for number, task in enumerate(tasks):
+        task.before_end = _happenings(order.before_end[number], tasks)
+        if number not in before:
+            task.before_start = (
+                *((other, "end") for other in ending),
+                *((other, "end") for other in _same_before(number, tasks, len(going_on))),
+                *_happenings(order.before_start[number], tasks),
+            )
+    return (*ending, *tasks)
+
+
+def _same_before(number: int, tasks: tuple[Task, ...], running: int) -> tuple[Task, ...]:
+    """Earlier tasks that do the very same: nobody does that twice at once, though PDDL has nothing against it."""
+    task = tasks[number]
+    return tuple(
+        other
+        for index, other in enumerate(tasks[:number])
+        if other.step.call == task.step.call and (index < running or other.step.end_s <= task.step.start_s)
+    )
+
+
+def _happenings(numbered: Collection[Numbered], tasks: tuple[Task, ...]) -> tuple[Happening, ...]:
+    return tuple((tasks[number], edge) for number, edge in sorted(numbered))
+
+
+def _end(task: Task) -> float:
+    return (task.started or 0) / SECOND + task.step.duration_s
+
+
+def _see(state: State, task: Task) -> None:
+    """Has happen what sensors will see of a task, and have not yet seen."""
+    state.apply([change for change in task.expected if not task.is_seen(change, state)])
+
+
+def _end_in(state: State, task: Task) -> None:
+    """Has a task end. Numbers that sensors tell may have changed already by as much as they shall."""
+    state.apply(
+        [
+            change
+            for change in task.changes("end", task.as_when_begun(state, state.domain))
+            if not (isinstance(change, SetValue) and change.fluent in task.starting_values)
+            or not task.is_seen(change, state)
+        ]
+    )

@@ -1,16 +1,48 @@
-"""Facts in memory, found by name and by the objects that they mention."""
+"""Facts indexed by name and object, name patterns, and facts as text."""
 
 from __future__ import annotations
 
 import difflib
+import functools
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
-from socialbot.agent_messages import FLUENT, INSTANCE, PREDICATE, Fact
-from socialbot.deliberation.patterns import has_wildcards, like, variables_in
-from socialbot.planning.domain import OBJECT, Domain, Signature
-from socialbot.planning.formulas import Fluent, Predicate
+from socialbot.core.errors import PlanningError
+from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Fact
+from socialbot.planning.pddl.domain import OBJECT, Domain, Signature
+from socialbot.planning.pddl.formulas import Fluent, Predicate
+
+_VARIABLE = re.compile(r"\{(\w+)\}")
+
+
+def has_wildcards(name: str) -> bool:
+    """Whether it has ``*`` or ``?`` in it."""
+    return "*" in name or "?" in name
+
+
+@functools.lru_cache(4096)
+def like(pattern: str) -> Callable[[str], object]:
+    """What tells whether a name is like one with wildcards."""
+    parts = (".*" if letter == "*" else "." if letter == "?" else re.escape(letter) for letter in pattern)
+    return re.compile("".join(parts)).fullmatch
+
+
+def variable_of(name: str) -> str | None:
+    """The variable that it is as a whole."""
+    found = _VARIABLE.fullmatch(name)
+    return found[1] if found else None
+
+
+def variables_in(text: str) -> list[str]:
+    """The variables that are written somewhere in a text."""
+    return _VARIABLE.findall(text)
+
+
+def filled(text: str, binding: Mapping[str, str]) -> str:
+    """A text with the values of the variables in their places."""
+    return _VARIABLE.sub(lambda found: binding[found[1]], text)
+
 
 Params = tuple[str, ...]
 
@@ -62,7 +94,7 @@ _EMPTY = Table()
 
 
 class FactIndex:
-    """Some facts about the things of a domain: a `socialbot.planning.formulas.World`. Constants are instances.
+    """Some facts about the things of a domain: a `socialbot.planning.pddl.formulas.World`. Constants are instances.
 
     ``version`` is another number after each change.
     """
@@ -282,3 +314,45 @@ def near(name: str, known: Iterable[str]) -> str:
     if not names:
         return "there are none"
     return f"there are {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}"
+
+
+_FACT_NAME = r"[a-z][\w-]*"
+_OBJECT = r"[\w?*{}.-]+"
+_FORM = re.compile(
+    rf"\(\s*(?P<name>{_FACT_NAME})(?P<params>(?:\s+{_OBJECT})*)\s*\)(?:\s*=\s*(?P<value>\S+))?"
+    rf"|(?P<object>{_OBJECT})\s+-\s+(?P<type>{_FACT_NAME})"
+)
+
+
+def parse_facts(text: str) -> tuple[Fact, ...]:
+    """The facts in ``text``, one or more, as `Fact` shows them. Raises PlanningError for anything else."""
+    text = text.strip().lower()
+    found: list[Fact] = []
+    while text or not found:
+        form = _FORM.match(text)
+        if form is None:
+            remedy = "write (at box1 table), (battery r1) = 80, or box1 - box"
+            raise PlanningError(f"{text or 'nothing'!r} is no fact", remedy=remedy)
+        found.append(_fact(form))
+        text = text[form.end() :].lstrip()
+    return tuple(found)
+
+
+def parse_fact(text: str) -> Fact:
+    """The one fact in ``text``. Raises PlanningError."""
+    fact, *more = parse_facts(text)
+    if more:
+        raise PlanningError(f"{text!r} is more than one fact", remedy="give one at a time")
+    return fact
+
+
+def _fact(form: re.Match[str]) -> Fact:
+    if form["object"] is not None:
+        return Fact(name=form["object"], pddl_type=INSTANCE, type=form["type"])
+    params = tuple(form["params"].split())
+    if form["value"] is None:
+        return Fact(name=form["name"], pddl_type=PREDICATE, params=params)
+    try:
+        return Fact(name=form["name"], pddl_type=FLUENT, params=params, value=float(form["value"]))
+    except ValueError as error:
+        raise PlanningError(f"{form['value']!r} is no number") from error

@@ -18,16 +18,25 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from socialbot.agent_messages import FLUENT, INSTANCE, LONGEST_S, PREDICATE, Condition, Conjunction, Desire, Dnf, Fact
 from socialbot.bdi import Atom, Engine
 from socialbot.bdi.literals import PERCEPT, SELF, source
-from socialbot.deliberation.fact_index import FactIndex, near, signature_of
+from socialbot.core.errors import PlanningError
+from socialbot.deliberation.fact_index import FactIndex, has_wildcards, near, signature_of
 from socialbot.deliberation.matching import Clause, clauses_of, fitting, mismatch
-from socialbot.deliberation.patterns import has_wildcards
-from socialbot.errors import PlanningError
-from socialbot.planning.derived import Derivation
-from socialbot.planning.domain import Domain, Problem
-from socialbot.planning.formulas import And, Comparator, Comparison, Fluent, Formula, Not, Number, Or, Predicate
+from socialbot.deliberation.messages import (
+    FLUENT,
+    INSTANCE,
+    LONGEST_S,
+    PREDICATE,
+    Condition,
+    Conjunction,
+    Desire,
+    Dnf,
+    Fact,
+)
+from socialbot.planning.pddl.domain import Domain, Problem
+from socialbot.planning.pddl.formulas import And, Comparator, Comparison, Fluent, Formula, Not, Number, Or, Predicate
+from socialbot.planning.pddl.state import Derivation
 
 Watcher = Callable[[Fact, bool, str], object]
 """Is told a fact, whether it holds now, and the trace record of the change."""

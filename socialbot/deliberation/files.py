@@ -45,7 +45,14 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
-from socialbot.agent_messages import (
+from socialbot.bdi import Engine
+from socialbot.core.clock import ManualClock
+from socialbot.core.errors import PlanningError
+from socialbot.core.yaml import line_of, load_yaml
+from socialbot.deliberation.fact_index import FactIndex, near
+from socialbot.deliberation.facts import FactBase
+from socialbot.deliberation.matching import mismatch, unfit_condition
+from socialbot.deliberation.messages import (
     FLUENT,
     INSTANCE,
     LONGEST_S,
@@ -57,15 +64,8 @@ from socialbot.agent_messages import (
     Dnf,
     Fact,
 )
-from socialbot.bdi import Engine
-from socialbot.clock import ManualClock
-from socialbot.deliberation.fact_index import FactIndex, near
-from socialbot.deliberation.facts import FactBase
-from socialbot.deliberation.matching import mismatch, unfit_condition
 from socialbot.deliberation.rules import ReactiveRule, RuleEffect, misfit, unfit_effect
-from socialbot.errors import PlanningError
-from socialbot.planning.domain import Domain
-from socialbot.yaml_text import line_of, load_yaml
+from socialbot.planning.pddl.domain import Domain
 
 T = TypeVar("T")
 

@@ -13,10 +13,9 @@ import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from socialbot.agent_messages import FLUENT, INSTANCE, PREDICATE, Condition, Conjunction, Dnf, Fact
-from socialbot.deliberation.fact_index import KINDS, FactIndex, Params
-from socialbot.deliberation.patterns import has_wildcards, like, variable_of, variables_in
-from socialbot.planning.domain import OBJECT, Domain
+from socialbot.deliberation.fact_index import KINDS, FactIndex, Params, has_wildcards, like, variable_of, variables_in
+from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Condition, Conjunction, Dnf, Fact
+from socialbot.planning.pddl.domain import OBJECT, Domain
 
 Binding = Mapping[str, str]
 """Objects by the names of the variables that stand for them."""

@@ -9,15 +9,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from socialbot.bdi import Engine
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.deliberation.desires import End, Wish
-from socialbot.deliberation.director import Director, Outcome
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import PlanningError
+from socialbot.deliberation.desires import DesireState, End
 from socialbot.deliberation.facts import FactBase, problem_of
 from socialbot.deliberation.options import Options
-from socialbot.errors import PlanningError
-from socialbot.planning.domain import Domain, Problem
-from socialbot.planning.plan import in_time
-from socialbot.planning.planner import Answer, Planner, Verdict
+from socialbot.deliberation.plan_executor import Outcome, PlanExecutor
+from socialbot.planning.pddl.domain import Domain, Problem, in_time
+from socialbot.planning.planners.planner import Answer, Planner, Verdict
 
 GRACE_S = 5.0
 """A planner that has not answered so long after its time is over is given up."""
@@ -33,7 +32,7 @@ Aside = Callable[[Callable[[], Any], Callable[[Any], None]], None]
 class Question:
     """What the planner is asked: a plan for a desire, in a domain, that lasts ``longest_s`` at most."""
 
-    wish: Wish
+    wish: DesireState
     domain: Domain
     longest_s: float
     cause: str
@@ -52,14 +51,14 @@ class Pursuit:
         self,
         engine: Engine,
         facts: FactBase,
-        director: Director,
+        director: PlanExecutor,
         planner: Planner,
         aside: Aside,
         options: Options,
-        end: Callable[[Wish, End, str], object],
+        end: Callable[[DesireState, End, str], object],
         wake: Callable[[], object],
     ) -> None:
-        self.wish: Wish | None = None
+        self.wish: DesireState | None = None
         self.problem = ""
         self._engine = engine
         self._facts = facts
@@ -71,19 +70,19 @@ class Pursuit:
         self._wake = wake
         self._began = 0
         self._plan_began = 0
-        self._interrupted: tuple[Wish, Wish] | None = None
+        self._interrupted: tuple[DesireState, DesireState] | None = None
         self._question: Question | None = None
         self._failed_plan = 0
         self._failed_at = ""
 
     @property
-    def asked(self) -> Wish | None:
+    def asked(self) -> DesireState | None:
         """The desire for which a plan is looked for."""
         return None if self._question is None else self._question.wish
 
     # Asking
 
-    def ask(self, wish: Wish) -> None:
+    def ask(self, wish: DesireState) -> None:
         """Has a plan made for a desire, unless one is being made for it, or for one that comes first."""
         if self._question is not None:
             if self._question.wish.rank <= wish.rank:
@@ -110,7 +109,7 @@ class Pursuit:
             self._question.cancelled.set()
             self._question = None
 
-    def _snapshot(self, wish: Wish) -> Problem:
+    def _snapshot(self, wish: DesireState) -> Problem:
         """What a plan starts from: for who interrupts, what there will be when the others have been stopped.
 
         Raises PlanningError for an object that is not known.
@@ -124,7 +123,7 @@ class Pursuit:
             return problem_of(self._director.beliefs_if_aborted(), self._facts.domain, goal)
         return self._director.projected(goal) if self._director.running else self._facts.problem(goal)
 
-    def _longest(self, wish: Wish) -> tuple[float, str]:
+    def _longest(self, wish: DesireState) -> tuple[float, str]:
         """How long a plan may last, s, and what it is asked for because of.
 
         It has the time until the deadline; to mend a plan, not more than is left until it would be aborted.
@@ -190,7 +189,7 @@ class Pursuit:
         goals = {name: f"+!{name}/{len(known[name].parameters)}" for name in actions if name in known}
         return tuple(name for name, goal in goals.items() if goal not in triggers or not triggers[goal].plans)
 
-    def _planning_failed(self, wish: Wish, reason: str, *, hopeless: bool) -> None:
+    def _planning_failed(self, wish: DesireState, reason: str, *, hopeless: bool) -> None:
         wish.failed_planning += 1
         if self._interrupted is not None and self._interrupted[0] is wish and self._interrupted[1] is not self.wish:
             wish.in_vain.append(self._interrupted[1])
@@ -224,7 +223,7 @@ class Pursuit:
             self.withdraw()
             self._director.abort(reason, self._stopped)
 
-    def forget(self, wish: Wish, how: End, reason: str) -> None:
+    def forget(self, wish: DesireState, how: End, reason: str) -> None:
         """A desire has ended: stops what is done for it."""
         if self._question is not None and self._question.wish is wish:
             self.withdraw()
@@ -236,7 +235,7 @@ class Pursuit:
             self.withdraw()
             self._director.finish(reason, self._stopped)
 
-    def revise(self, wish: Wish) -> None:
+    def revise(self, wish: DesireState) -> None:
         """A desire has another deadline or priority from now on; a plan that is looked for is asked for anew."""
         if self._question is not None:
             self.withdraw()
@@ -258,7 +257,7 @@ class Pursuit:
             self._execution_failed(wish, outcome.reason or "the plan is done, but not all that is wanted holds")
         self._wake()
 
-    def _execution_failed(self, wish: Wish, reason: str) -> None:
+    def _execution_failed(self, wish: DesireState, reason: str) -> None:
         wish.failed_execution += 1
         wish.not_before = max(wish.not_before, self._plan_began + nanoseconds(self._options.retry_s))
         if wish.failed_execution >= self._options.exec_plan_tries:

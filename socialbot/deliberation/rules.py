@@ -8,14 +8,13 @@ from typing import Any, Literal, TypeVar
 
 import msgspec
 
-from socialbot.agent_messages import INSTANCE, Condition, Desire, Dnf, Fact
-from socialbot.deliberation.fact_index import FactIndex, signature_of
+from socialbot.core.errors import PlanningError
+from socialbot.deliberation.fact_index import FactIndex, filled, has_wildcards, signature_of, variable_of, variables_in
 from socialbot.deliberation.facts import FactBase, out_of_range
 from socialbot.deliberation.matching import Clause, Match, clauses_of, each_of, mismatch, unfit_condition
 from socialbot.deliberation.matching import Literal as Part
-from socialbot.deliberation.patterns import filled, has_wildcards, variable_of, variables_in
-from socialbot.errors import PlanningError
-from socialbot.planning.domain import Domain
+from socialbot.deliberation.messages import INSTANCE, Condition, Desire, Dnf, Fact
+from socialbot.planning.pddl.domain import Domain
 
 T = TypeVar("T")
 

@@ -14,14 +14,14 @@ from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from socialbot.agent_messages import FLUENT, INSTANCE, PREDICATE, Fact
 from socialbot.bdi.sensors import Sensor
-from socialbot.clock import nanoseconds
+from socialbot.core.clock import nanoseconds
+from socialbot.core.errors import PlanningError
+from socialbot.deliberation.action_executor import Watched
 from socialbot.deliberation.fact_index import signature_of
 from socialbot.deliberation.matching import fitting
-from socialbot.deliberation.performer import Watched
-from socialbot.errors import PlanningError
-from socialbot.planning.domain import Domain
+from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Fact
+from socialbot.planning.pddl.domain import Domain
 
 if TYPE_CHECKING:
     from socialbot.deliberation.deliberator import Deliberator

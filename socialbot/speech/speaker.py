@@ -11,11 +11,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from socialbot.errors import DeviceError, InstallationError, ParameterError, SocialbotError
-from socialbot.graph import Context, Input, Node, Output, Parameter, Timer
-from socialbot.health import BEATLESS_S, HEALTH_TOPIC
-from socialbot.messages import Health, Message, SpeechStatus, Utterance
-from socialbot.security import paths
+from socialbot.core import paths
+from socialbot.core.errors import DeviceError, InstallationError, ParameterError, SocialbotError
+from socialbot.core.messages import Health, Message, SpeechStatus, Utterance
+from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
+from socialbot.graph.node import Context, Input, Node, Output, Parameter, Timer
 from socialbot.speech.playback import Player, find_player
 from socialbot.speech.synthesis import Sound, Synthesizer
 

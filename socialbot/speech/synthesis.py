@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from socialbot.errors import InstallationError, MessageError, ParameterError
+from socialbot.core.errors import InstallationError, MessageError, ParameterError
 
 # From espeak-ng's speak_lib.h.
 _AUDIO_OUTPUT_SYNCHRONOUS = 2

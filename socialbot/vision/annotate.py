@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from socialbot.messages import PersonDetection, PersonDetections
-from socialbot.vision.truth import TruthPerson
+from socialbot.core.messages import PersonDetection, PersonDetections
+from socialbot.vision.metrics.truth import TruthPerson
 
 __all__ = ["draw"]
 

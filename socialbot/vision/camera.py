@@ -11,8 +11,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from socialbot.errors import MessageError, ParameterError
-from socialbot.messages import CameraInfo
+from socialbot.core.errors import MessageError, ParameterError
+from socialbot.core.messages import CameraInfo
 
 __all__ = ["Box", "CameraModel"]
 

@@ -6,14 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from socialbot.errors import ParameterError
+from socialbot.core.errors import ParameterError
 from socialbot.vision.detector import Detector
 from socialbot.vision.hog import HogDetector
-from socialbot.vision.layouts import LAYOUTS
-from socialbot.vision.nanodet import nanodet
-from socialbot.vision.network import Network
-from socialbot.vision.network_detector import NetworkDetector
-from socialbot.vision.views import fitting, whole
+from socialbot.vision.network import LAYOUTS, Network, fitting, whole
+from socialbot.vision.network_detector import NetworkDetector, nanodet
 
 __all__ = ["DETECTORS", "DetectorSettings", "DetectorSpec"]
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from socialbot.vision.camera import Box, CameraModel
-from socialbot.vision.motion import Cut
+from socialbot.vision.tracking import Cut
 
 __all__ = ["Estimate", "Figure", "Range", "Stature", "head_direction", "measure", "whole_height"]
 

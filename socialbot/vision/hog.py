@@ -19,10 +19,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from socialbot.errors import InstallationError
-from socialbot.vision.boxes import clip, suppress
-from socialbot.vision.detector import Detections
-from socialbot.vision.views import View, band, scaled
+from socialbot.core.errors import InstallationError
+from socialbot.vision.detector import Detections, clip, suppress
+from socialbot.vision.network import View, band, scaled
 
 __all__ = ["HogDetector"]
 

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import cv2
 
-from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter
-from socialbot.health import SILENT_S
-from socialbot.messages import BoxMarkers, CameraInfo, Image, PersonDetections
-from socialbot.security import paths
+from socialbot.core import paths
+from socialbot.core.messages import BoxMarkers, CameraInfo, Image, PersonDetections
+from socialbot.graph.health import SILENT_S
+from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
-from socialbot.vision.finder import BRIDGE_S, TRACKERS, make_finder
-from socialbot.vision.layouts import LAYOUTS
+from socialbot.vision.network import LAYOUTS
+from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, make_finder
 
 __all__ = ["PersonDetector"]
 

@@ -1,23 +1,139 @@
-"""Who is who from frame to frame: tracks of people, made from the boxes of a detector.
-
-Each track predicts where its person is now (`motion`). Boxes that are *sure* go to the tracks they fit best; then
-weaker ones go to tracks that are still without a box, where they have to fit better. A box that is left begins a
-track, which waits to be seen again; one of its boxes has to be sure. A track without a box coasts on its prediction:
-for a moment it is still published, then only remembered, so that who comes out from behind somebody keeps their id.
-"""
+"""Track people from frame to frame: Kalman filter, assignment and track state."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 
-from socialbot.clock import SECOND
-from socialbot.vision.assignment import assign
-from socialbot.vision.boxes import clip, iou, same_head
-from socialbot.vision.motion import Cut, Motion, cut_off
+from socialbot.core.clock import SECOND
+from socialbot.vision.detector import clip, iou, same_head
 
-__all__ = ["Track", "Tracker"]
+__all__ = ["Cut", "Motion", "Track", "Tracker", "assign", "cut_off"]
+
+
+def assign(costs: np.ndarray, limit: float) -> list[tuple[int, int]]:
+    """The pairs (row, column) of ``costs``, shape (n, m), with the least sum, each row and column at most once.
+
+    A pair that costs ``limit`` or more is none; staying alone costs as much as ``limit``. Pairs come in the order
+    of rows. Infinite costs are allowed.
+    """
+    rows, columns = costs.shape
+    if not rows or not columns:
+        return []
+    # Moving one heap of earth from each row to some column, in whole heaps, is the assignment problem.
+    bounded = np.minimum(costs, limit).astype(np.float32)
+    flow = cv2.EMD(_heaps(rows), _heaps(columns), cv2.DIST_USER, bounded)[2]
+    return [(int(row), int(column)) for row, column in np.argwhere(flow > 0.5) if costs[row, column] < limit]
+
+
+def _heaps(count: int) -> np.ndarray:
+    """So many heaps of weight 1; where they lie (the second column) does not matter."""
+    return np.tile(np.array([1, 0], np.float32), (count, 1))
+
+
+_EDGE_SHARE, _BOX_SHARE = 0.005, 0.02
+"""A box that comes so near to the picture's edge is cut off by it: shares of the picture's size and of its own."""
+
+_MEASURED = np.array([0.03, 0.03, 0.05, 0.06])
+_FIRST_SPEED = np.array([0.8, 0.2, 0.5, 0.3])
+_RESTLESS = np.array([0.8, 0.15, 0.35, 0.2])
+_EASE_S = np.array([1.5, 0.7, 0.7, 0.4])
+_LEAST_PX = 1.0
+
+
+class Cut(NamedTuple):
+    """Which sides of a box the picture's edge cuts off."""
+
+    left: bool = False
+    top: bool = False
+    right: bool = False
+    bottom: bool = False
+
+
+def cut_off(box: np.ndarray, width: float, height: float) -> Cut:
+    """Which sides of ``box`` (x, y, w, h) the edges of a picture of ``width`` x ``height`` pixels cut off."""
+    x, y, w, h = box
+    across, down = _EDGE_SHARE * width + _BOX_SHARE * w, _EDGE_SHARE * height + _BOX_SHARE * h
+    return Cut(bool(x <= across), bool(y <= down), bool(x + w >= width - across), bool(y + h >= height - down))
+
+
+class Motion:
+    """Middle x, top y, height and width of a person's box (pixels), each with a speed that wears off.
+
+    The four are independent Kalman filters of position and speed. All noise is relative to the height: a
+    person is as restless near the camera as far away. Where the picture cuts the box off the rest is
+    taken from the prediction, so that the state is the whole person.
+    """
+
+    __slots__ = ("_both", "_speed_variance", "speed", "value", "variance")
+
+    def __init__(self, box: np.ndarray) -> None:
+        """Begins with ``box``: x, y, w, h."""
+        x, y, w, h = box
+        self.value = np.array([x + w / 2, y, max(h, _LEAST_PX), max(w, _LEAST_PX)])
+        self.speed = np.zeros(4)
+        self.variance = (_MEASURED * self.value[2]) ** 2
+        self._both = np.zeros(4)
+        self._speed_variance = (_FIRST_SPEED * self.value[2]) ** 2
+
+    @property
+    def box(self) -> np.ndarray:
+        """The whole person: x, y, w, h, shape (4,); may reach beyond the picture."""
+        middle, top, height, width = self.value
+        return np.array([middle - width / 2, top, width, height])
+
+    def predict(self, seconds: float) -> None:
+        """Lets ``seconds`` (0 or more) pass."""
+        # With ease e = exp(-t / T) a speed v moves by T (1 - e) v in the time t.
+        ease = np.exp(-seconds / _EASE_S)
+        path = _EASE_S * (1 - ease)
+        unrest, time = (_RESTLESS * self.value[2]) ** 2, min(seconds, 1.0)
+        self.value = self.value + path * self.speed
+        self.value[2:] = np.maximum(self.value[2:], _LEAST_PX)
+        self.speed = ease * self.speed
+        self.variance = self.variance + path * (2 * self._both + path * self._speed_variance) + unrest * time**3 / 3
+        self._both = ease * (self._both + path * self._speed_variance) + unrest * time**2 / 2
+        self._speed_variance = ease**2 * self._speed_variance + unrest * time
+
+    def correct(self, box: np.ndarray, cut: Cut, *, feet_hidden: bool = False) -> None:
+        """Takes in that the person's box was seen as ``box``: x, y, w, h, clipped to the picture.
+
+        With ``feet_hidden`` something stands before the lower part: then the height stays as predicted.
+        """
+        measured, seen = self._whole(box, cut, feet_hidden)
+        noise = (_MEASURED * measured[2]) ** 2
+        share = np.where(seen, self.variance / (self.variance + noise), 0.0)
+        pull = np.where(seen, self._both / (self.variance + noise), 0.0)
+        missed = measured - self.value
+        self.value = self.value + share * missed
+        self.speed = self.speed + pull * missed
+        self._speed_variance = self._speed_variance - pull * self._both
+        self.variance = (1 - share) * self.variance
+        self._both = (1 - share) * self._both
+
+    def _whole(self, box: np.ndarray, cut: Cut, feet_hidden: bool) -> tuple[np.ndarray, np.ndarray]:
+        """What was measured of the whole person, shape (4,), and which of the four were."""
+        x, y, w, h = box
+        _, _, height, width = self.value
+        # What is cut off is at least as large as what can be seen of it.
+        narrow, short = (cut.left or cut.right) and width > w, (cut.top or cut.bottom or feet_hidden) and height > h
+        width, height = (width if narrow else w), (height if short else h)
+        middle, top = x + w / 2, y
+        if narrow and cut.left is not cut.right:
+            middle = x + w - width / 2 if cut.left else x + width / 2
+        if short and cut.top and not cut.bottom:
+            top = y + h - height
+        seen = np.array([not (narrow and cut.left and cut.right), not (cut.top and cut.bottom), not short, not narrow])
+        return np.array([middle, top, height, width]), seen
+
+    def spread(self) -> tuple[float, float]:
+        """Standard errors of the middle and of the top, in pixels."""
+        return math.sqrt(self.variance[0]), math.sqrt(self.variance[1])
+
 
 _LEAST_FIT = 0.2
 """Overlap (IoU, widened by how unsure the prediction is) from which a sure box may belong to a track."""

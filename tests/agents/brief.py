@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from socialbot.agent_messages import Desire, Fact
 from socialbot.bdi import Engine
-from socialbot.clock import ManualClock
+from socialbot.core.clock import ManualClock
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.files import load_rules
+from socialbot.deliberation.messages import Desire, Fact
 from socialbot.deliberation.rules import RuleBook
-from socialbot.planning.domain import Domain
-from socialbot.planning.plan import Plan
-from socialbot.planning.planner import Limits, Verdict
-from socialbot.planning.planners import make_planner
-from socialbot.planning.reader import read_domain
+from socialbot.planning.pddl.domain import Domain, Plan
+from socialbot.planning.pddl.reader import read_domain
+from socialbot.planning.planners.engines import make_planner
+from socialbot.planning.planners.planner import Limits, Verdict
 
 
 def domain_of(path: Path) -> Domain:

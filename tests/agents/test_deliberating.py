@@ -8,7 +8,12 @@ from typing import Any
 
 import pytest
 
-from socialbot.agent_messages import (
+from socialbot.agents.base.deliberating import Deliberating
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import ParameterError, PlanningError
+from socialbot.core.messages import Mind, Structured, TraceRecord
+from socialbot.deliberation.actions import PlanAction
+from socialbot.deliberation.messages import (
     AgentReply,
     AgentRequest,
     Belief,
@@ -20,15 +25,10 @@ from socialbot.agent_messages import (
     LifecycleStatus,
     PlanExecutionInfo,
 )
-from socialbot.agents.deliberating import Deliberating
-from socialbot.clock import SECOND
-from socialbot.deliberation.actions import PlanAction
-from socialbot.deliberation.reception import Reception
+from socialbot.deliberation.requests import RequestServer
 from socialbot.deliberation.sensing import FactSensor
-from socialbot.errors import ParameterError, PlanningError
-from socialbot.graph import Graph, Input, Parameter, Placement
-from socialbot.inline import InlineRunner
-from socialbot.messages import Mind, Structured, TraceRecord
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, Input, NodeConfig, Parameter
 from tests.deliberation.domains import i, n, p
 from tests.deliberation.office import JOBS, job
 
@@ -137,7 +137,7 @@ class Hall:
         AgentReply,
     )
 
-    def __init__(self, *placements: Placement) -> None:
+    def __init__(self, *placements: NodeConfig) -> None:
         graph = Graph("hall", placements, frozenset({"/light", "/agents/requests", "/agents/replies"}))
         self.runner = InlineRunner(graph)
         self.said: list[tuple[str, Any]] = []
@@ -187,14 +187,14 @@ def files(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def worker(files: Path, **more) -> Placement:
+def worker(files: Path, **more) -> NodeConfig:
     known = {"pddl_file": str(files / "jobs.pddl"), "init_bset": str(files / "b.yaml"), **more}
-    return Placement("worker", Worker, known)
+    return NodeConfig("worker", Worker, known)
 
 
-def boss(files: Path, **more) -> Placement:
+def boss(files: Path, **more) -> NodeConfig:
     known = {"pddl_file": str(files / "boss.pddl"), "init_bset": str(files / "b.yaml"), **more}
-    return Placement("boss", Boss, known)
+    return NodeConfig("boss", Boss, known)
 
 
 def now(message: type, hall: Hall, **about):
@@ -332,7 +332,7 @@ def test_who_has_forgotten_a_monitored_desire_is_reminded_of_it(files):
     hall.until(1)
     assert asked.state == "done"
     forgetful = hall.node("worker")
-    forgetful._reception = Reception(forgetful.deliberator, forgetful._policies(), forgetful.replies_out.publish)
+    forgetful._reception = RequestServer(forgetful.deliberator, forgetful._policies(), forgetful.replies_out.publish)
     for wish in forgetful.deliberator.desires:
         wish.listeners.clear()
     hall.until(8)

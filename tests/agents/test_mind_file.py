@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.agents.agent_node import AgentNode
+from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bdi import Belief, Engine
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 from tests.agents.waldo.corridor import ANNA, Corridor
 
 
@@ -93,7 +93,7 @@ class Thinker(AgentNode):
 
 
 def thinking(path: Path) -> tuple[InlineRunner, Thinker]:
-    runner = InlineRunner(Graph("test", (Placement("thinker", Thinker, {"mind_file": str(path)}),)))
+    runner = InlineRunner(Graph("test", (NodeConfig("thinker", Thinker, {"mind_file": str(path)}),)))
     runner.start()
     thinker = runner.nodes["thinker"]
     assert isinstance(thinker, Thinker)

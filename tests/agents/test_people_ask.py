@@ -9,20 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agent_messages import PREDICATE, Desire, Fact
-from socialbot.agents.agent_node import AGENT_ANSWERS, AGENT_COMMANDS, AgentNode
-from socialbot.agents.deliberating import Deliberating
+from socialbot.agents.base.agent_node import AGENT_ANSWERS, AGENT_COMMANDS, AgentNode
+from socialbot.agents.base.deliberating import Deliberating
 from socialbot.agents.hospital.messages import TOPIC
 from socialbot.agents.hospital.robot_node import Spot
 from socialbot.agents.hospital.ward.messages import RESULTS, STATE
-from socialbot.agents.waldo.waldo_node import WaldoNode
+from socialbot.agents.waldo.nodes import WaldoNode
 from socialbot.bdi import Engine
-from socialbot.clock import SECOND
-from socialbot.deliberation.actions import PlanAction
-from socialbot.graph import Graph, Node, Placement
-from socialbot.health import HEALTH_TOPIC
-from socialbot.inline import InlineRunner
-from socialbot.messages import (
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import (
     ActionRequest,
     AgentAnswer,
     AgentCommand,
@@ -32,6 +27,11 @@ from socialbot.messages import (
     PersonDetections,
     TraceRecord,
 )
+from socialbot.deliberation.actions import PlanAction
+from socialbot.deliberation.messages import PREDICATE, Desire, Fact
+from socialbot.graph.health import HEALTH_TOPIC
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, Node, NodeConfig
 from tests.deliberation.office import JOBS
 
 DETECTIONS = "/humans/bodies/detections"
@@ -67,7 +67,7 @@ class Counter(AgentNode):
 class Asking:
     """One agent, and a person who asks it for something."""
 
-    def __init__(self, placement: Placement, *topics: str) -> None:
+    def __init__(self, placement: NodeConfig, *topics: str) -> None:
         graph = Graph("room", (placement,), inputs=frozenset(topics))
         self.name = placement.name
         self.runner = InlineRunner(graph)
@@ -121,11 +121,11 @@ class Asking:
 
 
 def counter() -> Asking:
-    return Asking(Placement("counter", Counter))
+    return Asking(NodeConfig("counter", Counter))
 
 
 def waldo() -> Asking:
-    return Asking(Placement("waldo", WaldoNode), DETECTIONS)
+    return Asking(NodeConfig("waldo", WaldoNode), DETECTIONS)
 
 
 def did(asking: Asking) -> list[tuple[str, tuple[object, ...]]]:
@@ -286,7 +286,7 @@ def worker(tmp_path: Path) -> Asking:
     (tmp_path / "jobs.pddl").write_text(JOBS.text)
     (tmp_path / "b.yaml").write_text("- {name: a, pddl_type: 1, type: job}\n")
     parameters = {"pddl_file": str(tmp_path / "jobs.pddl"), "init_bset": str(tmp_path / "b.yaml")}
-    return Asking(Placement("worker", Worker, parameters), "/agents/requests", "/agents/replies")
+    return Asking(NodeConfig("worker", Worker, parameters), "/agents/requests", "/agents/replies")
 
 
 def test_one_that_deliberates_is_told_facts_and_desires(worker):
@@ -336,7 +336,7 @@ def test_one_that_deliberates_does_not_go_on_with_its_plan_while_it_pauses(worke
 
 
 def test_a_robot_of_the_hospital_has_goals_and_beliefs_of_its_own():
-    asking = Asking(Placement("spot1", Spot), TOPIC, RESULTS, STATE)
+    asking = Asking(NodeConfig("spot1", Spot), TOPIC, RESULTS, STATE)
     assert asking.ask("believe", "start(m1)").accepted
     assert "start(m1)" in asking.told("belief")
     assert "it has" in asking.refused("achieve", "dance(1)")

@@ -9,10 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from evaluation.warehouse_runs import Kill, Result, Story, play, troubled
-from socialbot.deliberation import merging
-from socialbot.deliberation.director import Director
-from socialbot.deliberation.performer import Performer
-from socialbot.messages import TraceRecord
+from socialbot.core.messages import TraceRecord
+from socialbot.deliberation import execution as merging
+from socialbot.deliberation.action_executor import ActionExecutor
+from socialbot.deliberation.plan_executor import PlanExecutor
 
 
 @pytest.fixture(autouse=True)
@@ -98,7 +98,7 @@ def test_24_boxes_go_with_6_carriers():
 
 
 def test_a_director_that_begins_steps_without_a_look_at_their_conditions_is_caught(monkeypatch):
-    monkeypatch.setattr(Performer, "_missing_at_start", lambda self, task: None)
+    monkeypatch.setattr(ActionExecutor, "_missing_at_start", lambda self, task: None)
     violations = play(Story(seed=4, run=2, limit_s=100.0)).violations
     assert any("(carrier_in_base carrier_c base_c) does not hold" in one for one in violations)
 
@@ -109,6 +109,6 @@ def test_a_director_that_knows_no_causal_order_is_caught(monkeypatch):
 
 
 def test_a_director_that_does_not_mind_silent_sensors_is_caught(monkeypatch):
-    monkeypatch.setattr(Director, "hold", lambda self, reason: None)
+    monkeypatch.setattr(PlanExecutor, "hold", lambda self, reason: None)
     violations = play(Story(seed=4, faults="12 silent carrier_a 10", limit_s=25.0)).violations
     assert any("begins while sensor status of carrier_a is silent" in one for one in violations)

@@ -6,8 +6,8 @@ from __future__ import annotations
 from typing import Any
 
 from socialbot.bdi import Action, Belief, Engine, Goal, Plan, Reactor, Record, SingletonBelief, variables
-from socialbot.bdi.events import Change, Event
-from socialbot.clock import SECOND, ManualClock
+from socialbot.bdi.literals import Change, Event
+from socialbot.core.clock import SECOND, ManualClock
 
 X, Y, Z, _ = variables("X Y Z _")
 

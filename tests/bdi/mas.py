@@ -8,7 +8,7 @@ from typing import Any
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak import agentspeak
 from socialbot.bdi.society import Society
-from socialbot.clock import SECOND, ManualClock
+from socialbot.core.clock import SECOND, ManualClock
 
 
 class Mas:

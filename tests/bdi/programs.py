@@ -6,12 +6,10 @@ from hypothesis import strategies as st
 
 from socialbot.bdi import Plan, ask, test
 from socialbot.bdi.agentspeak import agentspeak, parse
-from socialbot.bdi.conditions import NOTHING, Condition, Conjunction, Disjunction, Negation, conjunction
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import Literal
+from socialbot.bdi.literals import Change, Event, Literal
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Forget, If, Nested, Step, Update, While
-from socialbot.bdi.terms import Comparison
-from socialbot.errors import RuleError
+from socialbot.bdi.terms import NOTHING, Comparison, Condition, Conjunction, Disjunction, Negation, conjunction
+from socialbot.core.errors import RuleError
 from tests.bdi.lab import X, Y, _, crash, do, go, mood, nap, p, ping, q, sub
 
 VALUES = st.sampled_from((0, 1))

@@ -11,10 +11,18 @@ from collections.abc import Generator, Iterator
 from typing import Any
 
 from socialbot.bdi import Plan, Reactor, SingletonBelief
-from socialbot.bdi.conditions import Condition, Conjunction, Disjunction, Negation
 from socialbot.bdi.literals import Literal
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Forget, If, Step, Update, While
-from socialbot.bdi.terms import Comparison, Expression, Variable, names_in
+from socialbot.bdi.terms import (
+    Comparison,
+    Condition,
+    Conjunction,
+    Disjunction,
+    Expression,
+    Negation,
+    Variable,
+    names_in,
+)
 
 Args = tuple[Any, ...]
 Body = Generator[int, None, None]

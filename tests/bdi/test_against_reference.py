@@ -5,11 +5,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Plan, wait
-from socialbot.bdi.conditions import conjunction
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import Literal
+from socialbot.bdi.literals import Change, Event, Literal
 from socialbot.bdi.steps import Do, For, Forget, If, Update, While
-from socialbot.clock import SECOND
+from socialbot.bdi.terms import conjunction
+from socialbot.core.clock import SECOND
 from tests.bdi.lab import Lab, X, Y, Z, crash, do, go, mood, nap, p, ping, q, sub
 from tests.bdi.programs import PROGRAMS, STIMULI, can_be_spoken, spoken
 from tests.bdi.reference import Reference

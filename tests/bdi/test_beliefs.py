@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Belief, Engine, Variable, source
 from socialbot.bdi.beliefs import Relation, Relations, choices
-from socialbot.bdi.conditions import Conjunction, Negation, conjunction
+from socialbot.bdi.terms import Conjunction, Negation, conjunction
 from socialbot.bdi.unification import Var, resolve
-from socialbot.clock import ManualClock
+from socialbot.core.clock import ManualClock
 from tests.bdi.lab import Lab, X, Y, Z, mood, p, q
 
 NAMES = st.sampled_from(("X", "Y", "_"))

@@ -6,7 +6,7 @@ import pytest
 
 from socialbot.bdi.agentspeak import agentspeak, parse_plan
 from socialbot.bdi.literals import literal
-from socialbot.errors import RuleError
+from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, X, Y, do, mood, p, ping
 
 

@@ -29,11 +29,10 @@ from socialbot.bdi import (
     when,
 )
 from socialbot.bdi import test as check
-from socialbot.bdi.conditions import Disjunction, Negation, conjunction
 from socialbot.bdi.library import Trigger
 from socialbot.bdi.literals import literal
-from socialbot.bdi.terms import Cons
-from socialbot.clock import ManualClock
+from socialbot.bdi.terms import Cons, Disjunction, Negation, conjunction
+from socialbot.core.clock import ManualClock
 from tests.bdi.lab import Lab, X, Y, Z, _, crash, do, go, p, ping, q, sub
 
 

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Engine, Sensor, wait
-from socialbot.bdi.pursuit import CHAIN
+from socialbot.bdi.intention_stack import CHAIN
 from socialbot.bdi.reasoner import STEPS
-from socialbot.clock import SECOND, ManualClock
-from socialbot.errors import RuleError
+from socialbot.core.clock import SECOND, ManualClock
+from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, X, Y, Z, _, crash, deep, do, go, mood, p, ping, q, sub
 
 # Events

@@ -1,5 +1,5 @@
 from socialbot.bdi import Sensor
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 from tests.bdi.lab import Lab, X, _, do, go, mood, p, q
 
 

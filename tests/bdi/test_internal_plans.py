@@ -8,7 +8,7 @@ import pytest
 
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak import AgentSpeakError
-from socialbot.clock import ManualClock
+from socialbot.core.clock import ManualClock
 from tests.bdi.mas import Mas, does, said
 
 

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Engine
-from socialbot.bdi.internal import lists
-from socialbot.bdi.internal.arguments import detached, opened
-from socialbot.bdi.internal.printing import said, spelled
 from socialbot.bdi.literals import literal
+from socialbot.bdi.stdlib import terms as lists
+from socialbot.bdi.stdlib.environment import said, spelled
+from socialbot.bdi.stdlib.registry import detached, opened
 from socialbot.bdi.terms import Cons, Variable, order
 from socialbot.bdi.unification import Var, resolve
-from socialbot.clock import ManualClock
+from socialbot.core.clock import ManualClock
 from tests.bdi.mas import does
 
 # What the plan prints. "failed E" says why it failed.

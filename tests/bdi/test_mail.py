@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Engine, Goal, message, send
 from socialbot.bdi.literals import literal
-from socialbot.bdi.mail import PERFORMATIVES, broadcast
-from socialbot.bdi.mail import send as say
-from socialbot.clock import ManualClock
+from socialbot.bdi.messaging import PERFORMATIVES, broadcast
+from socialbot.bdi.messaging import send as say
+from socialbot.core.clock import ManualClock
 from tests.bdi.lab import Lab, X, Y, Z, do, go, p
 from tests.bdi.mas import Mas
 

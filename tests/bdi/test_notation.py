@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import pytest
 
 from socialbot.bdi import Plan, fail, wait
-from socialbot.errors import RuleError
+from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, X, Y, _, deep, do, go, mood, p, ping, q, sub
 
 

@@ -2,7 +2,7 @@ import threading
 import time
 
 from socialbot.bdi import Engine, wait
-from socialbot.clock import SECOND, WallClock
+from socialbot.core.clock import SECOND, WallClock
 from tests.bdi.lab import Lab, X, Y, do, go, p, ping
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from socialbot.bdi import LongAction, error, first_of, together, wait
-from socialbot.bdi.failures import PlanFailed
+from socialbot.bdi.intentions import PlanFailed
 from socialbot.bdi.terms import Atom, Variable
 from tests.bdi.lab import Lab, X, deep, do, ends, go, p, sub
 

@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 
 from socialbot.bdi import Action, Engine, ThreadAction, action, error, first_of, wait
-from socialbot.bdi.failures import PlanFailed
-from socialbot.bdi.running import IDLE_S, Pool
+from socialbot.bdi.durative_actions import IDLE_S, Pool
+from socialbot.bdi.intentions import PlanFailed
 from socialbot.bdi.terms import Atom, Variable
-from socialbot.clock import ManualClock
-from socialbot.errors import RuleError
+from socialbot.core.clock import ManualClock
+from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, X, do, ends, go, p, q, sub
 
 E = Variable("E")
@@ -133,7 +133,7 @@ class TestThreads:
             pool.submit(lambda: None)
 
     def test_a_running_engine_ends_its_threads(self):
-        from socialbot.clock import WallClock
+        from socialbot.core.clock import WallClock
 
         done = threading.Event()
 

@@ -13,7 +13,7 @@ from socialbot.bdi import Action, Atom, Engine, apart, atomic, enter, first_of, 
 from socialbot.bdi.literals import Literal, literal
 from socialbot.bdi.saving import MindError, restore, save
 from socialbot.bdi.steps import Update
-from socialbot.clock import SECOND, ManualClock
+from socialbot.core.clock import SECOND, ManualClock
 from tests.bdi.lab import Lab, X, Y, deep, do, go, mood, p, ping, q, sub
 from tests.bdi.minds import again, mind
 

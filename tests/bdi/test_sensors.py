@@ -8,8 +8,8 @@ import threading
 import pytest
 
 from socialbot.bdi import Engine, Sensed, Sensor, ThreadSensor
-from socialbot.clock import SECOND, ManualClock
-from socialbot.errors import RuleError
+from socialbot.core.clock import SECOND, ManualClock
+from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, X, do, p
 
 

@@ -8,8 +8,8 @@ import pytest
 from socialbot.bdi import Engine, send
 from socialbot.bdi.literals import literal
 from socialbot.bdi.society import Society
-from socialbot.clock import SECOND, ManualClock, WallClock
-from socialbot.errors import RuleError
+from socialbot.core.clock import SECOND, ManualClock, WallClock
+from socialbot.core.errors import RuleError
 from tests.bdi.lab import X, do, go, p, ping
 from tests.bdi.mas import Mas
 

@@ -7,12 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Engine, Variable
-from socialbot.bdi.conditions import conjunction
 from socialbot.bdi.literals import literal
-from socialbot.bdi.terms import Comparison, Cons, show, variables
+from socialbot.bdi.terms import Comparison, Cons, conjunction, show, variables
 from socialbot.bdi.unification import Var, closed, cons, free, resolve, undo, unify
-from socialbot.clock import ManualClock
-from socialbot.errors import RuleError
+from socialbot.core.clock import ManualClock
+from socialbot.core.errors import RuleError
 from tests.bdi.lab import X, Y, _
 
 VALUES = st.sampled_from((0, 1, "a", Atom("a"), None))

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from socialbot.bdi import Engine, fail
 from socialbot.bdi.literals import Literal
 from socialbot.bdi.trace import KINDS
-from socialbot.clock import SECOND, ManualClock
+from socialbot.core.clock import SECOND, ManualClock
 from tests.bdi.lab import Lab, X, Y, do, go, mood, p, ping, q, sub
 from tests.bdi.programs import PROGRAMS, STIMULI
 

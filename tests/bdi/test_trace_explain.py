@@ -13,8 +13,8 @@ import pytest
 import socialbot.bdi
 from socialbot.bdi import Engine, JsonLines, Record, Trace, labelled, tee, wait
 from socialbot.bdi.trace import KINDS, SENTENCES, as_text, read_trace, sentence
-from socialbot.clock import SECOND, ManualClock
-from socialbot.errors import RuleError
+from socialbot.core.clock import SECOND, ManualClock
+from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, X, Y, do, go, p, q, sub
 
 

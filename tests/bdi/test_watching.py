@@ -8,7 +8,7 @@ import pytest
 
 from socialbot.bdi import Atom, Belief, Engine, Goal, LongAction, SingletonBelief, Trace, variables
 from socialbot.bdi.saving import restore, save
-from socialbot.clock import ManualClock
+from socialbot.core.clock import ManualClock
 from socialbot.deliberation.facts import FactBase
 from tests.deliberation.domains import YARD, i, n, p
 

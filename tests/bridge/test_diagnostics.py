@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from socialbot.security.keys import new_key
+from socialbot.bridge.security import new_key
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.ros
 
 @contextmanager
 def two_nodes() -> Iterator[tuple[Any, Any]]:
-    from socialbot.bridge.session import spinning_node
+    from socialbot.bridge.rclpy_context import spinning_node
 
     with ExitStack() as stack:
         yield stack.enter_context(spinning_node("speaker")), stack.enter_context(spinning_node("hearer"))
@@ -91,10 +91,10 @@ def test_with_keys_what_is_forged_altered_or_said_again_is_not_believed(
 def test_nobody_without_a_key_keeps_a_graph_from_starting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     from socialbot.bridge.diagnostics import DiagnosticsOutlet
     from socialbot.bridge.readiness import expect_free_names
-    from socialbot.errors import NodeError
-    from socialbot.graph import Graph, Node, Placement
+    from socialbot.core.errors import NodeError
+    from socialbot.graph.node import Graph, Node, NodeConfig
 
-    graph = Graph("g", (Placement("speaker", Node),))
+    graph = Graph("g", (NodeConfig("speaker", Node),))
     new_key("robot", tmp_path / "keys")
     with two_nodes() as (speaker, hearer):
         outlet = DiagnosticsOutlet(speaker)

@@ -8,7 +8,7 @@ import pytest
 from socialbot.bridge import environment
 from socialbot.bridge.environment import Across, prepare
 from socialbot.bridge.ros_checks import segment_size
-from socialbot.errors import GraphError
+from socialbot.core.errors import GraphError
 
 PROFILE, DATAGRAM = environment.PROFILE_VARIABLE, environment.DATAGRAM_VARIABLE
 

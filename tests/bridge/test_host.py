@@ -12,12 +12,10 @@ from typing import Any
 
 import pytest
 
-from socialbot.clock import SECOND
-from socialbot.graph import Graph, Input, Node, Output, Placement
-from socialbot.messages import Health, Utterance
-from socialbot.security.freshness import Freshness
-from socialbot.security.keys import new_key
-from socialbot.security.seal import Stream
+from socialbot.bridge.security import Freshness, Stream, new_key
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Health, Utterance
+from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -43,7 +41,7 @@ class Listener(Node):
         self.heard += message.text
 
 
-GRAPH = Graph("greeting", (Placement("greeter", Greeter), Placement("listener", Listener)))
+GRAPH = Graph("greeting", (NodeConfig("greeter", Greeter), NodeConfig("listener", Listener)))
 
 
 @contextmanager
@@ -52,7 +50,7 @@ def hosting() -> Iterator[Any]:
     from rclpy.executors import SingleThreadedExecutor
 
     from socialbot.bridge.host import NodeHost
-    from socialbot.bridge.session import ros_context
+    from socialbot.bridge.rclpy_context import ros_context
 
     hosts: list[NodeHost] = []
     with ros_context() as context:
@@ -84,7 +82,7 @@ def test_a_node_starts_when_those_are_there_who_listen_to_it() -> None:
 
 def test_a_node_starts_without_those_who_do_not_come(monkeypatch: pytest.MonkeyPatch) -> None:
     started = threading.Event()
-    monkeypatch.setattr("socialbot.bridge.life.CONNECTED_S", 0.1)
+    monkeypatch.setattr("socialbot.bridge.node_thread.CONNECTED_S", 0.1)
     monkeypatch.setattr(Greeter, "start", lambda self: started.set())
     with hosting() as host:
         host("greeter")
@@ -92,7 +90,7 @@ def test_a_node_starts_without_those_who_do_not_come(monkeypatch: pytest.MonkeyP
 
 
 def test_a_node_that_waits_for_others_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("socialbot.bridge.life.WAITS_QUIETLY_S", 0.1)
+    monkeypatch.setattr("socialbot.bridge.node_thread.WAITS_QUIETLY_S", 0.1)
     said: list[Health] = []
     monkeypatch.setattr("socialbot.bridge.host.NodeHost._say_health", lambda self, health: said.append(health))
     with hosting() as host:
@@ -150,7 +148,7 @@ def test_nodes_do_not_notice_that_the_clock_is_set(
         monkeypatch.setitem(defaults, "wall", lambda: time.time_ns())
     new_key("robot", tmp_path / "keys")
     monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
-    graph = Graph("patience", (Placement("talker", Talker), Placement("patient", Patient)))
+    graph = Graph("patience", (NodeConfig("talker", Talker), NodeConfig("patient", Patient)))
     monkeypatch.setitem(globals(), "GRAPH", graph)
     with hosting() as host:
         host("talker")

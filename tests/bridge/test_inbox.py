@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from socialbot.bridge.inbox import BACKLOG, GRACE_S, Inbox, Line
-from socialbot.clock import SECOND, Clock, ManualClock, WallClock, nanoseconds
-from socialbot.graph import Delivery, Input, Placement
-from socialbot.graph import Node as GraphNode
-from socialbot.health import Vitals
-from socialbot.messages import Utterance
+from socialbot.bridge.callback_queue import BACKLOG, GRACE_S, Inbox, Line
+from socialbot.core.clock import SECOND, Clock, ManualClock, WallClock, nanoseconds
+from socialbot.core.messages import Utterance
+from socialbot.graph.health import HealthMonitor
+from socialbot.graph.node import Delivery, Input, NodeConfig
+from socialbot.graph.node import Node as GraphNode
 
 
 def port(name: str, delivery: Delivery = Delivery.EVERY) -> Input[Utterance]:
@@ -368,8 +368,8 @@ class Watched:
     def __init__(self, clock: Clock, *, simulated: bool) -> None:
         self.clock = clock
         self.inbox = Inbox(clock.now, simulated=simulated)
-        placement = Placement("watcher", Watcher)
-        vitals = Vitals(placement, clock, lambda _: None)
+        placement = NodeConfig("watcher", Watcher)
+        vitals = HealthMonitor(placement, clock, lambda _: None)
         self.node = Watcher("watcher", SimpleNamespace(clock=clock, vitals=vitals))  # type: ignore[arg-type]
         vitals.begin(self.node, lambda time, beat: None)
         self.inbox.attend(vitals)

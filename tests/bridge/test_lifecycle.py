@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 
 import pytest
 
-from socialbot.graph import Delivery, Graph, Input, Node, Output, Parameter, Placement
-from socialbot.messages import Utterance
+from socialbot.core.messages import Utterance
+from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output, Parameter
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -63,7 +63,7 @@ class Sage(Node):
         self.wisdom.publish(Utterance(stamp=1, id="wisdom", text="wise"))
 
 
-GRAPH = Graph("birds", (Placement("parrot", Parrot), Placement("sage", Sage)))
+GRAPH = Graph("birds", (NodeConfig("parrot", Parrot), NodeConfig("sage", Sage)))
 
 
 @dataclass
@@ -105,7 +105,7 @@ def birds(*settings: str) -> Iterator[Bird]:
     from rclpy.executors import SingleThreadedExecutor
 
     from socialbot.bridge.host import NodeHost
-    from socialbot.bridge.session import ros_context, spinning_node
+    from socialbot.bridge.rclpy_context import ros_context, spinning_node
 
     Parrot.lives.clear()
     arguments = [part for setting in settings for part in ("-p", f"parrot:{setting}")]

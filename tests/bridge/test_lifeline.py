@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 
-from socialbot.bridge.lifeline import LIFELINE_VARIABLE, Lifeline, lifelines, own_lifeline
+from socialbot.bridge.supervisor_channel import LIFELINE_VARIABLE, SupervisorChannel, lifelines, own_lifeline
 
 
 def test_what_is_said_is_heard_word_by_word():
     ours, end = lifelines()
-    theirs = Lifeline(end)
+    theirs = SupervisorChannel(end)
     assert ours.hear() == []
     theirs.say("head", "starting")
     theirs.say("head", "active")
@@ -22,7 +22,7 @@ def test_what_is_said_is_heard_word_by_word():
 
 def test_the_line_is_broken_when_the_other_end_is_gone():
     ours, end = lifelines()
-    theirs = Lifeline(end)
+    theirs = SupervisorChannel(end)
     theirs.say("head", "active")
     theirs.close()
     assert ours.hear() == [("head", "active")]
@@ -34,7 +34,7 @@ def test_the_line_is_broken_when_the_other_end_is_gone():
 
 def test_saying_never_waits_for_somebody_who_does_not_listen():
     ours, end = lifelines()
-    theirs = Lifeline(end)
+    theirs = SupervisorChannel(end)
     for _ in range(20_000):
         theirs.say("head", "active")
     assert not theirs.broken

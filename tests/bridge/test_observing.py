@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from socialbot.bridge.observing import observing
-from socialbot.messages import Message, TraceRecord
+from socialbot.bridge.graph_observer import observing
+from socialbot.core.messages import Message, TraceRecord
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -20,9 +20,9 @@ def test_nothing_is_lost_while_an_onlooker_is_held_up() -> None:
     from rclpy.duration import Duration
 
     from socialbot.bridge.qos import publisher_qos
-    from socialbot.bridge.session import spinning_node
-    from socialbot.bridge.wire import wire
-    from socialbot.graph import Delivery
+    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.transport import wire
+    from socialbot.graph.node import Delivery
 
     heard: list[str] = []
     free = threading.Event()

@@ -16,10 +16,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from socialbot.ending import Ending
-from socialbot.errors import NodeError
-from socialbot.messages import DownRequest, UpStatus
-from socialbot.security.keys import new_key
+from socialbot.bridge.security import new_key
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import DownRequest, UpStatus
+from socialbot.core.process import Ending
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -27,19 +27,19 @@ pytestmark = pytest.mark.ros
 
 @contextmanager
 def two_nodes() -> Iterator[tuple[Any, Any]]:
-    from socialbot.bridge.session import spinning_node
+    from socialbot.bridge.rclpy_context import spinning_node
 
     with ExitStack() as stack:
         yield stack.enter_context(spinning_node("observer")), stack.enter_context(spinning_node("down"))
 
 
 def test_up_is_heard_asked_to_end_and_says_that_it_has():
-    from socialbot.bridge.presence import Presence, Runs, is_gone, is_here
+    from socialbot.bridge.run_announcer import RunAnnouncer, Runs, is_gone, is_here
 
     asked = threading.Event()
     with two_nodes() as (up, down):
         runs = Runs(down)
-        presence = Presence(up, "waldo", asked.set)
+        presence = RunAnnouncer(up, "waldo", asked.set)
         assert eventually(lambda: presence.tell() or presence.run in runs.heard)
         assert runs.heard[presence.run].state == "up"
         assert is_here(runs.heard[presence.run])
@@ -61,10 +61,10 @@ def test_up_is_heard_asked_to_end_and_says_that_it_has():
 
 
 def test_that_it_has_ended_is_its_last_word(monkeypatch: pytest.MonkeyPatch):
-    from socialbot.bridge.presence import Presence
+    from socialbot.bridge.run_announcer import RunAnnouncer
 
     with two_nodes() as (up, _):
-        presence = Presence(up, "waldo", lambda: None)
+        presence = RunAnnouncer(up, "waldo", lambda: None)
         said: list[UpStatus] = []
         monkeypatch.setattr(presence, "_outlet", SimpleNamespace(publish=said.append))
         with presence:
@@ -75,14 +75,14 @@ def test_that_it_has_ended_is_its_last_word(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_with_keys_only_who_has_one_is_obeyed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from socialbot.bridge.presence import DOWN_TOPIC, Presence, Runs
+    from socialbot.bridge.run_announcer import DOWN_TOPIC, RunAnnouncer, Runs
 
     new_key("robot", tmp_path / "keys")
     asked = threading.Event()
     with two_nodes() as (up, down):
         stranger = Runs(down)
         monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
-        presence = Presence(up, "waldo", asked.set)
+        presence = RunAnnouncer(up, "waldo", asked.set)
         friend = Runs(down)
         with presence:
             assert eventually(lambda: presence.tell() or presence.run in friend.heard)
@@ -94,7 +94,7 @@ def test_with_keys_only_who_has_one_is_obeyed(tmp_path: Path, monkeypatch: pytes
 
 
 def test_strangers_cannot_fill_the_memory(monkeypatch: pytest.MonkeyPatch):
-    from socialbot.bridge import presence
+    from socialbot.bridge import run_announcer as presence
 
     monkeypatch.setattr(presence, "MOST_RUNS", 2)
     with two_nodes() as (_, down):
@@ -105,11 +105,11 @@ def test_strangers_cannot_fill_the_memory(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_same_half_up_twice_is_told_once(caplog: pytest.LogCaptureFixture):
-    from socialbot.bridge.presence import Presence
+    from socialbot.bridge.run_announcer import RunAnnouncer
 
     with two_nodes() as (one, other):
-        first, second = Presence(one, "waldo", lambda: None), Presence(other, "waldo", lambda: None)
-        stranger = Presence(other, "warehouse", lambda: None)
+        first, second = RunAnnouncer(one, "waldo", lambda: None), RunAnnouncer(other, "waldo", lambda: None)
+        stranger = RunAnnouncer(other, "warehouse", lambda: None)
         with first, second, stranger:
             assert eventually(lambda: any((first.tell(), second.tell(), stranger.tell())) or len(caplog.records) >= 2)
             first._said_at = second._said_at = 0.0
@@ -119,10 +119,10 @@ def test_the_same_half_up_twice_is_told_once(caplog: pytest.LogCaptureFixture):
 
 
 def test_this_computer_knows_what_is_up_on_it(monkeypatch: pytest.MonkeyPatch):
-    from socialbot.bridge.placard import Placard, shown
+    from socialbot.bridge.run_announcer import RunLock, shown
 
     before = shown()
-    placard = Placard("0123456789abcdef")
+    placard = RunLock("0123456789abcdef")
     assert shown() == {**before, "0123456789abcdef": os.getpid()}
     with monkeypatch.context() as elsewhere:
         elsewhere.setenv("ROS_DOMAIN_ID", "7")
@@ -130,7 +130,11 @@ def test_this_computer_knows_what_is_up_on_it(monkeypatch: pytest.MonkeyPatch):
     placard.take_down()
     assert shown() == before
     gone = subprocess.Popen(
-        [sys.executable, "-c", "from socialbot.bridge.placard import Placard; p = Placard('abc'); print(); input()"],
+        [
+            sys.executable,
+            "-c",
+            "from socialbot.bridge.run_announcer import Placard; p = Placard('abc'); print(); input()",
+        ],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     )
@@ -144,15 +148,15 @@ def test_this_computer_knows_what_is_up_on_it(monkeypatch: pytest.MonkeyPatch):
 
 def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
     """As long as nothing is up it knows so at once; what is up it hears, though that says nothing for six seconds."""
-    from socialbot.bridge.presence import Presence, Runs
-    from socialbot.commands.down import LISTEN_S, Target, heard
+    from socialbot.bridge.run_announcer import RunAnnouncer, Runs
+    from socialbot.cli.deploy import LISTEN_S, Target, heard
 
     everything = Target(lambda one: one.graph == "waldo")
     with two_nodes() as (up, down):
         runs, begun = Runs(down), time.monotonic()
         assert heard(runs, everything, Ending(), 20.0) == []
         assert time.monotonic() - begun < 0.5
-        presence = Presence(up, "waldo", lambda: None)
+        presence = RunAnnouncer(up, "waldo", lambda: None)
         late = threading.Timer(LISTEN_S + 1.0, presence.tell)
         late.start()
         assert [one.run for one in heard(runs, everything, Ending(), 20.0)] == [presence.run]
@@ -162,8 +166,8 @@ def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
 
 
 def test_down_gives_up_on_another_machine_that_nobody_hears():
-    from socialbot.bridge.presence import Runs
-    from socialbot.commands.down import LISTEN_S, Target, heard
+    from socialbot.bridge.run_announcer import Runs
+    from socialbot.cli.deploy import LISTEN_S, Target, heard
 
     with two_nodes() as (_, down):
         begun = time.monotonic()

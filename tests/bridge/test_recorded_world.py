@@ -9,15 +9,15 @@ import pytest
 from socialbot.agents.hospital.graphs import hospital
 from socialbot.agents.hospital.ward.messages import ActionCancel, ActionCommand, ActionResult
 from socialbot.agents.warehouse.messages import MoveCommand
-from socialbot.bridge.bag_writer import BagWriter
-from socialbot.bridge.bags import open_bag
-from socialbot.bridge.feeding import feeding
-from socialbot.bridge.recorded_world import Commands, InlineStage, Script, commands, play
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.ending import Ending
-from socialbot.graph import Graph
-from socialbot.inline import InlineRunner
-from socialbot.messages import Message
+from socialbot.bags.reader import open_bag
+from socialbot.bags.topic_mapping import feeding
+from socialbot.bags.writer import BagWriter
+from socialbot.bridge.world_replay import Commands, InlineStage, Script, commands, play
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import Message
+from socialbot.core.process import Ending
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph
 from tests.agents.hospital.runs import carried_out
 
 GO = ActionCommand(stamp=1, id="then-1", robot="a", action="go", args=("a", "b"))

@@ -1,12 +1,12 @@
 from __future__ import annotations
 
 from socialbot.agents.warehouse.messages import GripperStatus, MoveCommand
-from socialbot.bridge.bag_writer import BagWriter
-from socialbot.bridge.bags import open_bag
-from socialbot.bridge.recorded_world import commands
-from socialbot.clock import SECOND
-from socialbot.graph_file import load_graph
-from socialbot.messages import TraceRecord
+from socialbot.bags.reader import open_bag
+from socialbot.bags.writer import BagWriter
+from socialbot.bridge.world_replay import commands
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import TraceRecord
+from socialbot.graph.files import load_graph
 
 
 def test_commands_are_what_agents_told_the_world(tmp_path):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.bridge.ros_arguments import divided
+from socialbot.bridge.rclpy_context import divided
 
 OURS = ["--graph", "waldo", "head"]
 

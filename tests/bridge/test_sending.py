@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agent_messages import Belief, Desire, DesireItem, Fact
-from socialbot.bridge.sending import message_from
-from socialbot.errors import MessageError
+from socialbot.bridge.publish_once import message_from
+from socialbot.core.errors import MessageError
+from socialbot.deliberation.messages import Belief, Desire, DesireItem, Fact
 
 
 def test_fields_come_as_yaml_or_json_and_the_stamp_from_the_sender():

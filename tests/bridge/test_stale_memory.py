@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.bridge import stale_memory
-from socialbot.bridge.stale_memory import YOUNG_S, remove_stale, stale_locks
+from socialbot.bridge import environment as stale_memory
+from socialbot.bridge.environment import YOUNG_S, remove_stale, stale_locks
 
 DEAD, ALIVE, YOUNG = "0123456789abcdef", "fedcba9876543210", "00000000deadbeef"
 

@@ -8,7 +8,7 @@ pytestmark = pytest.mark.ros
 
 
 def test_the_spread_of_durations():
-    from socialbot.bridge.statistics import Spread
+    from socialbot.bridge.diagnostics import Spread
 
     assert Spread.of([]) == Spread(0.0, 0.0, 0.0)
     spread = Spread.of([0.001 * number for number in range(1, 101)])
@@ -17,14 +17,14 @@ def test_the_spread_of_durations():
 
 
 def test_rates_are_of_the_time_in_between():
-    from socialbot.bridge.statistics import Usage
+    from socialbot.bridge.diagnostics import Usage
 
     rates = Usage(12.0, calls=50, published=7, cpu_s=1.5).rates_since(Usage(10.0, calls=30, published=3, cpu_s=1.0))
     assert rates == {"call_hz": 10.0, "publish_hz": 2.0, "cpu_percent": 25.0}
 
 
 def test_the_process_knows_its_memory():
-    from socialbot.bridge.statistics import process_costs
+    from socialbot.bridge.diagnostics import process_costs
 
     costs = process_costs()
     assert 1.0 < costs["rss_mb"] <= costs["peak_rss_mb"] + 1.0

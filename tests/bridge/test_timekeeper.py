@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from socialbot.bridge import timekeeper
-from socialbot.bridge.timekeeper import Timekeeper
-from socialbot.clock import SECOND
-from socialbot.errors import NodeError
-from socialbot.graph import Graph, Input, Node, Output, Placement
-from socialbot.messages import Utterance
+from socialbot.bridge import sim_clock as timekeeper
+from socialbot.bridge.sim_clock import SimClock
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import Utterance
+from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output
 
 pytestmark = pytest.mark.ros
 
@@ -65,9 +65,9 @@ def hosted(**nodes: type[Node]) -> Iterator[tuple[Any, dict[str, Any]]]:
     from rclpy.executors import SingleThreadedExecutor
 
     from socialbot.bridge.host import NodeHost
-    from socialbot.bridge.session import ros_context, spinning_node
+    from socialbot.bridge.rclpy_context import ros_context, spinning_node
 
-    graph = Graph("pacing", tuple(Placement(name, kind) for name, kind in nodes.items()), frozenset({"/said"}))
+    graph = Graph("pacing", tuple(NodeConfig(name, kind) for name, kind in nodes.items()), frozenset({"/said"}))
     with spinning_node("mover") as ros, ros_context() as context:
         executor = SingleThreadedExecutor(context=context)
         hosts = [NodeHost(graph, one, ros_context=context, sim_time=True) for one in graph.placements]
@@ -87,7 +87,7 @@ def hosted(**nodes: type[Node]) -> Iterator[tuple[Any, dict[str, Any]]]:
 
 def test_timers_fire_at_their_times_however_slow_a_node_is() -> None:
     with hosted(quick=Beat, slow=Sleeper) as (ros, nodes):
-        keeper = Timekeeper(ros, nodes, step_s=0.25)
+        keeper = SimClock(ros, nodes, step_s=0.25)
         keeper.advance(3.1)
         first = keeper.now - round(3.1 * SECOND)
         for node in nodes.values():
@@ -97,7 +97,7 @@ def test_timers_fire_at_their_times_however_slow_a_node_is() -> None:
 
 def test_a_long_time_passes_fast_where_nothing_is_to_be_done() -> None:
     with hosted(quick=Beat) as (ros, nodes):
-        keeper = Timekeeper(ros, nodes, step_s=0.5)
+        keeper = SimClock(ros, nodes, step_s=0.5)
         keeper.advance(0.5)
         begun = time.monotonic()
         keeper.advance(60.0)
@@ -107,7 +107,7 @@ def test_a_long_time_passes_fast_where_nothing_is_to_be_done() -> None:
 
 def test_work_aside_takes_no_simulated_time() -> None:
     with hosted(quick=Beat, planner=Planner) as (ros, nodes):
-        keeper = Timekeeper(ros, nodes, step_s=0.1)
+        keeper = SimClock(ros, nodes, step_s=0.1)
         keeper.advance(0.1)
         assert keeper.until(lambda: len(nodes["planner"].known) == 2, limit_s=5.0)
         for said, known in nodes["planner"].known:
@@ -117,7 +117,7 @@ def test_work_aside_takes_no_simulated_time() -> None:
 
 def test_until_says_when_the_time_was_up() -> None:
     with hosted(quick=Beat) as (ros, nodes):
-        keeper = Timekeeper(ros, nodes, step_s=0.25, start=100 * SECOND)
+        keeper = SimClock(ros, nodes, step_s=0.25, start=100 * SECOND)
         assert not keeper.until(lambda: False, limit_s=1.0)
         assert keeper.now / SECOND == pytest.approx(101.0, abs=0.01)
 
@@ -125,7 +125,7 @@ def test_until_says_when_the_time_was_up() -> None:
 def test_a_node_that_does_not_keep_up_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(timekeeper, "PATIENCE_S", 0.6)
     with hosted(quick=Beat) as (ros, nodes):
-        keeper = Timekeeper(ros, [*nodes, "nobody"])
+        keeper = SimClock(ros, [*nodes, "nobody"])
         with pytest.raises(NodeError, match="nobody: not done after") as caught:
             keeper.advance(1.0)
         assert "quick" not in str(caught.value)

@@ -17,12 +17,11 @@ import pytest
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
-from socialbot.bridge.message_text import message_text
+from socialbot.bridge.publish_once import send
 from socialbot.bridge.round_trip import free_domain
-from socialbot.bridge.sending import send
-from socialbot.bridge.topics import Arrivals, Rate, Topic, messages, onlooker, settled_topics
-from socialbot.commands.topic import rate_line, topic
-from socialbot.errors import GraphError, InstallationError
+from socialbot.bridge.topics import Arrivals, Rate, Topic, message_text, messages, onlooker, settled_topics
+from socialbot.cli.topic import rate_line, topic
+from socialbot.core.errors import GraphError, InstallationError
 from tests.system.running import eventually
 
 SAID = {
@@ -40,8 +39,8 @@ import array, json, time
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
-from socialbot.ending import Ending
-from socialbot.bridge.session import spinning_node
+from socialbot.core.process import Ending
+from socialbot.bridge.rclpy_context import spinning_node
 
 latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 picture = Image(width=640, height=480, encoding="bgr8", data=array.array("B", bytes({PICTURE_BYTES})))
@@ -246,7 +245,7 @@ class TestCommands:
     def test_pub_sends_one_message_that_arrives(self):
         from std_msgs.msg import String
 
-        from socialbot.bridge.session import spinning_node
+        from socialbot.bridge.rclpy_context import spinning_node
 
         heard: list[Any] = []
         with spinning_node("listener") as ros:
@@ -262,8 +261,8 @@ class TestCommands:
     def test_pub_waits_for_all_who_listen(self, monkeypatch):
         from std_msgs.msg import String
 
-        from socialbot.bridge.session import spinning_node
-        from socialbot.messages import Utterance
+        from socialbot.bridge.rclpy_context import spinning_node
+        from socialbot.core.messages import Utterance
 
         heard: list[str] = []
         word = Utterance(stamp=7, id="u1", text="Good morning")
@@ -292,7 +291,7 @@ class TestCommands:
         [(("echo", "/speech/say"), signal.SIGINT), (("hz", "/camera/image_raw"), signal.SIGTERM)],
     )
     def test_signals_end_it_well(self, arguments, number):
-        command = [sys.executable, "-c", "from socialbot.commands.topic import topic; topic()", *arguments]
+        command = [sys.executable, "-c", "from socialbot.cli.topic import topic; topic()", *arguments]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         try:
             assert process.stdout is not None
@@ -314,7 +313,7 @@ class TestMessages:
         from rclpy.qos import qos_profile_sensor_data
         from std_msgs.msg import String
 
-        from socialbot.bridge.session import spinning_node
+        from socialbot.bridge.rclpy_context import spinning_node
 
         deadline = time.monotonic() + 8
         with spinning_node("driver") as driver, onlooker() as ros:

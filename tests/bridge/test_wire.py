@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from socialbot.bags.codec import STRING, encode
 from socialbot.bridge import ros_checks
-from socialbot.bridge.codec import STRING, encode
 from socialbot.bridge.environment import reach
-from socialbot.bridge.wire import (
+from socialbot.bridge.security import SCHEMA, Seal, SealError, SecurityError, load_keys, new_key
+from socialbot.bridge.transport import (
     KEYS_VARIABLE,
     WINDOW_VARIABLE,
     Wire,
@@ -22,10 +23,8 @@ from socialbot.bridge.wire import (
     warn_if_open,
     wire,
 )
-from socialbot.errors import MessageError, ParameterError
-from socialbot.messages import CompressedImage, HeadCommand, Utterance
-from socialbot.security.keys import SecurityError, load_keys, new_key
-from socialbot.security.seal import SCHEMA, Seal, SealError
+from socialbot.core.errors import MessageError, ParameterError
+from socialbot.core.messages import CompressedImage, HeadCommand, Utterance
 
 TOPIC = "/speech/say"
 WORD = Utterance(stamp=7, id="u1", text="Good morning")

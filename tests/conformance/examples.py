@@ -32,8 +32,8 @@ from socialbot.bdi.agentspeak import agentspeak, parse_literal
 from socialbot.bdi.beliefs import is_source
 from socialbot.bdi.literals import Literal
 from socialbot.bdi.society import Society
-from socialbot.clock import SECOND, ManualClock
-from socialbot.errors import SocialbotError
+from socialbot.core.clock import SECOND, ManualClock
+from socialbot.core.errors import SocialbotError
 
 SECTION = re.compile(r"^-- (then|prints|at|believes|refuses|agent \w+)$")
 MINUTE = 60 * SECOND

@@ -12,12 +12,12 @@ from typing import Literal, get_args, get_origin, get_type_hints
 import pytest
 
 import socialbot.deliberation
-from socialbot.agent_messages import AgentReply, Condition, Desire, Fact, LifecycleStatus
-from socialbot.agents.deliberating import Deliberating
-from socialbot.deliberation.director import DirectorOptions
+from socialbot.agents.base.deliberating import Deliberating
+from socialbot.deliberation.messages import AgentReply, Condition, Desire, Fact, LifecycleStatus
+from socialbot.deliberation.plan_executor import DirectorOptions
 from socialbot.deliberation.requests import Asked
 from socialbot.deliberation.rules import ReactiveRule
-from socialbot.graph import Delivery
+from socialbot.graph.node import Delivery
 
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "deliberation.md").read_text("utf-8")
 FOLDER = Path(str(socialbot.deliberation.__file__)).parent

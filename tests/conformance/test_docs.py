@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 import socialbot.bdi
-from socialbot.bdi.failures import REASONS
-from socialbot.bdi.functions import FUNCTIONS
-from socialbot.bdi.internal import __all__ as topics
-from socialbot.bdi.internals import INTERNALS
-from socialbot.bdi.mail import PERFORMATIVES
+from socialbot.bdi.compiler.runtime import FUNCTIONS
+from socialbot.bdi.intentions import REASONS
+from socialbot.bdi.messaging import PERFORMATIVES
+from socialbot.bdi.stdlib import __all__ as topics
+from socialbot.bdi.stdlib.registry import INTERNALS
 from socialbot.bdi.trace import KINDS
 from tests.conformance.examples import Example, Stage
 

@@ -15,7 +15,7 @@ from socialbot.bdi import Action, Belief, Engine, Goal, Library, Plan, variables
 from socialbot.bdi.compiler import runtime, source
 from socialbot.bdi.engine import Engine as AnyEngine
 from socialbot.bdi.society import Society
-from socialbot.clock import SECOND, ManualClock, WallClock
+from socialbot.core.clock import SECOND, ManualClock, WallClock
 
 X, Y, N = variables("X Y N")
 

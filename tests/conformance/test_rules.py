@@ -39,7 +39,7 @@ from socialbot.bdi import (
     test as holds,
 )
 from socialbot.bdi.agentspeak import agentspeak, parse_plan, rules
-from socialbot.errors import RuleError
+from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, crash, deep, do, go, mood, p, ping, q, sub
 
 X, Y, Z, E, S, _ = variables("X Y Z E S _")

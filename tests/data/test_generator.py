@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.bridge.bags import open_bag
-from socialbot.vision.truth import TRUTH_TOPIC, TruthMessage, load_truth
+from socialbot.bags.reader import open_bag
+from socialbot.vision.metrics.truth import TRUTH_TOPIC, TruthMessage, load_truth
 from tests.data.generator import part
 
 clips, outline, optics, pictures, sensor, truths, visits = map(

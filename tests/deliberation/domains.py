@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from socialbot.agent_messages import FLUENT, INSTANCE, Condition, Conjunction, Dnf, Fact
-from socialbot.planning.domain import OBJECT, Domain, Signature
-from socialbot.planning.formulas import Typed
+from socialbot.deliberation.messages import FLUENT, INSTANCE, Condition, Conjunction, Dnf, Fact
+from socialbot.planning.pddl.domain import OBJECT, Domain, Signature
+from socialbot.planning.pddl.formulas import Typed
 
 
 def signature(text: str) -> Signature:

@@ -6,18 +6,16 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from socialbot.agent_messages import Desire, Fact, PlanExecutionInfo
 from socialbot.bdi import Atom, Engine, Trace, variables
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import literal
-from socialbot.clock import SECOND, ManualClock
+from socialbot.bdi.literals import Change, Event, literal
+from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation.deliberator import Deliberator
+from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import Options
-from socialbot.planning.domain import Domain, Problem
-from socialbot.planning.formulas import And, Predicate
-from socialbot.planning.plan import Plan, Step
-from socialbot.planning.planner import Answer, Limits, Planner, Verdict
-from socialbot.planning.reader import read_domain
+from socialbot.planning.pddl.domain import Domain, Plan, Problem, Step
+from socialbot.planning.pddl.formulas import And, Predicate
+from socialbot.planning.pddl.reader import read_domain
+from socialbot.planning.planners.planner import Answer, Limits, Planner, Verdict
 from tests.deliberation.stage import Behaviour, Perform, facts
 
 JOBS = read_domain(

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from socialbot.agent_messages import FLUENT, INSTANCE, Desire, Fact, PlanExecutionInfo
 from socialbot.bdi import Atom, Engine, LongAction, Trace, variables
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import literal
-from socialbot.clock import SECOND, ManualClock
-from socialbot.deliberation.director import Director, DirectorOptions, Outcome
+from socialbot.bdi.literals import Change, Event, literal
+from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation.facts import FactBase
-from socialbot.planning.domain import Domain
-from socialbot.planning.plan import parse_plan
-from socialbot.planning.reader import read_domain
+from socialbot.deliberation.messages import FLUENT, INSTANCE, Desire, Fact, PlanExecutionInfo
+from socialbot.deliberation.plan_executor import DirectorOptions, Outcome, PlanExecutor
+from socialbot.planning.pddl.domain import Domain, parse_plan
+from socialbot.planning.pddl.reader import read_domain
 
 WORKSHOP = read_domain(
     """
@@ -157,7 +155,7 @@ class Stage:
             self.engine.add_rules(wanted >> [Perform(Atom(name), *parameters)])
         for known in facts(beliefs):
             self.facts.add(known)
-        self.director = Director(
+        self.director = PlanExecutor(
             self.engine,
             self.facts,
             domain,

@@ -10,7 +10,7 @@ import pytest
 
 from socialbot.bdi import Atom, Engine, Trace
 from socialbot.bdi.literals import literal
-from socialbot.clock import SECOND, ManualClock
+from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation.actions import PlanAction, progress_of, register
 
 

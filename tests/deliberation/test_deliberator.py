@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agent_messages import Condition, Fact
 from socialbot.bdi.trace import Record, as_text, sentence
+from socialbot.deliberation.messages import Condition, Fact
 from socialbot.deliberation.rules import ReactiveRule, RuleEffect
-from socialbot.planning.kairos import Kairos
-from socialbot.planning.plan import parse_plan
-from socialbot.planning.planner import Answer, Verdict
+from socialbot.planning.pddl.domain import parse_plan
+from socialbot.planning.planners.engines import Kairos
+from socialbot.planning.planners.planner import Answer, Verdict
 from tests.deliberation.domains import dnf, i, n, p
 from tests.deliberation.office import Office, Watcher, job
 from tests.deliberation.stage import Behaviour

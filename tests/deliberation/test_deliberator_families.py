@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from socialbot.deliberation.families import LIFT
-from socialbot.planning.planner import Answer, Verdict
+from socialbot.deliberation.desires import LIFT
+from socialbot.planning.planners.planner import Answer, Verdict
 from tests.deliberation.domains import dnf, i, n, p
 from tests.deliberation.office import Office, job
 

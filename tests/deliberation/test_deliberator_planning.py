@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from socialbot.planning.formulas import And
-from socialbot.planning.kairos import Kairos
-from socialbot.planning.plan import parse_plan
-from socialbot.planning.planner import Answer, Limits, Verdict
+from socialbot.planning.pddl.domain import parse_plan
+from socialbot.planning.pddl.formulas import And
+from socialbot.planning.planners.engines import Kairos
+from socialbot.planning.planners.planner import Answer, Limits, Verdict
 from tests.deliberation.domains import dnf, p
 from tests.deliberation.office import JOBS, Clerk, Office, job
 from tests.deliberation.stage import Behaviour

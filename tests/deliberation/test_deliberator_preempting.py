@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.planning.formulas import Predicate
-from socialbot.planning.planner import Answer, Verdict
+from socialbot.planning.pddl.formulas import Predicate
+from socialbot.planning.planners.planner import Answer, Verdict
 from tests.deliberation.domains import dnf, p
 from tests.deliberation.office import Office, job
 from tests.deliberation.stage import Behaviour

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.planning.planner import Answer, Verdict
+from socialbot.planning.planners.planner import Answer, Verdict
 from tests.deliberation.domains import dnf, p
 from tests.deliberation.office import Office, job
 from tests.deliberation.stage import Behaviour

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agent_messages import Condition, Desire, Fact
 from socialbot.deliberation.desires import DesireSet
+from socialbot.deliberation.messages import Condition, Desire, Fact
 from tests.deliberation.domains import dnf, i
 
 

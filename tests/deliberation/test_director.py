@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 from socialbot.deliberation.actions import PlanAction, register
-from socialbot.deliberation.director import DirectorOptions
-from socialbot.planning.plan import parse_plan
-from socialbot.planning.reader import read_domain
+from socialbot.deliberation.plan_executor import DirectorOptions
+from socialbot.planning.pddl.domain import parse_plan
+from socialbot.planning.pddl.reader import read_domain
 from tests.deliberation.stage import BOTH, FETCH, WORKSHOP, Behaviour, Stage, desire
 
 # Order and effects

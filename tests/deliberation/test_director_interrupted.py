@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agent_messages import Condition, Conjunction, Dnf
-from socialbot.clock import SECOND
-from socialbot.errors import PlanningError
-from socialbot.planning.plan import parse_plan
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import PlanningError
+from socialbot.deliberation.messages import Condition, Conjunction, Dnf
+from socialbot.planning.pddl.domain import parse_plan
 from tests.deliberation.stage import BOTH, FETCH, Behaviour, Stage, desire, fact, facts
 
 

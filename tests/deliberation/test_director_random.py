@@ -12,11 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Record
-from socialbot.deliberation.director import DirectorOptions, Outcome
-from socialbot.planning.domain import Problem
-from socialbot.planning.plan import Plan, Step
-from socialbot.planning.semantics import SetValue, changes, ground, holds
-from socialbot.planning.state import State
+from socialbot.deliberation.plan_executor import DirectorOptions, Outcome
+from socialbot.planning.pddl.domain import Plan, Problem, Step
+from socialbot.planning.pddl.semantics import SetValue, changes, ground, holds
+from socialbot.planning.pddl.state import State
 from tests.deliberation.stage import WORKSHOP, Behaviour, Stage, desire, fact
 
 ROBOTS, PLACES, BOXES = ("r1", "r2"), ("home", "shop", "yard"), ("b1", "b2", "b3")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.clock import SECOND
-from socialbot.deliberation.director import DirectorOptions
-from socialbot.errors import PlanningError
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import PlanningError
+from socialbot.deliberation.plan_executor import DirectorOptions
 from tests.deliberation.stage import BOTH, FETCH, Behaviour, Stage
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 from socialbot.deliberation.execution import Execution, Task
-from socialbot.planning.plan import Step
-from socialbot.planning.semantics import ground
+from socialbot.planning.pddl.domain import Step
+from socialbot.planning.pddl.semantics import ground
 from tests.deliberation.stage import WORKSHOP, desire
 
 

@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agent_messages import Condition, Desire
 from socialbot.bdi import Atom, Engine, Trace
 from socialbot.bdi.literals import literal
-from socialbot.clock import ManualClock
+from socialbot.core.clock import ManualClock
+from socialbot.core.errors import PlanningError
 from socialbot.deliberation.facts import FactBase
-from socialbot.errors import PlanningError
-from socialbot.planning.formulas import And, Comparison, Fluent, Not, Number, Or, Predicate
-from socialbot.planning.reader import read_domain
+from socialbot.deliberation.messages import Condition, Desire
+from socialbot.planning.pddl.formulas import And, Comparison, Fluent, Not, Number, Or, Predicate
+from socialbot.planning.pddl.reader import read_domain
 from tests.deliberation.domains import YARD, dnf, domain, i, n, p
 
 

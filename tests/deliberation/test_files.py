@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agent_messages import Condition, Desire
 from socialbot.bdi import Engine
-from socialbot.clock import ManualClock
+from socialbot.core.clock import ManualClock
+from socialbot.core.errors import PlanningError
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
+from socialbot.deliberation.messages import Condition, Desire
 from socialbot.deliberation.rules import ReactiveRule, RuleBook, RuleEffect
-from socialbot.errors import PlanningError
 from tests.deliberation.domains import YARD, dnf, domain, i, n, p
 
 CARRIERS = domain(

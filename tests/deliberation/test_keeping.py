@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from socialbot.clock import ManualClock
-from socialbot.deliberation.keeping import keep, recall
-from socialbot.errors import PlanningError
-from socialbot.planning.reader import read_domain
+from socialbot.core.clock import ManualClock
+from socialbot.core.errors import PlanningError
+from socialbot.deliberation.persistence import keep, recall
+from socialbot.planning.pddl.reader import read_domain
 from tests.deliberation.domains import dnf, n, p
 from tests.deliberation.office import JOBS, Office, job
 from tests.deliberation.stage import WORKSHOP, Behaviour, Stage, facts

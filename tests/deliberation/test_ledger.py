@@ -5,18 +5,18 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.deliberation.ledger import Ledger
-from socialbot.planning.formulas import Add, Delete, Fluent, Predicate
-from socialbot.planning.semantics import SetValue
+from socialbot.deliberation.action_executor import RollbackLog
+from socialbot.planning.pddl.formulas import Add, Delete, Fluent, Predicate
+from socialbot.planning.pddl.semantics import SetValue
 from tests.deliberation.stage import Stage, fact
 
 LOAD, PAINT = Fluent("load", ("r1",)), Fluent("paint", ())
 OPEN = Predicate("open", ("home",))
 
 
-def start() -> tuple[Stage, Ledger]:
+def start() -> tuple[Stage, RollbackLog]:
     stage = Stage()
-    return stage, Ledger(stage.facts)
+    return stage, RollbackLog(stage.facts)
 
 
 def test_all_that_an_owner_has_changed_is_taken_back():

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agent_messages import FLUENT, INSTANCE, Condition, Conjunction, Dnf, Fact
 from socialbot.deliberation.fact_index import FactIndex
 from socialbot.deliberation.matching import Match, fitting, matches, unfit_condition
+from socialbot.deliberation.messages import FLUENT, INSTANCE, Condition, Conjunction, Dnf, Fact
 from tests.deliberation.domains import YARD, dnf, i, n, p
 
 OBJECTS = {"box_a": "box", "box_b": "box", "base_1": "base", "base_2": "base", "carrier_a": "carrier"}

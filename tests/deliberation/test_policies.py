@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agent_messages import AgentRequest, Desire
-from socialbot.deliberation.policies import Permission, Policies
-from socialbot.errors import ParameterError
+from socialbot.core.errors import ParameterError
+from socialbot.deliberation.messages import AgentRequest, Desire
+from socialbot.deliberation.requests import Permission, Policies
 from tests.deliberation.domains import p
 
 BOOK = Policies.parse(

@@ -5,9 +5,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from socialbot.agent_messages import AgentReply, AgentRequest, Condition, Desire, Fact
-from socialbot.deliberation.policies import Policies
-from socialbot.deliberation.reception import Reception
+from socialbot.deliberation.messages import AgentReply, AgentRequest, Condition, Desire, Fact
+from socialbot.deliberation.requests import Policies, RequestServer
 from tests.deliberation.domains import i, n, p
 from tests.deliberation.office import Office, job
 
@@ -26,7 +25,7 @@ class Desk:
     def __init__(self, **more) -> None:
         self.office = Office(**more)
         self.replies: list[AgentReply] = []
-        self.reception = Reception(self.office.deliberator, ALL, self.replies.append)
+        self.reception = RequestServer(self.office.deliberator, ALL, self.replies.append)
         self.count = 0
 
     def ask(self, operation, about: Fact | Desire, group="friends", receiver="clerk", **more) -> AgentReply | None:
@@ -223,7 +222,7 @@ def test_another_desire_of_the_same_name_is_refused(desk):
 
 def test_an_answer_that_cannot_be_sent_stops_nobody():
     desk = Desk()
-    desk.reception = Reception(desk.office.deliberator, ALL, lambda reply: 1 / 0)
+    desk.reception = RequestServer(desk.office.deliberator, ALL, lambda reply: 1 / 0)
     desk.ask("add", job("a"), monitor=True)
     desk.office.want(job("b"))
     desk.office.until(20)

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agent_messages import AgentReply, AgentRequest
 from socialbot.bdi import Engine, Trace
-from socialbot.clock import SECOND, ManualClock
+from socialbot.core.clock import SECOND, ManualClock
+from socialbot.deliberation.messages import AgentReply, AgentRequest
 from socialbot.deliberation.requests import REPEAT_S, Correspondence
 from tests.deliberation.domains import p
 from tests.deliberation.office import job

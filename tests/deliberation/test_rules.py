@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agent_messages import Condition, Conjunction, Desire, Dnf
 from socialbot.bdi import Engine, Trace
-from socialbot.clock import ManualClock
+from socialbot.core.clock import ManualClock
+from socialbot.core.errors import PlanningError
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.matching import matches
+from socialbot.deliberation.messages import Condition, Conjunction, Desire, Dnf
 from socialbot.deliberation.rules import ReactiveRule, RuleBook, RuleEffect
-from socialbot.errors import PlanningError
 from tests.deliberation.domains import YARD, dnf, domain, i, n, p
 from tests.deliberation.test_matching import CLAUSES, FACTS
 

@@ -3,13 +3,12 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.deliberation.desires import DesireSet, Wish
+from socialbot.deliberation.desires import DesireSet, DesireState, next_wish
 from socialbot.deliberation.options import Policy
-from socialbot.deliberation.scheduler import next_wish
 from tests.deliberation.office import job
 
 
-def ranked(*desires, blocked=(), not_before=None) -> list[Wish]:
+def ranked(*desires, blocked=(), not_before=None) -> list[DesireState]:
     found = DesireSet()
     for desire in desires:
         wish = found.add(desire)
@@ -19,7 +18,7 @@ def ranked(*desires, blocked=(), not_before=None) -> list[Wish]:
     return list(found)
 
 
-def turn(wishes: list[Wish], pursued: str = "", policy: Policy = "NO_PREEMPT", now: int = 0) -> str | None:
+def turn(wishes: list[DesireState], pursued: str = "", policy: Policy = "NO_PREEMPT", now: int = 0) -> str | None:
     pursuing = next((wish for wish in wishes if wish.name == pursued), None)
     wish = next_wish(wishes, pursuing, policy, lambda wish: wish.not_before <= now)
     return None if wish is None else wish.name

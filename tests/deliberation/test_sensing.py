@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import pytest
 
+from socialbot.core.errors import PlanningError
 from socialbot.deliberation.sensing import FactSensor, fits, fluent, instance, predicate, watched_by
-from socialbot.errors import PlanningError
-from socialbot.planning.plan import parse_plan
-from socialbot.planning.planner import Answer, Verdict
+from socialbot.planning.pddl.domain import parse_plan
+from socialbot.planning.planners.planner import Answer, Verdict
 from tests.deliberation.domains import i, n, p
 from tests.deliberation.office import Office, Watcher, job
 from tests.deliberation.stage import Behaviour

@@ -15,8 +15,8 @@ from evaluation.engine_workloads import QUICK, Scale, descend, join, peak_kib, p
 from evaluation.report import write
 from evaluation.timing import Passes, take_turns
 from socialbot.bdi import Engine
-from socialbot.errors import SocialbotError
-from tests.report.pages import headings, read
+from socialbot.core.errors import SocialbotError
+from tests.runs.pages import headings, read
 
 TINY = Scale(
     events=60,

@@ -5,7 +5,7 @@ import pytest
 from evaluation.faults import ROWS, Row, chosen, main, try_all
 from evaluation.faults_plan import Plan, Skipped
 from evaluation.report import Report
-from socialbot.errors import NodeError, ParameterError
+from socialbot.core.errors import NodeError, ParameterError
 
 
 def meets(report, plan):

@@ -3,8 +3,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from evaluation.faults_deaths import PASS_S, Judged, Kill, Pass, Witness, deeds, judge, passes
-from socialbot.clock import SECOND
-from socialbot.messages import ActionRequest, CameraInfo, Health, PersonDetections
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import ActionRequest, CameraInfo, Health, PersonDetections
 
 LENGTH = round(PASS_S * SECOND)
 USUAL = ["greeting", "offer", "stayIdle"]

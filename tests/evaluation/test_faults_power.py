@@ -6,10 +6,10 @@ import msgspec
 import pytest
 
 from evaluation.faults_power import DETECTIONS, missing, read, whole_lines
-from socialbot.bridge.bag_writer import BagWriter
-from socialbot.clock import SECOND
-from socialbot.messages import PersonDetections
-from socialbot.run_record import RunRecord
+from socialbot.bags.writer import BagWriter
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import PersonDetections
+from socialbot.runs.record import RunRecord
 
 
 def seen(stamp: int) -> PersonDetections:

@@ -21,7 +21,7 @@ from evaluation.faults_soak import (
     write_laps,
 )
 from evaluation.report import Report
-from socialbot.bridge.bags import open_bag
+from socialbot.bags.reader import open_bag
 
 MIB = 1024
 SLEEP = [sys.executable, "-c", "import subprocess, sys; subprocess.run(['sleep', '60'])"]

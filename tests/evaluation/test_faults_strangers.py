@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 
 from evaluation.faults_strangers import Effects, Stranger, refusals, say, with_keys
-from socialbot.bridge.wire import KEYS_VARIABLE
-from socialbot.messages import SpeechStatus
-from socialbot.security.keys import load_keys, new_key
-from socialbot.security.seal import REASONS, Seal, SealError
+from socialbot.bridge.security import REASONS, Seal, SealError, load_keys, new_key
+from socialbot.bridge.transport import KEYS_VARIABLE
+from socialbot.core.messages import SpeechStatus
 
 REALM, TOPIC = "ROS domain 7", "/speech/say"
 

@@ -28,7 +28,7 @@ from evaluation.hospital_tables import (
     table_3,
 )
 from evaluation.report import Report
-from socialbot.errors import ParameterError, SocialbotError
+from socialbot.core.errors import ParameterError, SocialbotError
 
 replace = msgspec.structs.replace
 
@@ -184,7 +184,7 @@ def test_without_the_extra_a_cluster_is_an_error_with_a_remedy(monkeypatch: pyte
 
 def test_a_scheduler_that_does_not_answer_is_an_error(monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("socialbot.evaluate.workers.CONNECT_S", 0.2)
+    monkeypatch.setattr("socialbot.vision.metrics.workers.CONNECT_S", 0.2)
     with pytest.raises(ParameterError, match="no Dask scheduler answers"):
         play_inline(settings((0.0,), 1), 1, "tcp://127.0.0.1:9")
 

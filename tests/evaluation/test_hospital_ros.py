@@ -13,7 +13,7 @@ from evaluation.hospital_record import Share
 from evaluation.hospital_ros import Account, Seen, length, run_ros, union, without
 from socialbot.agents.hospital.messages import AclMessage, Belief, Problem
 from socialbot.agents.hospital.ward.messages import ActionCommand, ActionResult
-from socialbot.errors import NodeError
+from socialbot.core.errors import NodeError
 
 MS = 1_000_000
 SPOT, NURSE, ROOM = "spotrobot1", "nurse_disinfected1", "room1"

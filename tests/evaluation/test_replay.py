@@ -4,10 +4,10 @@ import pytest
 
 from evaluation.replay import add_faith, add_speed, bare_pass, inline_pass, metered_detector, shortened, usual_detector
 from evaluation.report import Report
-from socialbot.bridge.bag_writer import BagWriter
-from socialbot.bridge.bags import open_bag
-from socialbot.clock import SECOND
-from socialbot.messages import Image
+from socialbot.bags.reader import open_bag
+from socialbot.bags.writer import BagWriter
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Image
 
 PERIOD = SECOND // 5
 

@@ -4,8 +4,8 @@ import pytest
 from rich.console import Console
 
 from evaluation.report import Figure, Report, percentile
-from socialbot.errors import SocialbotError
-from tests.report.pages import headings, read
+from socialbot.core.errors import SocialbotError
+from tests.runs.pages import headings, read
 
 
 @pytest.mark.parametrize(

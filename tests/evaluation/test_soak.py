@@ -3,7 +3,7 @@ import logging
 import pytest
 
 from evaluation.report import Report
-from evaluation.soak import Life, Minute, growth, p99_drift, soak, verdict
+from evaluation.soak import Minute, NodeThread, growth, p99_drift, soak, verdict
 
 
 def minute(p99_us):
@@ -28,7 +28,7 @@ def test_one_bad_minute_is_no_drift():
 
 def test_a_short_life_has_everything_in_it_and_loses_nothing(caplog):
     caplog.set_level(logging.ERROR, "socialbot.bdi")
-    life, told = Life(rate=4_000), []
+    life, told = NodeThread(rate=4_000), []
     minutes, memory = soak(life, seconds=1.5, period_s=0.5, tell=told.append)
     while life.society.run_until_idle():
         pass
@@ -46,7 +46,7 @@ def test_a_short_life_has_everything_in_it_and_loses_nothing(caplog):
 
 
 def test_agents_learn_and_unlearn_plans_in_the_course_of_a_life():
-    life = Life(rate=1)
+    life = NodeThread(rate=1)
     for number in range(3 * 50):
         life._teach(number)
         life.society.run_until_idle()

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from evaluation.trace_check import TraceCheck, check, read_actions
-from socialbot.clock import nanoseconds
+from socialbot.core.clock import nanoseconds
 
 DOMAIN = """
 (define (domain shop) ; a comment (with parentheses

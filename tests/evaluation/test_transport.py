@@ -5,9 +5,9 @@ import pytest
 
 from evaluation.transport import Cost, Trial, measure
 from evaluation.transport_nodes import Begin, Look
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.inline import InlineRunner
-from socialbot.messages import ActionRequest, Message
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import ActionRequest, Message
+from socialbot.graph.inline import InlineRunner
 
 
 def test_the_share_of_a_processor_is_taken_within_the_time_of_the_run():

@@ -21,8 +21,8 @@ from evaluation.warehouse import (
 )
 from evaluation.warehouse_planning import decisions, first_question, plan_by_turns, second_question
 from evaluation.warehouse_runs import Kill, Result, Story, play, troubled
-from socialbot.agents.warehouse.cast import GRIPPER
-from socialbot.planning.planner import Limits
+from socialbot.agents.warehouse.scenario import GRIPPER
+from socialbot.planning.planners.planner import Limits
 
 GOOD = Result(
     story=Story(3),

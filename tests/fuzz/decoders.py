@@ -22,35 +22,27 @@ import msgspec
 import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from socialbot import graph_file
-from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
+from socialbot.agents.hospital.coordinator import HospitalCoordinator
 from socialbot.agents.hospital.missions import Memory
 from socialbot.agents.hospital.ward.faults import parse_faults as parse_ward_faults
 from socialbot.agents.hospital.ward.ward import paper_ward
 from socialbot.agents.waldo.head import Head
-from socialbot.agents.waldo.listener import Listener
-from socialbot.agents.waldo.waldo_node import WaldoNode
-from socialbot.agents.warehouse.cast import cast_of
-from socialbot.agents.warehouse.faults import parse_faults as parse_warehouse_faults
+from socialbot.agents.waldo.nodes import Listener, WaldoNode
+from socialbot.agents.warehouse.scenario import cast_of
+from socialbot.agents.warehouse.scenario import parse_faults as parse_warehouse_faults
+from socialbot.bags import codec
+from socialbot.bags.reader import BagWriter, open_bag
+from socialbot.bags.types import RosbagsTypes
 from socialbot.bdi import Engine, Record
 from socialbot.bdi.agentspeak.loading import load as load_program
 from socialbot.bdi.saving import read as read_mind
 from socialbot.bdi.saving import restore, write
 from socialbot.bdi.trace import JsonLines, read_trace
-from socialbot.bridge import codec
-from socialbot.bridge.bag_types import RosbagsTypes
-from socialbot.bridge.bags import BagWriter, open_bag
-from socialbot.bridge.sending import message_from
-from socialbot.clock import SECOND, ManualClock
-from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
-from socialbot.deliberation.keeping import keep, recall
-from socialbot.deliberation.policies import Policies
-from socialbot.deployment.deployment_file import load_deployment
-from socialbot.errors import SocialbotError
-from socialbot.evaluate.pictures import load_pictures
-from socialbot.graph import Graph, Node, Placement, check_parameters
-from socialbot.inline import InlineRunner
-from socialbot.messages import (
+from socialbot.bridge.publish_once import message_from
+from socialbot.bridge.security import Freshness, Keys, Opener, Stream, load_private_key
+from socialbot.core.clock import SECOND, ManualClock
+from socialbot.core.errors import SocialbotError
+from socialbot.core.messages import (
     ActionRequest,
     BoxMarkers,
     CameraInfo,
@@ -63,14 +55,19 @@ from socialbot.messages import (
     PersonDetections,
     Structured,
 )
-from socialbot.planning.plan import parse_plan
-from socialbot.planning.reader import read_domain, read_problem
-from socialbot.security.freshness import Freshness
-from socialbot.security.keys import Keys, load_private_key
-from socialbot.security.seal import Opener, Stream
+from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
+from socialbot.deliberation.persistence import keep, recall
+from socialbot.deliberation.requests import Policies
+from socialbot.graph import files as graph_file
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, Node, NodeConfig, check_parameters
+from socialbot.planning.pddl.domain import parse_plan
+from socialbot.planning.pddl.reader import read_domain, read_problem
+from socialbot.runtime.deployment import load_deployment
 from socialbot.vision.camera import CameraModel
-from socialbot.vision.encodings import ENCODINGS, bgr_from_compressed, bgr_from_image
-from socialbot.vision.truth import load_truth, truth_from_messages
+from socialbot.vision.images import ENCODINGS, bgr_from_compressed, bgr_from_image
+from socialbot.vision.metrics.frames import load_pictures
+from socialbot.vision.metrics.truth import load_truth, truth_from_messages
 from tests.deliberation.office import Office, job
 from tests.fuzz.examples import example, structured
 
@@ -349,7 +346,7 @@ def _recalled(path: Path) -> None:
 
 
 def _remembered(path: Path) -> None:
-    placement = Placement("coordinator", HospitalCoordinator, {"memory_file": str(path)})
+    placement = NodeConfig("coordinator", HospitalCoordinator, {"memory_file": str(path)})
     InlineRunner(Graph("fuzz", (placement,), inputs=frozenset(topic for topic, _ in placement.subscriptions)))
 
 
@@ -464,11 +461,11 @@ def _seen(number: int, distance_m: float = 2.0) -> PersonDetections:
 
 
 def _nodes() -> Iterator[Decoder]:
-    agent = (Placement("waldo", WaldoNode), Placement("listener", Listener), Placement("head", Head))
+    agent = (NodeConfig("waldo", WaldoNode), NodeConfig("listener", Listener), NodeConfig("head", Head))
     seen = [*map(_seen, range(12)), HeadCommand(stamp=STAMP, mode="look", pan_rad=0.5, tilt_rad=-0.1)]
     asked = ActionRequest(stamp=STAMP, id="a", agent="waldo", name="speak", arguments=("greet", "hello"))
     yield Decoder("waldo", _fed(agent), (_lines(seen), _lines([*seen[:4], asked, *seen[4:]])))
-    coordinator = (Placement("coordinator", HospitalCoordinator),)
+    coordinator = (NodeConfig("coordinator", HospitalCoordinator),)
     heard = [message for message in structured() if type(message).__name__ in ("AclMessage", "WardState")]
     yield Decoder("coordinator", _fed(coordinator), (_lines(heard * 3),))
 
@@ -477,7 +474,7 @@ def _lines(messages: Iterable[Message]) -> bytes:
     return b"\n".join(map(msgspec.json.encode, messages))
 
 
-def _fed(placements: tuple[Placement, ...]) -> Callable[[bytes], object]:
+def _fed(placements: tuple[NodeConfig, ...]) -> Callable[[bytes], object]:
     """Feeds a message a line, each to the topics of its type; time goes on whatever the stamps say."""
     topics: Mapping[type[Message], str] = {
         port.message_type: topic for placement in placements for topic, port in placement.subscriptions

@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 from msgspec import inspect
 
-from socialbot.messages import Structured
-from socialbot.schemas import STRUCTURED
+from socialbot.agents.registry import STRUCTURED
+from socialbot.core.messages import Structured
 
 
 def example(kind: inspect.Type, depth: int = 0) -> Any:

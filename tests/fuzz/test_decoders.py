@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.errors import SocialbotError
-from socialbot.schemas import STRUCTURED
+from socialbot.agents.registry import STRUCTURED
+from socialbot.core.errors import SocialbotError
 from tests.fuzz import quick
 from tests.fuzz.decoders import Decoder, decoders
 from tests.fuzz.examples import structured

@@ -10,7 +10,7 @@ import pytest
 
 from evaluation import fuzz
 from evaluation.fuzz import Finding, Tally
-from socialbot.errors import ParameterError, SocialbotError
+from socialbot.core.errors import ParameterError, SocialbotError
 from tests.fuzz.decoders import Decoder
 from tests.fuzz.mutations import numbered
 

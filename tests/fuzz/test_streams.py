@@ -12,15 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.agents.waldo.head import Head
-from socialbot.agents.waldo.waldo_node import WaldoNode
-from socialbot.bridge import codec
-from socialbot.bridge.bags import Stamps
-from socialbot.clock import SECOND
-from socialbot.errors import GraphError, MessageError, ParameterError, SocialbotError
-from socialbot.graph import Graph, Node, Placement, check_parameters
-from socialbot.graph_file import NODE_TYPES, node_type
-from socialbot.inline import InlineRunner
-from socialbot.messages import (
+from socialbot.agents.waldo.nodes import WaldoNode
+from socialbot.bags import codec
+from socialbot.bags.reader import Stamps
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import GraphError, MessageError, ParameterError, SocialbotError
+from socialbot.core.messages import (
     ActionRequest,
     BoxMarkers,
     CameraInfo,
@@ -32,7 +29,10 @@ from socialbot.messages import (
     PersonDetections,
     Structured,
 )
-from socialbot.vision.encodings import ENCODINGS, bgr_from_image
+from socialbot.graph.files import NODE_TYPES, node_type
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, Node, NodeConfig, check_parameters
+from socialbot.vision.images import ENCODINGS, bgr_from_image
 from tests.fuzz import quick
 
 DETECTIONS = "/humans/bodies/detections"
@@ -102,7 +102,7 @@ def test_a_picture_never_shows_more_than_its_data(encoding: str, width: int, hei
 
 def life(stamps: list[int], *, times: int = 1) -> InlineRunner:
     """Waldo and his head, who see somebody ten times a second, whatever the ``stamps`` say (ns)."""
-    placements = (Placement("waldo", WaldoNode), Placement("head", Head, remap={"command": "/head"}))
+    placements = (NodeConfig("waldo", WaldoNode), NodeConfig("head", Head, remap={"command": "/head"}))
     runner = InlineRunner(Graph("test", placements, inputs=frozenset({DETECTIONS, "/head"})), start=START)
     runner.tap("/waldo/actions", lambda _, message: actions.append(message))
     actions: list[Message] = []
@@ -139,7 +139,7 @@ def test_the_stamps_of_a_bag_never_go_backwards(clocks: list[tuple[int, int]]) -
 
 
 def test_two_nodes_of_one_name_make_no_graph() -> None:
-    twins = (Placement("waldo", WaldoNode), Placement("waldo", Head))
+    twins = (NodeConfig("waldo", WaldoNode), NodeConfig("waldo", Head))
     with pytest.raises(GraphError, match="waldo"):
         Graph("test", twins, inputs=frozenset({DETECTIONS, "/head/command"}))
 

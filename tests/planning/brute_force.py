@@ -5,8 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
-from socialbot.planning.domain import Domain, Problem
-from socialbot.planning.plan import Plan
+from socialbot.planning.pddl.domain import Domain, Plan, Problem
 
 World = tuple[set[tuple[str, ...]], dict[tuple[str, ...], float], list[str]]
 

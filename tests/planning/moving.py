@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from socialbot.planning.domain import Domain, Problem
-from socialbot.planning.plan import Plan
-from socialbot.planning.planner import Answer
-from socialbot.planning.reader import read_domain, read_problem
+from socialbot.planning.pddl.domain import Domain, Plan, Problem
+from socialbot.planning.pddl.reader import read_domain, read_problem
+from socialbot.planning.planners.planner import Answer
 
 DOMAIN = """
 (define (domain moving)

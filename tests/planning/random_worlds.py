@@ -5,9 +5,8 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 
-from socialbot.planning.domain import Domain, Problem
-from socialbot.planning.plan import Plan, Step
-from socialbot.planning.reader import read_domain, read_problem
+from socialbot.planning.pddl.domain import Domain, Plan, Problem, Step
+from socialbot.planning.pddl.reader import read_domain, read_problem
 
 OBJECTS = ("a", "b", "c")
 

@@ -6,14 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.errors import PlanningError
-from socialbot.planning.causal import CausalOrder, causal_order
-from socialbot.planning.domain import Domain, Problem
-from socialbot.planning.plan import Plan, Step, parse_plan
-from socialbot.planning.reader import read_domain, read_problem
-from socialbot.planning.semantics import changes, ground
-from socialbot.planning.state import State
-from socialbot.planning.validation import faults
+from socialbot.core.errors import PlanningError
+from socialbot.planning.pddl.causal_order import CausalOrder, causal_order
+from socialbot.planning.pddl.domain import Domain, Plan, Problem, Step, parse_plan
+from socialbot.planning.pddl.reader import read_domain, read_problem
+from socialbot.planning.pddl.semantics import changes, ground
+from socialbot.planning.pddl.state import State
+from socialbot.planning.pddl.validation import faults
 from tests.planning import brute_force
 from tests.planning.random_worlds import OBJECTS, random_pair, random_plan
 from tests.planning.texts import CRANE_PLAN, cellar, crane

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.planning.child import MOST_OUTPUT, guarded, run
+from socialbot.planning.planners.child_process import MOST_OUTPUT, guarded, run
 from tests.planning import busy
 
 pytestmark = busy.in_turn
@@ -131,7 +131,7 @@ def test_a_child_dies_with_its_parent_however_that_ends(tmp_path):
     code = f"""if True:
         import threading
         from pathlib import Path
-        from socialbot.planning.child import guarded, run
+        from socialbot.planning.planners.child_process import guarded, run
         command = guarded(["/bin/sh", "-c", "echo $$ > pid; exec sleep 1000"], 1000, 1000)
         run(command, Path({str(tmp_path)!r}), 1000, threading.Event())
     """

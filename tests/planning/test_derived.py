@@ -2,11 +2,10 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.errors import PlanningError
-from socialbot.planning.derived import Derivation
-from socialbot.planning.formulas import Add, Delete, Fluent, Predicate
-from socialbot.planning.reader import read_domain, read_problem
-from socialbot.planning.state import State
+from socialbot.core.errors import PlanningError
+from socialbot.planning.pddl.formulas import Add, Delete, Fluent, Predicate
+from socialbot.planning.pddl.reader import read_domain, read_problem
+from socialbot.planning.pddl.state import Derivation, State
 
 BLOCKS = """(define (domain blocks) (:requirements :derived-predicates) (:types block crate - thing)
   (:predicates (on ?x ?y - thing) (above ?x ?y - thing) (covered ?x - thing) (clear ?x - thing) (light ?x - thing))

@@ -14,15 +14,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from socialbot.agents.warehouse.cast import GRIPPER_DOMAIN, cast_of, gripper_beliefs, gripper_desires
-from socialbot.errors import InstallationError, PlanningError
-from socialbot.planning import kairos as kairos_module
-from socialbot.planning.domain import Domain, Problem
-from socialbot.planning.formulas import And, Fluent, Predicate
-from socialbot.planning.plan import Plan
-from socialbot.planning.planner import Answer, Limits, Verdict
-from socialbot.planning.reader import read_domain, read_problem
-from socialbot.planning.validation import faults
+from socialbot.agents.warehouse.scenario import GRIPPER_DOMAIN, cast_of, gripper_beliefs, gripper_desires
+from socialbot.core.errors import InstallationError, PlanningError
+from socialbot.planning.pddl.domain import Domain, Plan, Problem
+from socialbot.planning.pddl.formulas import And, Fluent, Predicate
+from socialbot.planning.pddl.reader import read_domain, read_problem
+from socialbot.planning.pddl.validation import faults
+from socialbot.planning.planners import engines as kairos_module
+from socialbot.planning.planners.planner import Answer, Limits, Verdict
 from tests.planning import busy
 from tests.planning.moving import DOMAIN, PROBLEM, domain, hard, plan_of, problem
 

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.errors import ParameterError
-from socialbot.planning import unified
-from socialbot.planning.planners import make_planner
+from socialbot.core.errors import ParameterError
+from socialbot.planning.planners import engines as unified
+from socialbot.planning.planners.engines import make_planner
 
 
 def test_the_default_is_kairos():

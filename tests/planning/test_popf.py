@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.errors import InstallationError
-from socialbot.planning.planner import Limits, Verdict
-from socialbot.planning.popf import Popf
+from socialbot.core.errors import InstallationError
+from socialbot.planning.planners.engines import Popf
+from socialbot.planning.planners.planner import Limits, Verdict
 from tests.planning.moving import PLAN, domain, hard, plan_of, problem
 
 LONG = Limits(timeout_s=60.0)

@@ -7,9 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.errors import PlanningError
-from socialbot.planning.domain import Domain, DurationBounds, Metric, Problem, Signature, TimedCondition, TimedEffect
-from socialbot.planning.formulas import (
+from socialbot.core.errors import PlanningError
+from socialbot.planning.pddl.domain import (
+    Domain,
+    DurationBounds,
+    Metric,
+    Problem,
+    Signature,
+    TimedCondition,
+    TimedEffect,
+)
+from socialbot.planning.pddl.formulas import (
     Add,
     And,
     Change,
@@ -24,7 +32,7 @@ from socialbot.planning.formulas import (
     Typed,
     When,
 )
-from socialbot.planning.reader import read_domain, read_problem
+from socialbot.planning.pddl.reader import read_domain, read_problem
 from tests.planning.random_worlds import domain_text, problem_text
 from tests.planning.texts import CELLAR, CRANE, CRANE_PROBLEM, crane
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from socialbot.planning.formulas import (
+from socialbot.planning.pddl.formulas import (
     And,
     Comparison,
     Fluent,
@@ -17,7 +17,7 @@ from socialbot.planning.formulas import (
     Same,
     Typed,
 )
-from socialbot.planning.refusal import refusal
+from socialbot.planning.planners.planner import refusal
 from tests.planning.moving import domain, problem
 
 

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.errors import PlanningError
-from socialbot.planning.domain import Domain
-from socialbot.planning.formulas import And, Fluent, Formula, Predicate
-from socialbot.planning.reader import read_domain, read_problem
-from socialbot.planning.semantics import changes, evaluate, ground, holds, substitute, unmet
-from socialbot.planning.state import State
+from socialbot.core.errors import PlanningError
+from socialbot.planning.pddl.domain import Domain
+from socialbot.planning.pddl.formulas import And, Fluent, Formula, Predicate
+from socialbot.planning.pddl.reader import read_domain, read_problem
+from socialbot.planning.pddl.semantics import changes, evaluate, ground, holds, substitute, unmet
+from socialbot.planning.pddl.state import State
 from tests.planning import brute_force
 from tests.planning.random_worlds import OBJECTS, formula, random_pair
 from tests.planning.texts import crane

@@ -1,9 +1,9 @@
 from __future__ import annotations
 
-from socialbot.planning.formulas import Add, Delete, Fluent, Predicate
-from socialbot.planning.reader import read_domain, read_problem
-from socialbot.planning.semantics import SetValue
-from socialbot.planning.state import State
+from socialbot.planning.pddl.formulas import Add, Delete, Fluent, Predicate
+from socialbot.planning.pddl.reader import read_domain, read_problem
+from socialbot.planning.pddl.semantics import SetValue
+from socialbot.planning.pddl.state import State
 from tests.planning.texts import crane
 
 BOX_1 = Predicate("clear", ("box_1",))

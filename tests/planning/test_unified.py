@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.errors import InstallationError
-from socialbot.planning import unified as unified_module
-from socialbot.planning.planner import Limits, Verdict
-from socialbot.planning.unified import Unified
-from socialbot.planning.validation import faults
+from socialbot.core.errors import InstallationError
+from socialbot.planning.pddl.validation import faults
+from socialbot.planning.planners import engines as unified_module
+from socialbot.planning.planners.engines import Unified
+from socialbot.planning.planners.planner import Limits, Verdict
 from tests.planning.moving import domain, plan_of, problem
 
 LONG = Limits(timeout_s=60.0)
@@ -97,7 +97,7 @@ def stand_in(tmp_path, monkeypatch) -> None:
     for name, text in {"__init__": "", "shortcuts": STAND_IN, "io": READER, "exceptions": ERRORS}.items():
         (package / f"{name}.py").write_text(text, "utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
-    root = Path(unified_module.__file__).parents[2]
+    root = Path(unified_module.__file__).parents[3]
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{root}")
 
 

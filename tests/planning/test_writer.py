@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.planning.domain import Problem
-from socialbot.planning.formulas import Fluent, Number, Predicate, Typed, number_text, typed_text
-from socialbot.planning.reader import read_domain, read_problem
-from socialbot.planning.writer import problem_text
+from socialbot.planning.pddl.domain import Problem, problem_text
+from socialbot.planning.pddl.formulas import Fluent, Number, Predicate, Typed, number_text, typed_text
+from socialbot.planning.pddl.reader import read_domain, read_problem
 from tests.planning.random_worlds import domain_text, formula
 from tests.planning.random_worlds import problem_text as random_problem_text
 from tests.planning.texts import crane

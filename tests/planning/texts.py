@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from socialbot.planning.domain import Domain, Problem
-from socialbot.planning.reader import read_domain, read_problem
+from socialbot.planning.pddl.domain import Domain, Problem
+from socialbot.planning.pddl.reader import read_domain, read_problem
 
 CRANE = """
 (define (domain crane)   ; a crane that puts boxes on carriers

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.bridge.standard_types import DEFINITIONS
+from socialbot.bags.types import DEFINITIONS
 from tests.ros.test_package import ROOT, plain_environment
 
 RECIPE = ROOT / "interfaces" / "socialbot_msgs"

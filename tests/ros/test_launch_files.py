@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 
 from socialbot.bridge.environment import DATAGRAM_VARIABLE, PACKET_BYTES, UNBOUNDED_BYTES
-from socialbot.bridge.ros_arguments import divided
-from socialbot.bridge.wire import KEYS_VARIABLE
-from socialbot.errors import GraphError, ParameterError
-from socialbot.graph import Graph
-from socialbot.graph_file import GRAPHS, load_graph
-from socialbot.security.paths import FOLDERS_VARIABLE
-from tests.deployment.deployments import PAGE
+from socialbot.bridge.rclpy_context import divided
+from socialbot.bridge.transport import KEYS_VARIABLE
+from socialbot.core.errors import GraphError, ParameterError
+from socialbot.core.paths import FOLDERS_VARIABLE
+from socialbot.graph.files import GRAPHS, load_graph
+from socialbot.graph.node import Graph
 from tests.ros.launching import Node, launched
+from tests.runtime.deployments import PAGE
 
 FILES = Path(__file__).parents[2] / "ros" / "launch"
 

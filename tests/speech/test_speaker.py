@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import miniaudio
 import pytest
 
-from socialbot.clock import SECOND
-from socialbot.errors import DeviceError, ParameterError
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
-from socialbot.messages import Message, SpeechStatus, Utterance
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import DeviceError, ParameterError
+from socialbot.core.messages import Message, SpeechStatus, Utterance
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 from socialbot.speech.playback import OnEnd, Player, find_player
 from socialbot.speech.speaker import Speaker, slug
 from socialbot.speech.synthesis import Sound, Synthesizer
@@ -22,7 +22,7 @@ class Stage:
 
     def __init__(self, kind: type[Speaker] = Speaker, start: bool = True, **parameters: object) -> None:
         parameters.setdefault("playback", "off")
-        placement = Placement("speech", kind, parameters)
+        placement = NodeConfig("speech", kind, parameters)
         self.runner = InlineRunner(Graph("test", (placement,), inputs=frozenset({"/speech/say"})))
         self.statuses: list[SpeechStatus] = []
         self.runner.tap("/speech/status", self._note)

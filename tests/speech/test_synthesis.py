@@ -7,7 +7,7 @@ import wave
 import numpy as np
 import pytest
 
-from socialbot.errors import InstallationError, MessageError, ParameterError
+from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.speech.synthesis import Sound, Synthesizer
 
 SENTENCE = "Hello, nice to see you. Can I help you find something?"

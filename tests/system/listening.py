@@ -12,8 +12,8 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from socialbot.bridge.ros_types import message_class
-from socialbot.bridge.session import spinning_node
+from socialbot.bridge.rclpy_context import spinning_node
+from socialbot.bridge.transport import message_class
 from tests.system.running import eventually
 
 TRACKED, ID = "/humans/bodies/tracked", "<id>"

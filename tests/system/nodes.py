@@ -7,9 +7,9 @@ import os
 import time
 from pathlib import Path
 
-from socialbot.clock import SECOND
-from socialbot.graph import Delivery, Input, Node, Output, Parameter
-from socialbot.messages import Image, PersonDetections
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Image, PersonDetections
+from socialbot.graph.node import Delivery, Input, Node, Output, Parameter
 
 
 class RaisingDetector(Node):

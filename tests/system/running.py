@@ -16,8 +16,8 @@ from unittest.mock import patch
 
 import msgspec
 
-from socialbot.bridge.bags import BagWriter, open_bag
-from socialbot.cli import main
+from socialbot.bags.reader import BagWriter, open_bag
+from socialbot.cli.main import main
 
 PATIENCE_S = 15.0
 """So long a command may take to end that is told to."""

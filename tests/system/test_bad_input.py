@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from socialbot.bridge.bags import BagWriter
-from socialbot.messages import CompressedImage, Image, Message, Utterance
+from socialbot.bags.reader import BagWriter
+from socialbot.core.messages import CompressedImage, Image, Message, Utterance
 from tests.system.running import results, socialbot, socialbot_here
 
 START = 1_700_000_000_000_000_000

@@ -16,11 +16,11 @@ import msgspec
 import psutil
 import pytest
 
-from socialbot.bridge.bags import open_bag
-from socialbot.messages import CompressedImage, TraceRecord
-from socialbot.security.keys import new_key
-from socialbot.vision.encodings import bgr_from_compressed
-from tests.deployment.deployments import PLACES
+from socialbot.bags.reader import open_bag
+from socialbot.bridge.security import new_key
+from socialbot.core.messages import CompressedImage, TraceRecord
+from socialbot.vision.images import bgr_from_compressed
+from tests.runtime.deployments import PLACES
 from tests.system.running import eventually
 from tests.system.two_hosts import ROBOT, WORKSTATION, Host, two_hosts
 

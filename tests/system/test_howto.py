@@ -7,9 +7,9 @@ from pathlib import Path
 import cv2
 import pytest
 
-from socialbot.bridge.bags import open_bag
-from socialbot.messages import CompressedImage
-from socialbot.vision.encodings import bgr_from_compressed
+from socialbot.bags.reader import open_bag
+from socialbot.core.messages import CompressedImage
+from socialbot.vision.images import bgr_from_compressed
 from tests.system.following import DOCS, Terminal, blocks, follow, has_its_place
 
 PAGES = sorted(f"howto/{page.name}" for page in (DOCS / "howto").glob("*.md"))

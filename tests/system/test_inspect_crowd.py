@@ -11,7 +11,7 @@ pytest.importorskip("playwright", reason="needs playwright")
 from playwright.sync_api import expect
 
 from evaluation.inspect import AGENTS, crowd
-from tests.inspect.browsing import Visit, chromium
+from tests.runs.browsing import Visit, chromium
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.xdist_group("browser")]
 

@@ -15,7 +15,7 @@ KILLS = 40
 SPEAKER = """
 import sys, time
 from std_msgs.msg import String
-from socialbot.bridge.session import spinning_node
+from socialbot.bridge.rclpy_context import spinning_node
 longest = 0.0
 with spinning_node("speaker") as ros:
     publisher = ros.create_publisher(String, "/said", 10)
@@ -33,8 +33,8 @@ print(longest, heard)
 LISTENER = """
 import os
 from socialbot.bridge.process import run_nodes
-from socialbot.graph import Graph, Input, Node, Placement
-from socialbot.messages import Utterance
+from socialbot.graph.node import Graph, Input, Node, NodeConfig
+from socialbot.core.messages import Utterance
 
 class Listener(Node):
     said = Input(Utterance, "/said")
@@ -43,7 +43,7 @@ class Listener(Node):
     def on_said(self, message):
         pass
 
-graph = Graph("listening", (Placement("listener", Listener),), inputs=frozenset({"/said"}))
+graph = Graph("listening", (NodeConfig("listener", Listener),), inputs=frozenset({"/said"}))
 run_nodes(graph, ["listener"], sim_time=False, parent=os.getppid())
 """
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from socialbot.bridge.environment import Across, prepare
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 from tests.system.running import eventually
 from tests.system.two_hosts import ROBOT, WORKSTATION, Host, TwoHosts, two_hosts
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from socialbot.bridge.bags import BagWriter
+from socialbot.bags.reader import BagWriter
 from tests.system.running import eventually, results, running, socialbot
 
 pytestmark = pytest.mark.ros
@@ -29,7 +29,7 @@ def pictures(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def onlooker() -> Iterator[Any]:
-    from socialbot.bridge.session import spinning_node
+    from socialbot.bridge.rclpy_context import spinning_node
 
     with spinning_node("onlooker") as ros:
         yield ros
@@ -42,7 +42,7 @@ def live(pictures: Path, out: Path, *more: object) -> list[object]:
 
 def stands(ros: Any) -> bool:
     from socialbot.bridge.readiness import await_graph
-    from socialbot.graph_file import load_graph
+    from socialbot.graph.files import load_graph
 
     return not await_graph(ros, load_graph("waldo"), timeout_s=30.0)
 

@@ -10,9 +10,9 @@ import cv2
 import msgspec
 import pytest
 
-from socialbot.bridge.bags import open_bag
-from socialbot.messages import CompressedImage, TraceRecord
-from socialbot.vision.encodings import bgr_from_compressed
+from socialbot.bags.reader import open_bag
+from socialbot.core.messages import CompressedImage, TraceRecord
+from socialbot.vision.images import bgr_from_compressed
 from tests.system.running import eventually, running
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

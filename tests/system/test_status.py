@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from socialbot.inspect.run_folder import open_run
-from socialbot.security.keys import new_key
+from socialbot.bridge.security import new_key
+from socialbot.runs.folder import open_run
 from tests.system.running import eventually, running, socialbot
 from tests.system.test_deployment import ROOT, folder, half  # noqa: F401 - a fixture
 from tests.system.two_hosts import Host, two_hosts
@@ -74,7 +74,7 @@ def test_nobody_does_anything_because_of_what_strangers_say_on_diagnostics(
     """They say of all nodes that these are given up: no process is started again, and who has a key sees the truth."""
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-    from socialbot.bridge.session import spinning_node
+    from socialbot.bridge.rclpy_context import spinning_node
 
     values = {"machine": "robot", "state": "given up", "restarts": "6", "last_error": "hung", "pid": "1"}
     lies = [

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 import pytest
 
-from socialbot.bridge.restarting import RestartPolicy
-from socialbot.graph_file import load_graph
-from socialbot.live import keep_minds
+from socialbot.graph.files import load_graph
+from socialbot.runtime.live import keep_minds
+from socialbot.runtime.processes import RestartPolicy
 from tests.system.running import eventually, running
 
 pytestmark = pytest.mark.ros
@@ -38,7 +38,7 @@ def pictures(tmp_path: Path) -> Path:
 @contextmanager
 def supervised(pictures: Path, folder: Path) -> Iterator[tuple[Any, Callable[[Callable[[], bool], float], float]]]:
     """Waldo's graph, and a way to attend to it until something holds; that returns how long it took (s)."""
-    from socialbot.bridge.supervisor import Supervisor
+    from socialbot.runtime.supervisor import Supervisor
 
     graph = load_graph("waldo").with_parameters(
         {"camera": {"source": str(pictures), "loop": True}, "speech": {"playback": "off"}}
@@ -82,8 +82,8 @@ def test_a_node_that_is_stopped_counts_as_dead(pictures: Path, tmp_path: Path, m
 
 @pytest.mark.slow
 def test_a_graph_that_is_up_outlives_its_nodes_and_tells_of_their_deaths(pictures: Path, tmp_path: Path) -> None:
+    from socialbot.bridge.rclpy_context import spinning_node
     from socialbot.bridge.readiness import await_graph
-    from socialbot.bridge.session import spinning_node
 
     told: list[tuple[str, dict[str, str]]] = []
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from socialbot.bridge.bags import open_bag
-from socialbot.messages import CompressedImage
+from socialbot.bags.reader import open_bag
+from socialbot.core.messages import CompressedImage
 from tests.ros.interfaces import install
 from tests.system.running import PATIENCE_S, cut, eventually, running
 
@@ -67,7 +67,7 @@ def graph(corridor: Path, tmp_path: Path) -> Iterator[Path]:
 def test_viewers_hear_of_people_until_it_is_told_to_end(graph: Path) -> None:
     from visualization_msgs.msg import MarkerArray
 
-    from socialbot.bridge.session import spinning_node
+    from socialbot.bridge.rclpy_context import spinning_node
 
     heard: list[Any] = []
     with spinning_node("viewer") as viewer, running("translate", graph) as translating:

@@ -10,12 +10,12 @@ from typing import Any, ClassVar
 
 import pytest
 
-from socialbot.agent_messages import BeliefSet, CurrentIntentions, DesireSet, Fact, LifecycleStatus
-from socialbot.agents.warehouse.cast import SIX
-from socialbot.bridge.codec import decode
+from socialbot.agents.warehouse.scenario import SIX
+from socialbot.bags.codec import decode
 from socialbot.bridge.qos import publisher_qos
-from socialbot.graph import Delivery, Graph
-from socialbot.graph_file import load_graph
+from socialbot.deliberation.messages import BeliefSet, CurrentIntentions, DesireSet, Fact, LifecycleStatus
+from socialbot.graph.files import load_graph
+from socialbot.graph.node import Delivery, Graph
 from tests.system.running import eventually, running, socialbot
 from tests.system.warehouse import GRIPPER, STEP_S, Live, Seen, over_dds
 

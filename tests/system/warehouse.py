@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from socialbot.agent_messages import BeliefSet, PlanExecutionInfo
 from socialbot.agents.warehouse.messages import BoxPositions
-from socialbot.bridge.launch import Launch
-from socialbot.bridge.observing import Fates, observing
+from socialbot.bridge.graph_observer import Fates, observing
 from socialbot.bridge.readiness import await_graph, expect_free_names
-from socialbot.bridge.timekeeper import Timekeeper
-from socialbot.graph import Graph
-from socialbot.messages import Message, TraceRecord
+from socialbot.bridge.sim_clock import SimClock
+from socialbot.core.messages import Message, TraceRecord
+from socialbot.deliberation.messages import BeliefSet, PlanExecutionInfo
+from socialbot.graph.node import Graph
+from socialbot.runtime.processes import Launch
 
 GRIPPER = "gripper_a"
 STEP_S = 0.2
@@ -94,7 +94,7 @@ class Live:
     ros: Any
     launch: Launch
     fates: Fates
-    time: Timekeeper
+    time: SimClock
 
     def kill(self, node: str) -> None:
         """Ends the process of a node as a crash would; the time does not wait for it any more."""
@@ -115,7 +115,7 @@ def over_dds(graph: Graph, folder: Path, *, composed: bool = False) -> Iterator[
     with observing(topics, seen.observe, fates.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, folder, sim_time=True, composed=composed) as launch:
-            keeper = Timekeeper(onlooker.ros, [placement.name for placement in graph.placements], step_s=STEP_S)
+            keeper = SimClock(onlooker.ros, [placement.name for placement in graph.placements], step_s=STEP_S)
 
             def failed() -> bool:
                 launch.check()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 from socialbot.vision.tracking import Track, Tracker
 
 SIZE = (640, 480)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from socialbot.clock import SECOND
-from socialbot.vision.picture_link import PictureLink, relative_size
-from socialbot.vision.picture_receiver import LIFE_S
+from socialbot.core.clock import SECOND
+from socialbot.vision.image_link import PictureLink, relative_size
+from socialbot.vision.image_transport import LIFE_S
 
 PACKET = 1400
 REPAIR_S = 0.03

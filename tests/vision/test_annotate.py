@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from socialbot.messages import PersonDetection, PersonDetections
+from socialbot.core.messages import PersonDetection, PersonDetections
 from socialbot.vision.annotate import draw
-from socialbot.vision.truth import TruthPerson
+from socialbot.vision.metrics.truth import TruthPerson
 
 GREY = np.full((480, 640, 3), 128, np.uint8)
 

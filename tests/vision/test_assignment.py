@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from socialbot.vision.assignment import assign
+from socialbot.vision.tracking import assign
 
 
 def least(costs: np.ndarray, limit: float) -> float:

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.boxes import clip, iou, same_head, suppress
-from socialbot.vision.detector import select
+from socialbot.vision.detector import clip, iou, same_head, select, suppress
 
 coordinate = st.integers(0, 60)
 box = st.tuples(coordinate, coordinate, st.integers(1, 60), st.integers(1, 60))

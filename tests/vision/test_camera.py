@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.errors import MessageError, ParameterError
-from socialbot.messages import CameraInfo
+from socialbot.core.errors import MessageError, ParameterError
+from socialbot.core.messages import CameraInfo
 from socialbot.vision.camera import CameraModel
 
 PITCHES = [0.0, 0.052, 0.2, 0.4]

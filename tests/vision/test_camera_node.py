@@ -7,20 +7,20 @@ import cv2
 import numpy as np
 import pytest
 
-from socialbot.clock import SECOND
-from socialbot.errors import DeviceError
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
-from socialbot.vision import frames
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import DeviceError
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
+from socialbot.vision import cameras as frames
 from socialbot.vision.camera import CameraModel
-from socialbot.vision.camera_node import Camera
+from socialbot.vision.cameras import Camera
 
 
 class Rig:
     """The node in an inline runner, and what it has published."""
 
     def __init__(self, source, *, start: int = 100 * SECOND, **parameters) -> None:
-        placement = Placement("camera", Camera, {"source": str(source), **parameters})
+        placement = NodeConfig("camera", Camera, {"source": str(source), **parameters})
         self.runner = InlineRunner(Graph("g", (placement,)), start=start)
         self.images: list[Any] = []
         self.infos: list[Any] = []

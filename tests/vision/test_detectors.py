@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from socialbot.errors import ParameterError
-from socialbot.vision.boxes import iou
+from socialbot.core.errors import ParameterError
+from socialbot.vision.detector import iou
 from socialbot.vision.detectors import DETECTORS, DetectorSettings
-from socialbot.vision.nanodet import weights
+from socialbot.vision.network_detector import weights
 from tests.vision.drawn import add_person, corridor
 from tests.vision.networks import constant_network, echo_network, strict_network, yolov8_rows
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure, whole_height
-from socialbot.vision.motion import Cut, cut_off
+from socialbot.vision.tracking import Cut, cut_off
 from tests.vision.test_camera import PITCHES, camera, project
 
 DISTANCES = [1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0]

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.errors import ImageError
-from socialbot.messages import CompressedImage, Image
-from socialbot.vision.encodings import ENCODINGS, bgr_from_compressed, bgr_from_image
+from socialbot.core.errors import ImageError
+from socialbot.core.messages import CompressedImage, Image
+from socialbot.vision.images import ENCODINGS, bgr_from_compressed, bgr_from_image
 
 
 def message(rows: np.ndarray, encoding: str, width: int, *, pad: int = 0, big: bool = False) -> Image:

@@ -3,14 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from socialbot.clock import SECOND
-from socialbot.messages import PersonDetection
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import PersonDetection
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSpec
 from socialbot.vision.distance import Stature, head_direction, measure
-from socialbot.vision.finder import PersonFinder, make_finder
-from socialbot.vision.motion import cut_off
+from socialbot.vision.pipeline import PersonFinder, make_finder
+from socialbot.vision.tracking import cut_off
 from tests.vision.test_distance import box_of
 
 CAMERA = CameraModel(525, 525, 320, 240, 640, 480, 1.62, 0.052)

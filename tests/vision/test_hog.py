@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from socialbot.errors import InstallationError
-from socialbot.vision.boxes import iou
+from socialbot.core.errors import InstallationError
+from socialbot.vision.detector import iou
 from socialbot.vision.hog import HogDetector, _apart
 from tests.vision.drawn import add_person, corridor
 

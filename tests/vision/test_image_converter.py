@@ -5,17 +5,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
-from socialbot.messages import CompressedImage, Image
-from socialbot.vision.image_converter import ImageConverter
+from socialbot.core.messages import CompressedImage, Image
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
+from socialbot.vision.images import ImageConverter
 
 RAW, COMPRESSED, COLOR = "/camera/image_raw", "/camera/image_raw/compressed", "/camera/image_color"
 
 
 def converted(*messages):
     runner = InlineRunner(
-        Graph("g", (Placement("image_converter", ImageConverter),), inputs=frozenset({RAW, COMPRESSED}))
+        Graph("g", (NodeConfig("image_converter", ImageConverter),), inputs=frozenset({RAW, COMPRESSED}))
     )
     out: list[Any] = []
     runner.tap(COLOR, lambda _, message: out.append(message))

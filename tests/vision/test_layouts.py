@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.layouts import LAYOUTS, Answers, Misfit
-from socialbot.vision.network import NetworkPort
+from socialbot.vision.network import LAYOUTS, Answers, Misfit, NetworkPort
 
 WIDTH, HEIGHT = 96, 64
 CELLS = [

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.boxes import clip
-from socialbot.vision.motion import Cut, Motion, cut_off
+from socialbot.vision.detector import clip
+from socialbot.vision.tracking import Cut, Motion, cut_off
 
 WIDTH, HEIGHT = 640, 480
 

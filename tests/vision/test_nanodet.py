@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from socialbot.bridge.bags import open_bag
-from socialbot.errors import InstallationError
-from socialbot.messages import CompressedImage
-from socialbot.vision import nanodet as module
-from socialbot.vision.boxes import iou
-from socialbot.vision.encodings import bgr_from_compressed
-from socialbot.vision.nanodet import SHA256, nanodet, weights
-from socialbot.vision.truth import load_truth
+from socialbot.bags.reader import open_bag
+from socialbot.core.errors import InstallationError
+from socialbot.core.messages import CompressedImage
+from socialbot.vision import network_detector as module
+from socialbot.vision.detector import iou
+from socialbot.vision.images import bgr_from_compressed
+from socialbot.vision.metrics.truth import load_truth
+from socialbot.vision.network_detector import SHA256, nanodet, weights
 from tests.vision.drawn import corridor as empty_room
 
 

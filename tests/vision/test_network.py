@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from socialbot.errors import InstallationError, ParameterError
-from socialbot.vision.nanodet import weights
+from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.vision.network import Network
+from socialbot.vision.network_detector import weights
 from tests.vision.networks import echo_network, strict_network
 
 

@@ -3,11 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from socialbot.errors import ParameterError
-from socialbot.vision.layouts import LAYOUTS, Answers, Layout
-from socialbot.vision.network import Network
+from socialbot.core.errors import ParameterError
+from socialbot.vision.network import LAYOUTS, Answers, Layout, Network, fitting, whole
 from socialbot.vision.network_detector import PIXELS, NetworkDetector, _gain
-from socialbot.vision.views import fitting, whole
 from tests.vision.networks import constant_network, echo_network, yolov8_rows
 
 CANVAS = (320, 240)

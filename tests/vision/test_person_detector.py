@@ -8,20 +8,20 @@ import cv2
 import numpy as np
 import pytest
 
-from socialbot.bridge.inbox import Inbox
-from socialbot.clock import SECOND
-from socialbot.errors import GraphError, ParameterError, SocialbotError
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
-from socialbot.messages import BoxMarkers, CameraInfo, Image, PersonDetections
+from socialbot.bridge.callback_queue import Inbox
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import GraphError, ParameterError, SocialbotError
+from socialbot.core.messages import BoxMarkers, CameraInfo, Image, PersonDetections
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 from socialbot.vision import person_detector
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
 from socialbot.vision.distance import Estimate, Stature, measure
-from socialbot.vision.layouts import LAYOUTS
-from socialbot.vision.motion import cut_off
+from socialbot.vision.network import LAYOUTS
 from socialbot.vision.person_detector import PersonDetector
+from socialbot.vision.tracking import cut_off
 from tests.vision.drawn import add_person, corridor
 
 COLOR, INFO = "/camera/image_color", "/camera/camera_info"
@@ -50,7 +50,7 @@ class Rig:
     """The node in an inline runner, and what it has said. It is shown pictures in which nothing moves."""
 
     def __init__(self, **parameters) -> None:
-        placement = Placement("person_detector", PersonDetector, {"hide_still": False, **parameters})
+        placement = NodeConfig("person_detector", PersonDetector, {"hide_still": False, **parameters})
         self.runner = InlineRunner(Graph("g", (placement,), inputs=frozenset({COLOR, INFO})))
         self.detections: list[Any] = []
         self.markers: list[Any] = []

@@ -8,13 +8,12 @@ import math
 import numpy as np
 import pytest
 
-from socialbot.clock import SECOND
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
-from socialbot.messages import CompressedImage, Image, Message, PictureAck
-from socialbot.vision.picture_link import Backlog, PictureLink, relative_size
-from socialbot.vision.picture_receiver import LIFE_S, PictureReceiver
-from socialbot.vision.picture_sender import PictureSender
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import CompressedImage, Image, Message, PictureAck
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
+from socialbot.vision.image_link import Backlog, PictureLink, relative_size
+from socialbot.vision.image_transport import LIFE_S, PictureReceiver, PictureSender
 from tests.vision.simulated_link import PICTURE, Phase, Trial
 
 RAW, LINK, ACK, RECEIVED = (f"/camera/image_raw{end}" for end in ("", "/link", "/link/ack", "/received"))
@@ -166,8 +165,8 @@ class Rig:
         graph = Graph(
             "g",
             (
-                Placement("picture_sender", PictureSender, parameters, {"link": "/sent", "ack": "/acknowledged"}),
-                Placement("picture_receiver", PictureReceiver),
+                NodeConfig("picture_sender", PictureSender, parameters, {"link": "/sent", "ack": "/acknowledged"}),
+                NodeConfig("picture_receiver", PictureReceiver),
             ),
             inputs=frozenset({RAW, LINK, "/acknowledged"}),
         )

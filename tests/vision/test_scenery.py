@@ -4,10 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from socialbot.clock import SECOND
-from socialbot.vision.motion import Cut
-from socialbot.vision.scenery import Scenery
-from socialbot.vision.tracking import Track
+from socialbot.core.clock import SECOND
+from socialbot.vision.static_objects import StaticObjectFilter
+from socialbot.vision.tracking import Cut, Track
 
 WIDTH, HEIGHT = 640, 480
 Box = tuple[float, float, float, float]
@@ -43,7 +42,7 @@ class Camera:
     """Takes a picture every tenth of a second; what stands in it is a track."""
 
     def __init__(self) -> None:
-        self.scenery = Scenery()
+        self.scenery = StaticObjectFilter()
         self.count = 0
         self.gain = 1.0
         self.room = ROOM
@@ -215,7 +214,7 @@ def test_when_everything_changes_at_once_things_stay_things():
 
 
 def test_pictures_of_another_size_begin_anew():
-    scenery = Scenery()
+    scenery = StaticObjectFilter()
     track = Track("t1", np.array((10.0, 10.0, 20.0, 40.0)), 0.9, 0.0, Cut())
     for step in range(9):
         scenery.people(np.zeros((100, 100, 3), np.uint8), step * SECOND, [track])
@@ -265,7 +264,7 @@ def test_a_lamp_that_is_switched_hides_nobody():
 
 
 def test_a_camera_that_turns_takes_nobody_for_a_thing():
-    scenery = Scenery()
+    scenery = StaticObjectFilter()
     for step in range(30):
         picture = np.roll(ROOM, 7 * step, axis=1).astype(np.uint8)
         track = Track("t1", np.array(STAND), 0.9, 0.0, Cut())
@@ -282,6 +281,6 @@ def test_time_that_begins_anew_forgets_the_things():
 
 
 def test_a_picture_without_anybody_is_no_trouble():
-    scenery = Scenery()
+    scenery = StaticObjectFilter()
     for step in range(3):
         assert scenery.people(np.zeros((48, 64, 3), np.uint8), step * SECOND, []) == ()

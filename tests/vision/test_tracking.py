@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.boxes import clip, iou
+from socialbot.vision.detector import clip, iou
 from tests.vision.scenes import SIZE, Scene, ids
 
 STANDING = (300.0, 100.0, 80.0, 200.0)

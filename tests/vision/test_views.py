@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.vision.camera import CameraModel
-from socialbot.vision.views import View, band, fitting, scaled, whole
+from socialbot.vision.network import View, band, fitting, scaled, whole
 
 size = st.integers(1, 900)
 

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from socialbot.tasks.domain import Item, TaskDomain
-from socialbot.tasks.state import State
+from socialbot.planning.htn.domain import Item, State, TaskDomain
 
 DISINFECT = TaskDomain("disinfect")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
+from socialbot.agents.hospital.coordinator import HospitalCoordinator
 from socialbot.agents.hospital.robot_node import HospitalAgent, Nurse, Spot, Uvd
 from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD, Ward, large_ward, paper_ward
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
-from socialbot.graph import Graph, Placement
+from socialbot.graph.node import Graph, NodeConfig
 
 WORLD = "world"
 AGENTS: Mapping[str, type[HospitalAgent]] = {SPOT: Spot, UVD: Uvd, NURSE: Nurse}
@@ -51,8 +51,8 @@ def _graph(ward: Ward, world: Mapping[str, Any], coordinator: Mapping[str, Any])
     return Graph(
         "hospital",
         (
-            Placement(WORLD, HospitalWorld, dict(world)),
-            Placement("coordinator", HospitalCoordinator, dict(coordinator)),
-            *(Placement(member.name, AGENTS[member.kind]) for member in ward.members),
+            NodeConfig(WORLD, HospitalWorld, dict(world)),
+            NodeConfig("coordinator", HospitalCoordinator, dict(coordinator)),
+            *(NodeConfig(member.name, AGENTS[member.kind]) for member in ward.members),
         ),
     )

@@ -1,17 +1,15 @@
-"""What the coordinator, the robots and the nurses say to each other: speech acts, as FIPA has them.
-
-All of them travel on one topic; who is not the receiver ignores a message. What does not fit its schema is refused
-by the codec.
-"""
+"""Speech acts (FIPA) between the coordinator, the robots and the nurses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Callable, Mapping
 from typing import Literal
 
 import msgspec
 
-from socialbot.messages import Structured
+from socialbot.core.clock import Clock
+from socialbot.core.messages import Structured
 
 TOPIC = "/hospital/messages"
 COORDINATOR = "coordinator"
@@ -213,3 +211,35 @@ class Missions(Structured, frozen=True, kw_only=True):
 
 
 MISSION_MESSAGES: tuple[type[Structured], ...] = (AclMessage, Missions)
+
+
+class Voice:
+    """Says things as ``name``; ``publish`` sends them."""
+
+    def __init__(self, name: str, clock: Clock, publish: Callable[[AclMessage], object]) -> None:
+        self._name = name
+        self._clock = clock
+        self._publish = publish
+        self._begun = clock.now()
+        self._numbers = itertools.count(1)
+
+    def say(
+        self, receiver: str, performative: Performative, content: AnyContent, mission: str = "", in_reply_to: str = ""
+    ) -> None:
+        """Says ``content`` to the receiver; see `AclMessage`."""
+        self._publish(
+            AclMessage(
+                stamp=self._clock.now(),
+                id=f"{self._name}-{self.next_id()}",
+                sender=self._name,
+                receiver=receiver,
+                performative=performative,
+                content=content,
+                in_reply_to=in_reply_to,
+                mission=mission,
+            )
+        )
+
+    def next_id(self) -> str:
+        """One that this speaker, however often it begins anew, has not used before."""
+        return f"{self._begun}-{next(self._numbers)}"

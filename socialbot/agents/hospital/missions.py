@@ -1,18 +1,22 @@
-"""Missions of the hospital: which kinds there are, whom they need, how they are directed, how far one has come."""
+"""Missions of the hospital: their kinds, teams, plans, progress, and what other nodes see of them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
+from operator import itemgetter
 from typing import Literal
 
 import msgspec
 
 from socialbot.agents.hospital.disinfect import mission as disinfection
-from socialbot.agents.hospital.messages import MissionStatus, PlannedAction, Problem
+from socialbot.agents.hospital.messages import ActionStatus, MissionStatus, MissionView, PlannedAction, Problem
+from socialbot.agents.hospital.translation import Stage, stages
 from socialbot.agents.hospital.ward.messages import (
+    AWAY,
     CLOSED_DOOR,
     CORRIDOR,
     DIRTY_ROOM,
@@ -20,8 +24,9 @@ from socialbot.agents.hospital.ward.messages import (
     PERSON_IN_ROOM,
     WardState,
 )
-from socialbot.tasks.domain import Item
-from socialbot.tasks.state import State
+from socialbot.planning.htn.domain import Item, State
+from socialbot.planning.htn.planner import progressed
+from socialbot.planning.htn.tree import Node, TaskTree
 
 JOINT_ACTIONS = frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_authorize_disinfect"})
 """Actions that all agents do whom they name; any other one is done by the first that it names."""
@@ -219,3 +224,193 @@ def state_of(ward: WardState, mission: Mission, *, sees_rooms: bool) -> State:
         low_battery={name: is_low or BATTERY_LOW + name in found for name, is_low in low.items()},
         authenticated={spot: nurse} if mission.authenticated else {},
     )
+
+
+class Pool:
+    """Those of the members who are there, as the ward shows them at one moment."""
+
+    def __init__(self, members: Mapping[str, Member], ward: WardState) -> None:
+        self._members = members
+        self._ward = ward
+        self._able: dict[str, dict[str, list[Member]]] = {}
+        """Who can play the role of a variable, by the room where they have to be at home, if that matters."""
+
+    def able(self, role: Role, room: str) -> list[Member]:
+        """Who can play a role, free or not, by number; last come those with low batteries, before them who charges."""
+        if role.variable not in self._able:
+            self._able[role.variable] = self._by_home(role)
+        return self._able[role.variable].get(room if role.at_home else "", [])
+
+    def _by_home(self, role: Role) -> dict[str, list[Member]]:
+        found: dict[str, list[tuple[tuple[bool, bool, tuple[str, int]], Member]]] = {}
+        for member in self._members.values():
+            state = self._ward.agent(member.name) if role.needs <= member.capabilities else None
+            if state is not None and state.place != AWAY:
+                place = found.setdefault(state.home if role.at_home else "", [])
+                # Who is free and yet does something charges.
+                place.append(((state.low_battery, bool(state.busy), by_number(member.name)), member))
+        return {home: [member for _, member in sorted(able, key=itemgetter(0))] for home, able in found.items()}
+
+    def team(self, mission: Mission) -> dict[str, str] | None:
+        """Who is free to play each role of a mission, by the variables of the roles; None if somebody is missing."""
+        team: dict[str, str] = {}
+        for role in KINDS[mission.kind].roles:
+            able = self.able(role, mission.room)
+            found = next((each for each in able if not each.mission and each.name not in team.values()), None)
+            if found is None:
+                return None
+            team[role.variable] = found.name
+        return team
+
+    def is_short(self, kind: str) -> bool:
+        """Whether there is a role in all missions of a kind for which nobody is free."""
+        roles = (role for role in KINDS[kind].roles if not role.at_home)
+        return any(all(each.mission for each in self.able(role, "")) for role in roles)
+
+    def yielding(self, mission: Mission, missions: Mapping[int, Mission]) -> list[Mission]:
+        """The less urgent missions that have whom this one lacks, the latest of equal ones; none if that is no help."""
+        chosen: dict[int, Mission] = {}
+        taken: set[str] = set()
+        for role in KINDS[mission.kind].roles:
+            able = [each for each in self.able(role, mission.room) if each.name not in taken]
+            free = next((each for each in able if not each.mission or each.mission in chosen), None)
+            if free is None:
+                lower = [each for each in able if missions[each.mission].priority < mission.priority]
+                if not lower:
+                    return []
+                free = min(lower, key=lambda each: (missions[each.mission].priority, -each.mission))
+                chosen[free.mission] = missions[free.mission]
+            taken.add(free.name)
+        return list(chosen.values())
+
+
+@dataclass
+class Course:
+    """The tree that a plan comes from, its actions, and how many of them are done."""
+
+    tree: TaskTree
+    agenda: tuple[Node, ...]
+    stages: tuple[Stage, ...]
+    position: int = 0
+    reached: dict[str, int] = field(default_factory=dict)
+    """How many of the actions each agent has behind it."""
+    foreseen: tuple[int, State] | None = None
+    """The position and the state for which it was last looked over."""
+    doubted: int | None = None
+    """Since when (ns) it does not seem to be right."""
+
+    @staticmethod
+    def of(tree: TaskTree, team: Iterable[str]) -> Course:
+        """The plan of ``tree`` for a ``team``, at its beginning."""
+        plan = tree.plan
+        return Course(tree, plan, stages([node.item for node in plan], tuple(team), JOINT_ACTIONS))
+
+    @property
+    def next(self) -> Node | None:
+        """The action that is being done, or comes next."""
+        return self.agenda[self.position] if self.position < len(self.agenda) else None
+
+    @property
+    def left(self) -> list[Item]:
+        """What is not known to be done."""
+        return [node.item for node in self.agenda[self.position :]]
+
+    @property
+    def joint_share(self) -> float:
+        """How many of the actions are joint, 0 to 1."""
+        return sum(len(stage.agents) > 1 for stage in self.stages) / max(len(self.stages), 1)
+
+    def find(self, agent: str, item: Item) -> int | None:
+        """Where ``item`` stands among what ``agent`` is not known to have done."""
+        ahead = range(self.reached.get(agent, 0), len(self.agenda))
+        return next((index for index in ahead if self.agenda[index].item == item), None)
+
+    def advance(self, agent: str, item: Item) -> bool:
+        """Notes that ``agent`` has done ``item``; whether the plan has come further by that.
+
+        Of a joint action all partners tell, and the same one may come again later on.
+        """
+        index = self.find(agent, item)
+        if index is None:
+            return False
+        self.reached[agent] = index + 1
+        if index < self.position:
+            return False
+        self.position = index + 1
+        return True
+
+    def fail(self, agent: str, item: Item) -> Node | None:
+        """The action that ``agent`` could not do, which now is the next one; if it is none of the plan, the next."""
+        index = self.find(agent, item)
+        if index is not None:
+            self.position = index
+        return self.next
+
+    def drawing(self) -> str:
+        """The tasks, with what is done of them."""
+        comes, status = (self.next, "planned") if self.next else (self.agenda[-1], "done")
+        return str(progressed(self.tree, comes, status))
+
+    def actions(self, *, failed: bool = False) -> list[PlannedAction]:
+        """The actions, with what became of them; with ``failed`` the one at hand has failed."""
+        at_hand: ActionStatus = "failed" if failed else "planned"
+        return [
+            PlannedAction(
+                action=stage.action,
+                args=stage.args,
+                agents=stage.agents,
+                status="done" if index < self.position else at_hand if index == self.position else "planned",
+            )
+            for index, stage in enumerate(self.stages)
+        ]
+
+
+def view(mission: Mission, course: Course | None) -> MissionView:
+    """The mission for others to see."""
+    return MissionView(
+        id=mission.id,
+        kind=mission.kind,
+        room=mission.room,
+        priority=mission.priority,
+        status=mission.status,
+        team=tuple(mission.team.values()),
+        label=mission.label,
+        actions=(*mission.past, *(course.actions() if course else ())),
+        tree=course.drawing() if course else "",
+        recoveries=mission.recoveries,
+        revisions=mission.revisions,
+        problem=mission.problem,
+    )
+
+
+SHOWN = 20
+"""So many missions that are over are still shown."""
+
+
+class Board:
+    """Shows missions; only those are drawn anew of which it was told that they have changed."""
+
+    def __init__(self) -> None:
+        self.changed = True
+        """Whether there may be something new since this was last set to False."""
+        self._over: deque[MissionView] = deque(maxlen=SHOWN)
+        self._drawn: dict[int, MissionView] = {}
+
+    def redraw(self, mission: Mission) -> None:
+        """Notes that a mission has changed."""
+        self._drawn.pop(mission.id, None)
+        self.changed = True
+
+    def close(self, mission: Mission, course: Course | None) -> None:
+        """Shows how a mission has ended."""
+        self.redraw(mission)
+        self._over.append(view(mission, course))
+
+    def views(self, missions: Iterable[Mission], courses: Mapping[int, Course]) -> Iterator[MissionView]:
+        """The latest missions that are over, in the order of their end, then ``missions``."""
+        yield from self._over
+        for mission in missions:
+            drawn = self._drawn.get(mission.id)
+            if drawn is None:
+                drawn = self._drawn[mission.id] = view(mission, courses.get(mission.id))
+            yield drawn

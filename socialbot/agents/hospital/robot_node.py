@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from socialbot.agents.agent_node import AgentNode
+from socialbot.agents.base.agent_node import AgentNode
 from socialbot.agents.hospital.messages import (
     COORDINATOR,
     EVERYBODY,
@@ -23,13 +23,15 @@ from socialbot.agents.hospital.messages import (
     Report,
     Start,
     Stop,
+    Voice,
     mistake,
 )
-from socialbot.agents.hospital.rendezvous import Meeting, Rendezvous
 from socialbot.agents.hospital.robots import (
     ACTIONS,
     Deed,
+    Meeting,
     Radio,
+    Rendezvous,
     Senses,
     again,
     all_plans,
@@ -41,7 +43,6 @@ from socialbot.agents.hospital.robots import (
     problem,
     program,
 )
-from socialbot.agents.hospital.voice import Voice
 from socialbot.agents.hospital.ward.messages import (
     CANCELS,
     COMMANDS,
@@ -58,9 +59,9 @@ from socialbot.bdi.library import Ready as ReadyPlan
 from socialbot.bdi.literals import literal
 from socialbot.bdi.plans import Plan as AgentSpeakPlan
 from socialbot.bdi.terms import Variable
-from socialbot.errors import SocialbotError
-from socialbot.graph import Context, Delivery, Input, Output, Parameter
-from socialbot.messages import ActionRequest, Mind, TraceRecord
+from socialbot.core.errors import SocialbotError
+from socialbot.core.messages import ActionRequest, Mind, TraceRecord
+from socialbot.graph.node import Context, Delivery, Input, Output, Parameter
 
 REGISTER_S = 0.25
 """So long it waits for an answer, or a plan, before it registers once more."""

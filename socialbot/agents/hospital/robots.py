@@ -1,29 +1,30 @@
-"""What the robots and nurses of a hospital are made of: their programs, their actions, their words to each other."""
+"""The programs, actions and joint actions of the hospital's robots and nurses."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialbot.agents.hospital.missions import JOINT_ACTIONS
 from socialbot.agents.hospital.ward.messages import AgentState
 from socialbot.bdi import Action, Engine, Sensor
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.beliefs import literal_of
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.failures import Failed
+from socialbot.bdi.durative_actions import LongAction
+from socialbot.bdi.intentions import Failed
 from socialbot.bdi.library import Ready
-from socialbot.bdi.literals import Literal, literal
-from socialbot.bdi.mail import send
+from socialbot.bdi.literals import Change, Event, Literal, literal
+from socialbot.bdi.messaging import send
 from socialbot.bdi.plans import Plan
-from socialbot.bdi.running import LongAction
 from socialbot.bdi.society import Society
 from socialbot.bdi.terms import Atom, Variable
-from socialbot.clock import Clock
+from socialbot.core.clock import Clock
 
 if TYPE_CHECKING:
     from socialbot.agents.hospital.robot_node import HospitalAgent
+
 
 PROGRAMS = Path(__file__).parent
 ACTIONS = (
@@ -209,3 +210,75 @@ class _Far(Engine):
 
     def call(self, function: Callable[[], object]) -> None:
         function()
+
+
+class Meeting(NamedTuple):
+    """What is done together, in which mission: the label of its plans, the action, its arguments."""
+
+    label: str
+    action: str
+    args: tuple[str, ...]
+
+
+@dataclass
+class _Waiting:
+    missing: set[str]
+    met: Callable[[], None]
+
+
+@dataclass
+class Rendezvous:
+    """The meetings of one agent.
+
+    ``ready`` tells a partner that the agent is there, ``done`` answers a partner who had been there before.
+    """
+
+    ready: Callable[[str, Meeting], object]
+    done: Callable[[str, Meeting], object]
+    _waiting: dict[Meeting, _Waiting] = field(default_factory=dict)
+    _there: dict[Meeting, set[str]] = field(default_factory=dict)
+
+    def arrive(self, meeting: Meeting, partners: Iterable[str], met: Callable[[], None]) -> None:
+        """Calls ``met`` as soon as all partners are there, at once if they are."""
+        there = self._there.pop(meeting, set())
+        missing: set[str] = set()
+        for partner in partners:
+            if partner in there:
+                self.done(partner, meeting)
+            else:
+                missing.add(partner)
+                self.ready(partner, meeting)
+        if missing:
+            self._waiting[meeting] = _Waiting(missing, met)
+        else:
+            met()
+
+    def partner_ready(self, partner: str, meeting: Meeting) -> None:
+        """Takes the word of a partner who is there."""
+        if meeting in self._waiting:
+            self.done(partner, meeting)
+            self._come(partner, meeting)
+        else:
+            self._there.setdefault(meeting, set()).add(partner)
+
+    def partner_done(self, partner: str, meeting: Meeting) -> None:
+        """Takes the answer of a partner."""
+        self._come(partner, meeting)
+
+    def leave(self, meeting: Meeting) -> None:
+        """Waits no longer."""
+        self._waiting.pop(meeting, None)
+
+    def forget(self, label: str) -> None:
+        """Forgets all meetings but those of the plans with this label."""
+        self._waiting = {meeting: found for meeting, found in self._waiting.items() if meeting.label == label}
+        self._there = {meeting: found for meeting, found in self._there.items() if meeting.label == label}
+
+    def _come(self, partner: str, meeting: Meeting) -> None:
+        waiting = self._waiting.get(meeting)
+        if waiting is None:
+            return
+        waiting.missing.discard(partner)
+        if not waiting.missing:
+            del self._waiting[meeting]
+            waiting.met()

@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
-from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordinator
-from socialbot.agents.hospital.course import Course, view
+from socialbot.agents.hospital.coordinator import MISSIONS, HospitalCoordinator
 from socialbot.agents.hospital.disinfect import DISINFECT as DOMAIN
 from socialbot.agents.hospital.messages import (
     COORDINATOR,
@@ -28,12 +27,11 @@ from socialbot.agents.hospital.messages import (
     Register,
     Report,
     Stop,
+    Voice,
 )
-from socialbot.agents.hospital.missions import DISINFECT, Member, Mission, state_of
+from socialbot.agents.hospital.missions import DISINFECT, Course, Member, Mission, Pool, state_of, view
 from socialbot.agents.hospital.robot_node import REGISTER_S, Nurse, Spot, Uvd
 from socialbot.agents.hospital.robots import as_literal, names_of
-from socialbot.agents.hospital.teams import Pool
-from socialbot.agents.hospital.voice import Voice
 from socialbot.agents.hospital.ward.agents import JOINT, ROLES
 from socialbot.agents.hospital.ward.messages import (
     CANCELS,
@@ -48,9 +46,9 @@ from socialbot.agents.hospital.ward.messages import (
 from socialbot.agents.hospital.ward.ward import NURSE, ROBOTS, SPOT, UVD
 from socialbot.bdi.agentspeak.parser import parse_literal
 from socialbot.bdi.agentspeak.printer import agentspeak
-from socialbot.errors import SocialbotError
-from socialbot.graph import Context, Delivery, Graph, Input, Node, Output
-from socialbot.tasks.planner import TaskPlanner
+from socialbot.core.errors import SocialbotError
+from socialbot.graph.node import Context, Delivery, Graph, Input, Node, Output
+from socialbot.planning.htn.planner import TaskPlanner
 
 
 @dataclass

@@ -19,14 +19,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from socialbot.bdi.agentspeak.printer import agentspeak
-from socialbot.bdi.conditions import Conjunction, conjunction
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import ANYTHING, Structure, literal, source
+from socialbot.bdi.literals import ANYTHING, Change, Event, Structure, literal, source
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import Achieve, Do, Step, Update
-from socialbot.bdi.terms import Atom, Variable
-from socialbot.errors import PlanningError
-from socialbot.tasks.domain import Item
+from socialbot.bdi.terms import Atom, Conjunction, Variable, conjunction
+from socialbot.core.errors import PlanningError
+from socialbot.planning.htn.domain import Item
 
 TELL = Atom("tell")
 END = literal("end")

@@ -9,12 +9,12 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.agents.hospital.missions import DISINFECT
-from socialbot.agents.hospital.outcome import MissionsTold, MissionTold
+from socialbot.agents.hospital.result import MissionsTold, MissionTold
+from socialbot.agents.hospital.ward.drawing import WORD
 from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
-from socialbot.agents.hospital.ward.picture import WORD
 from socialbot.agents.hospital.ward.ward import NURSE, Room, Ward
-from socialbot.messages import Message, TraceRecord
-from socialbot.report.trees import Branch, as_text, branches, with_failure, with_news
+from socialbot.core.messages import Message, TraceRecord
+from socialbot.runs.report_trees import Branch, as_text, branches, with_failure, with_news
 
 SMALL = 12
 """Wards with no more rooms than this are drawn room by room."""

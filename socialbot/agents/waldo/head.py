@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter
-from socialbot.health import BEATLESS_S, HEALTH_TOPIC
-from socialbot.messages import HeadCommand, Health, JointTrajectory, Message, PersonDetections
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import HeadCommand, Health, JointTrajectory, Message, PersonDetections
+from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
+from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
 
 
 class Pose(NamedTuple):

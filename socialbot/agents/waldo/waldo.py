@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 # 1. Import what agents are made of
 from socialbot.bdi import Action, Belief, Engine, Goal, Sensed, Sensor, SingletonBelief, variables
-from socialbot.bdi.events import Event
-from socialbot.clock import Clock, nanoseconds
-from socialbot.messages import PersonDetections
+from socialbot.bdi.literals import Event
+from socialbot.core.clock import Clock, nanoseconds
+from socialbot.core.messages import PersonDetections
 
 
 # 2. Define beliefs and goals
@@ -66,7 +66,7 @@ class OfferHelp(Goal):
 
 
 @dataclass
-class Manners:
+class WaldoConfig:
     """What can be tuned while Waldo runs: distances in m, durations in s (see docs/waldo.md)."""
 
     range_m: float = 6.0
@@ -122,7 +122,7 @@ class PersonSensor(Sensor):
     after ``help_after_s`` stays.
     """
 
-    def __init__(self, manners: Manners) -> None:
+    def __init__(self, manners: WaldoConfig) -> None:
         self._manners = manners
         self._frames: deque[Frame] = deque()
         self._there: dict[str, int | None] = {}  # until when they must be there to stay; None when they do
@@ -235,7 +235,7 @@ class PersonSensor(Sensor):
         return median_low(len(frame.near) for frame in self._recent(self._manners.appear_s) if frame.near)
 
 
-def waldo(name: str, clock: Clock, manners: Manners, **connections: object) -> Engine:
+def waldo(name: str, clock: Clock, manners: WaldoConfig, **connections: object) -> Engine:
     """Waldo's engine; ``connections`` are its robot, trace sink and wake-up (see `Engine`)."""
     # 4. Start the engine
     engine = Engine(name, clock, **connections)  # type: ignore[arg-type]

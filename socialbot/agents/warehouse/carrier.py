@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from socialbot.agent_messages import Fact
-from socialbot.agents.deliberating import Deliberating
-from socialbot.agents.warehouse.cast import CARRIER_DOMAIN, CARRIER_RULES, FOLDER, carrier_beliefs
-from socialbot.agents.warehouse.layout import is_carried
+from socialbot.agents.base.deliberating import Deliberating
 from socialbot.agents.warehouse.messages import OBEYED_NS, BoxPositions, MoveCommand, MoveStatus, UnloadCommand
+from socialbot.agents.warehouse.scenario import CARRIER_DOMAIN, CARRIER_RULES, FOLDER, carrier_beliefs, is_carried
 from socialbot.deliberation.actions import PlanAction
+from socialbot.deliberation.messages import Fact
 from socialbot.deliberation.sensing import FactSensor, fluent, predicate
-from socialbot.graph import Input, Output, Parameter
+from socialbot.graph.node import Input, Output, Parameter
 
 SILENT_S = 1.0
 

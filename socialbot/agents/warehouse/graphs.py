@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Literal
 
 from socialbot.agents.warehouse.carrier import Carrier
-from socialbot.agents.warehouse.cast import GRIPPER, HASTY_CARRIER_RULES, Cast
 from socialbot.agents.warehouse.gripper import Gripper, Gripper12, Gripper24
+from socialbot.agents.warehouse.scenario import GRIPPER, HASTY_CARRIER_RULES, Cast
 from socialbot.agents.warehouse.world_node import World, World12, World24
-from socialbot.graph import Graph, Placement
+from socialbot.graph.node import Graph, NodeConfig
 
 KINDS = {6: (World, Gripper), 12: (World12, Gripper12), 24: (World24, Gripper24)}
 """Node types of the world and the gripper, by the number of boxes."""
@@ -31,8 +31,8 @@ def warehouse(boxes: int = 6, *, run: Literal[1, 2] = 1, seed: int = 0, faults: 
     return Graph(
         "warehouse",
         (
-            Placement("world", world, {"seed": seed, "faults": faults}),
-            *(Placement(carrier, Carrier, hasty.get(carrier, {})) for carrier in carriers),
-            Placement(GRIPPER, gripper, files),
+            NodeConfig("world", world, {"seed": seed, "faults": faults}),
+            *(NodeConfig(carrier, Carrier, hasty.get(carrier, {})) for carrier in carriers),
+            NodeConfig(GRIPPER, gripper, files),
         ),
     )

@@ -6,10 +6,17 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
-from socialbot.agent_messages import Desire, Fact
-from socialbot.agents.deliberating import Deliberating
+from socialbot.agents.base.deliberating import Deliberating
 from socialbot.agents.warehouse import gripper_actions
-from socialbot.agents.warehouse.cast import (
+from socialbot.agents.warehouse.messages import (
+    BoxPosition,
+    BoxPositions,
+    GripperPose,
+    GripperStatus,
+    MoveCommand,
+    MoveStatus,
+)
+from socialbot.agents.warehouse.scenario import (
     FOLDER,
     GRIPPER,
     GRIPPER_DOMAIN,
@@ -19,16 +26,9 @@ from socialbot.agents.warehouse.cast import (
     gripper_beliefs,
     gripper_desires,
 )
-from socialbot.agents.warehouse.messages import (
-    BoxPosition,
-    BoxPositions,
-    GripperPose,
-    GripperStatus,
-    MoveCommand,
-    MoveStatus,
-)
+from socialbot.deliberation.messages import Desire, Fact
 from socialbot.deliberation.sensing import FactSensor, fluent, predicate
-from socialbot.graph import Input, Output, Parameter
+from socialbot.graph.node import Input, Output, Parameter
 
 SILENT_S = 1.0
 """A sensor that says nothing for so long is silent."""

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from socialbot.agent_messages import Desire, Fact, Operation
-from socialbot.agents.warehouse.layout import HIGH_M
 from socialbot.agents.warehouse.messages import OBEYED_NS, GripperPose, GripperStatus, MoveCommand
+from socialbot.agents.warehouse.scenario import HIGH_M
 from socialbot.deliberation.actions import PlanAction
+from socialbot.deliberation.messages import Desire, Fact, Operation
 from socialbot.deliberation.requests import Asked
 from socialbot.deliberation.sensing import predicate
 

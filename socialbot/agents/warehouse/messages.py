@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from socialbot.clock import SECOND
-from socialbot.messages import Structured
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Structured
 
 OBEYED_NS = SECOND
 """A command may be under way so long; meanwhile a robot still tells what it was told before."""

@@ -1,15 +1,132 @@
-"""Robots that go from place to place, as fast as they happen to today."""
+"""Warehouse robots that drive along straight lines with constant acceleration."""
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from socialbot.agents.warehouse.drives import Drive
-from socialbot.agents.warehouse.layout import flat_distance
 from socialbot.agents.warehouse.messages import Point
-from socialbot.clock import SECOND, nanoseconds
+from socialbot.agents.warehouse.scenario import flat_distance
+from socialbot.core.clock import SECOND, nanoseconds
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A way from ``start`` to ``end`` that begins at the time ``begin`` (ns) and is done in ``phases``.
+
+    A phase is its duration (s), the speed at its begin (m/s) and the acceleration (m/s2).
+    """
+
+    begin: int
+    start: Point
+    end: Point
+    phases: tuple[tuple[float, float, float], ...]
+
+    @property
+    def finish(self) -> int:
+        """When it ends, ns."""
+        return self.begin + nanoseconds(sum(duration for duration, _, _ in self.phases))
+
+    def motion(self, time: int) -> tuple[float, float]:
+        """The way made (m) and the speed (m/s) at ``time`` (ns)."""
+        left, made = max(time - self.begin, 0) / SECOND, 0.0
+        for duration, speed, acceleration in self.phases:
+            spent = min(left, duration)
+            made += spent * (speed + acceleration * spent / 2)
+            if left < duration:
+                return made, speed + acceleration * spent
+            left -= duration
+        return made, 0.0
+
+    def position(self, time: int) -> Point:
+        """Where it is at ``time`` (ns)."""
+        if time >= self.finish:
+            return self.end
+        whole = _distance(self.start, self.end)
+        return _between(self.start, self.end, self.motion(time)[0] / whole) if whole else self.end
+
+
+class Drive:
+    """What moves one robot, or one part of it. Times are ns and never go back; ``pause`` holds it for a while."""
+
+    def __init__(self, position: Point) -> None:
+        self._legs: tuple[Leg, ...] = (Leg(0, position, position, ()),)
+        self._pauses: list[tuple[int, int]] = []
+
+    @property
+    def target(self) -> Point:
+        """Where it will stop."""
+        return self._legs[-1].end
+
+    @property
+    def arrival(self) -> int:
+        """When it stops, or has stopped, ns."""
+        return self._with_pauses(self._legs[-1].finish)
+
+    def position(self, time: int) -> Point:
+        """Where it is at ``time``."""
+        time = self._without_pauses(time)
+        return self._leg(time).position(time)
+
+    def go(self, now: int, target: Point, *, speed: float, acceleration: float, begin: int = 0) -> None:
+        """Goes to ``target`` from ``now``, or from ``begin`` if that is later; what is on its way brakes first."""
+        time = self._without_pauses(now)
+        leg = self._leg(time)
+        start, speed_now = leg.position(time), leg.motion(time)[1]
+        legs = []
+        if speed_now > 0.0:
+            rate = max(acceleration, *(abs(phase[2]) for phase in leg.phases))
+            # Never farther than it would have gone: rounding aside, braking is part of every way.
+            share = min(speed_now**2 / 2 / rate / _distance(leg.start, leg.end), 1.0)
+            way = Point(leg.end.x - leg.start.x, leg.end.y - leg.start.y, leg.end.z - leg.start.z)
+            stop = Point(start.x + share * way.x, start.y + share * way.y, start.z + share * way.z)
+            legs.append(Leg(time, start, stop, ((speed_now / rate, speed_now, -rate),)))
+            start, time = stop, legs[-1].finish
+        time = max(time, self._without_pauses(begin)) if begin > now else time
+        legs.append(Leg(time, start, target, _phases(_distance(start, target), speed, acceleration)))
+        self._legs = tuple(legs)
+
+    def pause(self, begin: int, seconds: float) -> None:
+        """Stands still from ``begin`` (ns, not in the past) for so many s, and goes on as if nothing had been."""
+        merged: list[tuple[int, int]] = []
+        for first, last in sorted([*self._pauses, (begin, begin + nanoseconds(seconds))]):
+            if merged and first <= merged[-1][1]:
+                merged[-1] = (merged[-1][0], max(last, merged[-1][1]))
+            else:
+                merged.append((first, last))
+        self._pauses = merged
+
+    def _leg(self, time: int) -> Leg:
+        return next((leg for leg in self._legs if time < leg.finish), self._legs[-1])
+
+    def _without_pauses(self, time: int) -> int:
+        return time - sum(min(time, last) - first for first, last in self._pauses if first < time)
+
+    def _with_pauses(self, time: int) -> int:
+        for first, last in self._pauses:
+            if first < time:
+                time += last - first
+        return time
+
+
+def _phases(distance: float, speed: float, acceleration: float) -> tuple[tuple[float, float, float], ...]:
+    if distance == 0.0:
+        return ()
+    top = min(speed, math.sqrt(distance * acceleration))
+    change_s = top / acceleration
+    cruise_s = max(distance - top * change_s, 0.0) / top
+    return ((change_s, 0.0, acceleration), (cruise_s, top, 0.0), (change_s, top, -acceleration))
+
+
+def _distance(a: Point, b: Point) -> float:
+    return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
+
+
+def _between(a: Point, b: Point, share: float) -> Point:
+    return Point(a.x + share * (b.x - a.x), a.y + share * (b.y - a.y), a.z + share * (b.z - a.z))
+
 
 MOVING = "moving"
 """The name of where a robot is while it is at no place."""

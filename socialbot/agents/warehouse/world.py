@@ -13,22 +13,24 @@ import itertools
 import math
 from collections.abc import Callable
 
-from socialbot.agents.warehouse.cast import GRIPPER, SIX, START, Cast
-from socialbot.agents.warehouse.drives import Drive
-from socialbot.agents.warehouse.faults import Fault
-from socialbot.agents.warehouse.layout import (
+from socialbot.agents.warehouse.messages import BoxPosition, Point
+from socialbot.agents.warehouse.robots import Drive, Robot, Whereabouts
+from socialbot.agents.warehouse.scenario import (
     BOX_M,
     BOX_WIDTH_M,
     DECK_M,
+    GRIPPER,
     HIGH_M,
+    SIX,
+    START,
+    Cast,
+    Fault,
     Layout,
     carrier_places,
     flat_distance,
     is_over,
 )
-from socialbot.agents.warehouse.messages import BoxPosition, Point
-from socialbot.agents.warehouse.robots import Robot, Whereabouts
-from socialbot.clock import nanoseconds
+from socialbot.core.clock import nanoseconds
 
 FLOOR = "floor"
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-from socialbot.agents.warehouse.cast import GRIPPER, cast_of
-from socialbot.agents.warehouse.faults import BOXES, parse_faults
 from socialbot.agents.warehouse.messages import (
     BoxPositions,
     GripperPose,
@@ -16,10 +14,11 @@ from socialbot.agents.warehouse.messages import (
     Point,
     UnloadCommand,
 )
+from socialbot.agents.warehouse.scenario import BOXES, GRIPPER, cast_of, parse_faults
 from socialbot.agents.warehouse.world import Warehouse
-from socialbot.clock import nanoseconds
-from socialbot.graph import Context, Input, Node, Output, Parameter
-from socialbot.messages import Structured
+from socialbot.core.clock import nanoseconds
+from socialbot.core.messages import Structured
+from socialbot.graph.node import Context, Input, Node, Output, Parameter
 
 
 class WarehouseWorld(Node):
@@ -28,7 +27,7 @@ class WarehouseWorld(Node):
     Each carrier adds ``/carrier_x/cmd_target``, ``/carrier_x/cmd_unload`` and ``/carrier_x/move_status``.
     """
 
-    stands_for_world = True
+    is_simulator = True
 
     boxes: ClassVar[int] = 6
     carriers: ClassVar[int] = 3

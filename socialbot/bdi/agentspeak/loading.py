@@ -1,7 +1,7 @@
 """Loads AgentSpeak text into an engine, all of it or, when there is a mistake, nothing.
 
 >>> from socialbot.bdi import Engine
->>> from socialbot.clock import ManualClock
+>>> from socialbot.core.clock import ManualClock
 >>> engine = Engine("cat", ManualClock())
 >>> load(engine, "hungry. +hungry <- .my_name(N); .print(N, ' is hungry').")
 >>> engine.run_until_idle()
@@ -22,20 +22,28 @@ from socialbot.bdi.agentspeak.parser import Program, parse
 from socialbot.bdi.beliefs import is_source
 from socialbot.bdi.compiler.conditions import COLLECTORS
 from socialbot.bdi.compiler.plans import compile_inference, compile_plan
-from socialbot.bdi.compiler.runtime import OPEN, SUBGOAL, div, mod
-from socialbot.bdi.conditions import Conjunction, Disjunction, Negation
-from socialbot.bdi.failures import Failed
-from socialbot.bdi.functions import FUNCTIONS
-from socialbot.bdi.internal.arguments import opened
-from socialbot.bdi.internals import INTERNALS
+from socialbot.bdi.compiler.runtime import FUNCTIONS, OPEN, SUBGOAL, div, mod
+from socialbot.bdi.intentions import Failed
 from socialbot.bdi.library import Library, Ready, ReadyInference
 from socialbot.bdi.literals import SELF, Literal, ground
 from socialbot.bdi.plans import Inference, Origin, Plan
+from socialbot.bdi.stdlib.registry import INTERNALS, opened
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, Step, Update, While
-from socialbot.bdi.terms import Atom, Call, Comparison, Condition, Cons, Expression, Pattern
+from socialbot.bdi.terms import (
+    Atom,
+    Call,
+    Comparison,
+    Condition,
+    Conjunction,
+    Cons,
+    Disjunction,
+    Expression,
+    Negation,
+    Pattern,
+)
 from socialbot.bdi.unification import closed
-from socialbot.clock import ManualClock
-from socialbot.errors import RuleError, SocialbotError
+from socialbot.core.clock import ManualClock
+from socialbot.core.errors import RuleError, SocialbotError
 
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine

@@ -14,12 +14,24 @@ from __future__ import annotations
 import keyword
 import math
 
-from socialbot.bdi.conditions import Condition, Conjunction, Disjunction, Guard, Negation, Truth
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import Literal, Structure
+from socialbot.bdi.literals import Change, Event, Literal, Structure
 from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.steps import Achieve, Ask, Await, Constrain, Do, Enter, For, Forget, Fork, If, Step, Update, While
-from socialbot.bdi.terms import Atom, Call, Comparison, Cons, Expression, Term, Variable
+from socialbot.bdi.terms import (
+    Atom,
+    Call,
+    Comparison,
+    Condition,
+    Conjunction,
+    Cons,
+    Disjunction,
+    Expression,
+    Guard,
+    Negation,
+    Term,
+    Truth,
+    Variable,
+)
 
 GOAL, ACTION, BELIEF = "goal", "action", "belief"
 

@@ -17,9 +17,10 @@ import re
 from collections.abc import Iterable
 
 from socialbot.bdi.actions import fail, wait
-from socialbot.bdi.agentspeak.grammar import (
+from socialbot.bdi.agentspeak.lexer import (
     AND,
     COMPARE,
+    ESCAPES,
     KEYWORDS,
     NOT,
     OR,
@@ -28,13 +29,23 @@ from socialbot.bdi.agentspeak.grammar import (
     WRITTEN,
     is_function,
 )
-from socialbot.bdi.agentspeak.lexer import ESCAPES
-from socialbot.bdi.conditions import Condition, Conjunction, Disjunction, Guard, Negation, Truth
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import Literal, literal
+from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.steps import Achieve, Ask, Await, Constrain, Do, Enter, For, Forget, Fork, If, Step, Update, While
-from socialbot.bdi.terms import Atom, Call, Comparison, Cons, Expression, Variable
+from socialbot.bdi.terms import (
+    Atom,
+    Call,
+    Comparison,
+    Condition,
+    Conjunction,
+    Cons,
+    Disjunction,
+    Expression,
+    Guard,
+    Negation,
+    Truth,
+    Variable,
+)
 
 _PLAIN = re.compile(r"\.?[^\W\dA-Z_]\w*(?:\.[^\W\d]\w*)*")
 _SIGNS = {change: sign + kind for (sign, kind), change in TRIGGERS.items()}

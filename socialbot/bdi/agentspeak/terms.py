@@ -6,10 +6,11 @@ import math
 from functools import lru_cache
 from typing import NoReturn
 
-from socialbot.bdi.agentspeak.grammar import (
+from socialbot.bdi.agentspeak.lexer import (
     AND,
     BINARY,
     COMPARE,
+    END,
     KEYWORDS,
     NOT,
     OR,
@@ -18,15 +19,27 @@ from socialbot.bdi.agentspeak.grammar import (
     REMEDIES,
     SUM,
     UNSUPPORTED,
+    AgentSpeakError,
+    Source,
     is_function,
 )
-from socialbot.bdi.agentspeak.lexer import END, AgentSpeakError, Source
-from socialbot.bdi.conditions import Condition, Conjunction, Disjunction, Negation, Truth, conjunction
-from socialbot.bdi.events import Event
-from socialbot.bdi.literals import Literal, literal
+from socialbot.bdi.literals import Event, Literal, literal
 from socialbot.bdi.plans import Plan
-from socialbot.bdi.terms import Atom, Call, Comparison, Cons, Expression, Variable
-from socialbot.errors import RuleError
+from socialbot.bdi.terms import (
+    Atom,
+    Call,
+    Comparison,
+    Condition,
+    Conjunction,
+    Cons,
+    Disjunction,
+    Expression,
+    Negation,
+    Truth,
+    Variable,
+    conjunction,
+)
+from socialbot.core.errors import RuleError
 
 VARIABLE, NAME, NUMBER, STRING, QUOTED = range(1, 6)
 KINDS = {

@@ -1,4 +1,4 @@
-"""Actions, waits and tests of bodies in generated code."""
+"""Compile actions, waits and tests of plan bodies, and find the steps that suspend."""
 
 from __future__ import annotations
 
@@ -6,17 +6,48 @@ from typing import Any
 
 from socialbot.bdi.actions import Action
 from socialbot.bdi.compiler.conditions import COLLECTORS, arguments_of, query, unpack
-from socialbot.bdi.compiler.pauses import limited, pauses
 from socialbot.bdi.compiler.source import CELL, VALUE, Function, tuple_of
 from socialbot.bdi.compiler.terms import build, has_value, match, value, values
-from socialbot.bdi.conditions import Condition
-from socialbot.bdi.events import Event
-from socialbot.bdi.internals import find
-from socialbot.bdi.literals import Belief, Literal, literal
-from socialbot.bdi.speech_acts import send
-from socialbot.bdi.steps import Await, Constrain, Do, Enter, Step
-from socialbot.bdi.terms import Atom, Comparison, Expression, names_in
-from socialbot.errors import RuleError
+from socialbot.bdi.literals import Belief, Event, Literal, literal
+from socialbot.bdi.stdlib.registry import find
+from socialbot.bdi.steps import Achieve, Await, Constrain, Do, Enter, Forget, Fork, Step, Update, send
+from socialbot.bdi.terms import Atom, Comparison, Condition, Expression, Variable, names_in
+from socialbot.core.errors import RuleError
+
+
+def straight(body: tuple[Step, ...]) -> bool:
+    """Whether a body can run in place: changes, actions and comparisons, perhaps with a goal at the end."""
+    for i, step in enumerate(body):
+        if isinstance(step, Achieve):
+            if not step.apart and (i < len(body) - 1 or step.limit_s is not None or isinstance(step.goal, Variable)):
+                return False
+        elif isinstance(step, Do):
+            entry = find(step.action.functor)
+            if step.limit_s is not None or pauses(step.action) or (entry is not None and entry.aware):
+                return False
+        elif not isinstance(step, (Update, Forget, Constrain, Enter)):
+            return False
+    return True
+
+
+def rests(step: Step) -> bool:
+    """Whether a step, other than an `Action`, rests: others have their turn before it ends."""
+    if isinstance(step, Do):
+        return pauses(step.action)
+    return isinstance(step, (Await, Fork))
+
+
+def pauses(action: Literal) -> bool:
+    """Whether an internal action may have to wait. What is sent does not, unless an answer is waited for."""
+    if action.functor == ".send":
+        return len(action.args) > 3
+    entry = find(action.functor)
+    return entry is not None and entry.pauses
+
+
+def limited(f: Function, pause: str, limit_s: object) -> str:
+    """The expression of a pause that ends after ``limit_s`` at the latest, if that is not None."""
+    return pause if limit_s is None else f"ag.limited({pause}, {value(f, limit_s)})"
 
 
 def do(f: Function, step: Do) -> str | None:

@@ -6,11 +6,21 @@ from collections.abc import Callable, Iterable
 
 from socialbot.bdi.compiler.source import CELL, VALUE, Function, tuple_of
 from socialbot.bdi.compiler.terms import build, has_cell, has_value, match, value, values
-from socialbot.bdi.conditions import Condition, Conjunction, Disjunction, Guard, Negation, Truth
-from socialbot.bdi.internals import Internal, find
 from socialbot.bdi.literals import Literal, literal
-from socialbot.bdi.terms import Atom, Comparison, Variable, names_in
-from socialbot.errors import RuleError
+from socialbot.bdi.stdlib.registry import Internal, find
+from socialbot.bdi.terms import (
+    Atom,
+    Comparison,
+    Condition,
+    Conjunction,
+    Disjunction,
+    Guard,
+    Negation,
+    Truth,
+    Variable,
+    names_in,
+)
+from socialbot.core.errors import RuleError
 
 MOST_LOOPS = 10
 MOST_BLOCKS = 50

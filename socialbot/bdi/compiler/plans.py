@@ -9,17 +9,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi.compiler.actions import straight
 from socialbot.bdi.compiler.conditions import loop, query, write
-from socialbot.bdi.compiler.pauses import straight
 from socialbot.bdi.compiler.source import CELL, Function, Unit, tuple_of
 from socialbot.bdi.compiler.steps import Body
 from socialbot.bdi.compiler.terms import build, match
-from socialbot.bdi.conditions import Conjunction
-from socialbot.bdi.events import Change
-from socialbot.bdi.literals import ANYTHING
+from socialbot.bdi.literals import ANYTHING, Change
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import Do
-from socialbot.bdi.terms import Variable, names_in
+from socialbot.bdi.terms import Conjunction, Variable, names_in
 
 if TYPE_CHECKING:
     from socialbot.bdi.library import Library, Ready, ReadyInference

@@ -1,17 +1,16 @@
-"""Steps of bodies in generated code."""
+"""Compile the steps of plan bodies: beliefs, goals, questions and control flow."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-from socialbot.bdi.compiler.actions import await_, constrain, do, enter
-from socialbot.bdi.compiler.beliefs import forget, update
-from socialbot.bdi.compiler.conditions import query, unpack
-from socialbot.bdi.compiler.goals import achieve, ask, request
-from socialbot.bdi.compiler.pauses import limited, rests
-from socialbot.bdi.compiler.runtime import TAIL
+from socialbot.bdi.compiler.actions import await_, constrain, do, enter, limited, rests
+from socialbot.bdi.compiler.conditions import assign, query, unpack
+from socialbot.bdi.compiler.runtime import SUBGOAL, TAIL
 from socialbot.bdi.compiler.source import CELL, VALUE, Function, Scope, Unit, tuple_of
+from socialbot.bdi.compiler.terms import build, has_value, refresh, value, values
+from socialbot.bdi.literals import Goal, Literal, Structure
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import (
     Achieve,
@@ -28,7 +27,130 @@ from socialbot.bdi.steps import (
     Update,
     While,
 )  # fmt: skip
-from socialbot.bdi.terms import names_in
+from socialbot.bdi.terms import Variable, names_in
+
+
+def notes_of(f: Function, literal: Literal) -> str:
+    """The expression of the annotations of what the agent itself says."""
+    if not literal.annotations:
+        return "SELF"
+    notes = [build(f, note) for note in literal.annotations]
+    named = any(isinstance(note, Literal) and note.functor == "source" for note in literal.annotations)
+    return tuple_of(notes) if named else f"({', '.join(notes)}, *SELF)"
+
+
+def update(f: Function, step: Update) -> None:
+    """Writes a change; but for ``++``, the local r then holds what to wait for, or None."""
+    literal, sign = step.literal, step.sign
+    if isinstance(literal, Variable):
+        f.line(f"r = ag.update_of({sign!r}, {value(f, literal)}, c)", step)
+        return
+    relation = f.relation(literal.key)
+    if sign in ("-", "--"):
+        before = set(f.scope)
+        known = "_" not in names_in(literal.args) and has_value(f, literal.args)
+        if known and _anyones(literal):
+            f.line(f"r = ag.remove_any({relation}, {values(f, literal.args)}, c, {sign == '-'})", step)
+            return
+        known = known and "_" not in names_in(literal.annotations) and has_value(f, literal.annotations)
+        args = values(f, literal.args) if known else tuple_of([build(f, arg) for arg in literal.args])
+        method = "remove_known" if known else "remove"
+        f.line(f"r = ag.{method}({relation}, {args}, {notes_of(f, literal)}, c, {sign == '-'})", step)
+        refresh(f, names_in(literal), before)
+        return
+    args = values(f, literal.args)
+    if type(literal) is not Structure:
+        f.unit.library.declare(type(literal))
+    if sign == "++":
+        f.line(f"ag.add({relation}, {args}, {notes_of(f, literal)}, c)", step)
+    else:
+        method = "add_here" if sign == "+" else "replace"
+        f.line(f"r = ag.{method}({relation}, {args}, {notes_of(f, literal)}, c)", step)
+
+
+def forget(f: Function, step: Forget) -> None:
+    """Writes that every belief that matches goes, whoever said it."""
+    literal = step.literal
+    relation = f.relation(literal.key)
+    if "_" not in names_in(literal) and has_value(f, literal) and not literal.annotations:
+        args = values(f, literal.args)
+        # Nobody has to know: no call.
+        f.line(f"if {relation}.quiet and ag.sink is None:")
+        f.line(f"    {relation}.facts.pop({args}, None)", step)
+        f.line(f"else: ag.forget_one({relation}, {args}, c)", step)
+    else:
+        args = tuple_of([build(f, arg) for arg in literal.args])
+        notes = tuple_of([build(f, note) for note in literal.annotations])
+        f.line(f"ag.forget_all({relation}, {args}, {notes}, c)", step)
+
+
+def _anyones(literal: Literal) -> bool:
+    """Whether a belief is told by ``[source(_)]``."""
+    notes = literal.annotations
+    return len(notes) == 1 and isinstance(notes[0], Literal) and str(notes[0]) == "source(_)"
+
+
+def request(f: Function, step: Achieve, kind: int) -> str:
+    """The expression that asks for a goal."""
+    goal = step.goal
+    if isinstance(goal, Goal):
+        f.unit.library.declare(type(goal))
+    if isinstance(goal, Variable):
+        return f"ag.goal_of({value(f, goal)}, c)"
+    settled = "_" not in names_in(goal) and has_value(f, goal)
+    args = values(f, goal.args) if settled else tuple_of([build(f, arg) for arg in goal.args])
+    notes = notes_of(f, goal)
+    trigger = f"ag.triggers[{'+!' + goal.key!r}]"
+    if settled:
+        return f"({kind}, {trigger}, {args}, {notes}, c)"
+    return f"ag.open_goal({kind}, {trigger}, {args}, {notes}, c)"
+
+
+def achieve(f: Function, step: Achieve, *, last: bool) -> None:
+    """Writes a goal; one that is ``last`` takes the place of the goal that the plan serves."""
+    if step.apart:
+        if isinstance(step.goal, Variable):
+            f.line(f"ag.adopt_term({value(f, step.goal)}, c)", step)
+        elif step.limit_s is not None:
+            f.line(f"ag.adopt_within({request(f, step, SUBGOAL)}, {value(f, step.limit_s)})", step)
+        else:
+            f.line(f"ag.adopt_later({request(f, step, SUBGOAL)})", step)
+        return
+    goal = step.goal
+    tail = last and step.limit_s is None and not isinstance(goal, Variable)
+    before = set(f.scope)
+    asked = request(f, step, TAIL if tail else SUBGOAL)
+    if step.limit_s is not None:
+        asked = f"ag.timed({asked}, {value(f, step.limit_s)})"
+    f.line(f"yield {asked}", step)
+    refresh(f, names_in(goal), before)
+
+
+def ask(f: Function, step: Ask) -> None:
+    """Writes a question: what is believed answers it, or else a plan does."""
+    query_ = step.query
+    if isinstance(query_, Variable):
+        f.line(f"yield ag.question_of({value(f, query_)}, c)", step)
+        return
+    name, arguments, fresh = query(f, query_)
+    found = f.unit.name("s")
+    f.line(f"{found} = next({name}({arguments}), None)", step)
+    with f.block(f"if {found} is not None"):
+        assign(f, fresh, found)
+    with f.block("else"):
+        if isinstance(query_, Literal) and "." not in query_.functor:
+            scope = dict(f.scope)
+            args = tuple_of([build(f, arg) for arg in query_.args])
+            trigger = f"ag.triggers[{'+?' + query_.key!r}]"
+            f.line(f"yield ag.question({trigger}, {args}, {notes_of(f, query_)}, c)", step)
+            for variable in sorted(names_in(query_) - {"_"}):
+                if f.scope[variable] == CELL:
+                    f.line(f"{f.local(variable)} = known({f.local(variable)})", step)
+            f.scope = scope
+        else:
+            f.line(f"raise Failed('test_goal_failed', {f'nothing answers {query_}'!r})", step)
+    f.scope.update(fresh)
+
 
 Rest = Callable[[str], str]
 """The statement that hands the rest of an inline body over to a generator, which first yields what is named."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from socialbot.bdi.compiler.runtime import FUNCTIONS
 from socialbot.bdi.compiler.source import CELL, VALUE, Function, simple, tuple_of
-from socialbot.bdi.events import Event
-from socialbot.bdi.functions import FUNCTIONS
-from socialbot.bdi.literals import ANYTHING, Literal, ground, literal
+from socialbot.bdi.literals import ANYTHING, Event, Literal, ground, literal
 from socialbot.bdi.steps import Step
 from socialbot.bdi.terms import Atom, Call, Cons, Expression, Variable, names_in, show
-from socialbot.errors import RuleError
+from socialbot.core.errors import RuleError
 
 
 def has_value(f: Function, term: object) -> bool:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agent_messages import Desire, DesireItem
+from socialbot.deliberation.messages import Desire, DesireItem
 from socialbot.deliberation.sensing import predicate
 from tests.agents.cleaner.watching import Watched
 

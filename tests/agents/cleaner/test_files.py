@@ -3,8 +3,8 @@ from __future__ import annotations
 from importlib.resources import files
 from pathlib import Path
 
-from socialbot.agent_messages import FLUENT, Desire, Fact
 from socialbot.deliberation.files import load_beliefs, load_desires
+from socialbot.deliberation.messages import FLUENT, Desire, Fact
 from tests.agents.brief import believing, domain_of, plan_for, settled
 
 FOLDER = Path(str(files("socialbot.agents.cleaner")))

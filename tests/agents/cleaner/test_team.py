@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-from socialbot.agent_messages import Desire, DesireItem
-from socialbot.agents.cleaner.team import Sweeper
+from socialbot.agents.cleaner.cleaner import Sweeper
+from socialbot.deliberation.messages import Desire, DesireItem
 from socialbot.deliberation.sensing import predicate
 from tests.agents.cleaner.watching import Watched
 

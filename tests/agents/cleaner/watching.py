@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from socialbot.agents.deliberating import Deliberating
-from socialbot.clock import nanoseconds
-from socialbot.graph_file import load_graph
-from socialbot.inline import InlineRunner
-from socialbot.messages import Message, TraceRecord
+from socialbot.agents.base.deliberating import Deliberating
+from socialbot.core.clock import nanoseconds
+from socialbot.core.messages import Message, TraceRecord
+from socialbot.graph.files import load_graph
+from socialbot.graph.inline import InlineRunner
 
 
 class Watched:
-    """Runs a graph of `socialbot.graph_file.GRAPHS`, with other parameters by the names of nodes."""
+    """Runs a graph of `socialbot.graph.files.GRAPHS`, with other parameters by the names of nodes."""
 
     def __init__(self, graph: str, **parameters: dict[str, object]) -> None:
         self.runner = InlineRunner(load_graph(graph).with_parameters(parameters))

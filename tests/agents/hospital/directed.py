@@ -19,7 +19,7 @@ from socialbot.agents.hospital.messages import (
 )
 from socialbot.agents.hospital.missions import Conduct, Memory, by_number
 from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 from tests.agents.hospital.listings import ROOM
 
 logging.getLogger("socialbot.coordinator").setLevel(logging.ERROR)

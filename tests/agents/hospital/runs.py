@@ -7,10 +7,10 @@ from functools import cache
 from pathlib import Path
 
 from socialbot.agents.hospital.graphs import hospital
-from socialbot.demo import Ran, Run, run
-from socialbot.graph import Graph
-from socialbot.messages import Message, TraceRecord
-from socialbot.run_report import RunReport
+from socialbot.core.messages import Message, TraceRecord
+from socialbot.graph.node import Graph
+from socialbot.runs.report_writer import RunReport
+from socialbot.runtime.simulate import Run, RunResult, run
 
 
 @dataclass
@@ -19,7 +19,7 @@ class Told:
 
     what: Run
     report: RunReport
-    ran: Ran = field(default_factory=Ran)
+    ran: RunResult = field(default_factory=RunResult)
     messages: list[Message] = field(default_factory=list)
 
     @property

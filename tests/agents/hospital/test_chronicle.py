@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from socialbot.agents.hospital.chronicle import Chronicle
+from socialbot.agents.hospital.event_log import Chronicle
 from socialbot.agents.hospital.messages import (
     AclMessage,
     Belief,
@@ -15,8 +15,8 @@ from socialbot.agents.hospital.messages import (
     Problem,
 )
 from socialbot.agents.hospital.ward.messages import CANCELLED, ActionCommand, ActionResult
-from socialbot.messages import TraceRecord
-from socialbot.report.story import story_of
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.story import story_of
 from tests.agents.hospital.runs import paper_run
 
 GO = PlannedAction(action="a_navigate_to", args=("spotrobot1", "room1"), agents=("spotrobot1",))

@@ -5,10 +5,9 @@ from collections import deque
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.course import Course, view
 from socialbot.agents.hospital.disinfect import DISINFECT, mission, ward
-from socialbot.agents.hospital.missions import Mission
-from socialbot.tasks.planner import TaskPlanner
+from socialbot.agents.hospital.missions import Course, Mission, view
+from socialbot.planning.htn.planner import TaskPlanner
 from tests.agents.hospital.listings import LISTING_3, NURSE, ROOM, SPOT, UVD
 
 TEAM = (NURSE, SPOT, UVD)

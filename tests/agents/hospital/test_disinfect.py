@@ -5,11 +5,9 @@ import time
 import pytest
 
 from socialbot.agents.hospital.disinfect import DISINFECT, mission, ward
-from socialbot.tasks.answer import TaskAnswer, TaskLimits, TaskVerdict
-from socialbot.tasks.domain import Item
-from socialbot.tasks.planner import TaskPlanner
-from socialbot.tasks.state import State
-from socialbot.tasks.tree import Node, TaskTree
+from socialbot.planning.htn.domain import Item, State
+from socialbot.planning.htn.planner import TaskPlanner
+from socialbot.planning.htn.tree import Node, TaskAnswer, TaskLimits, TaskTree, TaskVerdict
 from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SPOT, UVD
 
 MISSION = mission(SPOT, UVD, NURSE)

@@ -32,8 +32,8 @@ from socialbot.agents.hospital.messages import (
     Stop,
 )
 from socialbot.agents.hospital.robots import ACTIONS
-from socialbot.clock import SECOND
-from socialbot.inline import InlineRunner
+from socialbot.core.clock import SECOND
+from socialbot.graph.inline import InlineRunner
 
 logging.getLogger("socialbot.coordinator").setLevel(logging.CRITICAL)
 

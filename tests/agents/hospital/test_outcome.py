@@ -4,12 +4,12 @@ import pytest
 
 from socialbot.agents.hospital.graphs import hospital, large_hospital
 from socialbot.agents.hospital.messages import Missions, MissionStatus, MissionView
-from socialbot.agents.hospital.outcome import QUIET_S, Infections, MissionsTold, ward_in
+from socialbot.agents.hospital.result import QUIET_S, Infections, MissionsTold, ward_in
 from socialbot.agents.hospital.ward.messages import RoomState, WardState
 from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
-from socialbot.clock import nanoseconds
-from socialbot.errors import ParameterError
-from socialbot.graph_file import load_graph
+from socialbot.core.clock import nanoseconds
+from socialbot.core.errors import ParameterError
+from socialbot.graph.files import load_graph
 
 
 def ward_at(seconds: float, *infected: str) -> WardState:

@@ -10,16 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.agents.hospital.coordinator_node import MISSIONS, HospitalCoordinator
+from socialbot.agents.hospital.coordinator import MISSIONS, HospitalCoordinator
 from socialbot.agents.hospital.messages import TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
 from socialbot.agents.hospital.ward.messages import STATE, WardState
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
-from socialbot.bridge.launch import Launch
-from socialbot.bridge.observing import Fates, observing
+from socialbot.bridge.graph_observer import Fates, observing
 from socialbot.bridge.readiness import expect_free_names
-from socialbot.graph import Graph, Placement
-from socialbot.messages import Message
+from socialbot.core.messages import Message
+from socialbot.graph.node import Graph, NodeConfig
+from socialbot.runtime.processes import Launch
 from tests.agents.hospital.listings import LISTING_3, LISTING_4
 from tests.system.running import eventually
 
@@ -28,11 +28,11 @@ pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("hospital over DDS")]
 HOSPITAL = Graph(
     "hospital",
     (
-        Placement("world", HospitalWorld),
-        Placement("coordinator", HospitalCoordinator, {"proactive": False, "policy": "repair"}),
-        Placement("spotrobot1", Spot),
-        Placement("uvdrobot1", Uvd),
-        Placement("nurse_disinfected1", Nurse),
+        NodeConfig("world", HospitalWorld),
+        NodeConfig("coordinator", HospitalCoordinator, {"proactive": False, "policy": "repair"}),
+        NodeConfig("spotrobot1", Spot),
+        NodeConfig("uvdrobot1", Uvd),
+        NodeConfig("nurse_disinfected1", Nurse),
     ),
 )
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.coordinator_node import MISSIONS
+from socialbot.agents.hospital.coordinator import MISSIONS
 from socialbot.agents.hospital.messages import TOPIC, AclMessage, Belief, Missions, Plan, Problem, Start
 from socialbot.agents.hospital.ward.messages import (
     CANCELS,
@@ -26,14 +26,14 @@ from socialbot.agents.hospital.ward.messages import (
     AgentState,
     WardState,
 )
-from socialbot.cli import with_changes
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.errors import ParameterError
-from socialbot.graph import Graph, Placement
-from socialbot.graph_file import load_graph
-from socialbot.inline import InlineRunner
-from socialbot.messages import Image, PersonDetection, PersonDetections, TraceRecord
-from socialbot.vision.truth import load_truth
+from socialbot.cli.main import with_changes
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import ParameterError
+from socialbot.core.messages import Image, PersonDetection, PersonDetections, TraceRecord
+from socialbot.graph.files import load_graph
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
+from socialbot.vision.metrics.truth import load_truth
 from tests.agents.hospital.listings import NURSE, ROOM, SPOT, UVD
 
 logging.getLogger("socialbot.coordinator").setLevel(logging.ERROR)
@@ -199,7 +199,7 @@ class Patrol:
     """A robot on patrol; the test plays everybody else."""
 
     def __init__(self, **parameters) -> None:
-        placement = Placement(SPOT, seeing_spot.SeeingSpot, {"recovers": False, **parameters})
+        placement = NodeConfig(SPOT, seeing_spot.SeeingSpot, {"recovers": False, **parameters})
         topics = frozenset({TOPIC, RESULTS, STATE, SEEN})
         self.runner = InlineRunner(Graph("alone", (placement,), inputs=topics), start=SECOND)
         self.problems: list[str] = []
@@ -300,7 +300,7 @@ def test_a_room_that_was_not_seen_does_not_pass(looks):
 
 def watched(busy: str, *, scenes: str = "0 scene2_tune 0-3") -> list[Image]:
     """The pictures that a camera at 2 Hz takes while a robot is so busy for 2 s, and for 2 s afterwards."""
-    placement = Placement("room_camera", room_camera.RoomCamera, {"scenes": scenes})
+    placement = NodeConfig("room_camera", room_camera.RoomCamera, {"scenes": scenes})
     runner = InlineRunner(Graph("camera", (placement,), inputs=frozenset({STATE})), start=SECOND)
     pictures: list[Image] = []
     runner.tap(IMAGES, lambda _, message: pictures.append(message))  # type: ignore[arg-type]

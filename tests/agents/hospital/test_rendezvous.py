@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.rendezvous import Meeting, Rendezvous
+from socialbot.agents.hospital.robots import Meeting, Rendezvous
 
 MEETING = Meeting("mission_1_1", "a_authenticate_nurse", ("spotrobot1", "nurse1"))
 

@@ -40,9 +40,9 @@ from socialbot.agents.hospital.ward.messages import (
 )
 from socialbot.bdi.agentspeak.loading import check
 from socialbot.bdi.agentspeak.parser import parse_literal
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 from tests.agents.hospital.listings import NURSE, ROOM, SPOT, UVD
 
 CONSTANTS = (NURSE, ROOM, SPOT, UVD)
@@ -72,7 +72,7 @@ class Alone:
     """One agent without a world and a coordinator, which the test plays."""
 
     def __init__(self, kind: type = Spot, name: str = SPOT, **parameters) -> None:
-        placement = Placement(name, kind, parameters)
+        placement = NodeConfig(name, kind, parameters)
         self.name = name
         self.numbers = itertools.count()
         self.runner = InlineRunner(Graph("alone", (placement,), inputs=frozenset({TOPIC, RESULTS, STATE})))

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.agents.hospital.coordinator_node import HospitalCoordinator
+from socialbot.agents.hospital.coordinator import HospitalCoordinator
 from socialbot.agents.hospital.messages import TOPIC, AclMessage, InitialTrigger, Plan, Problem
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
 from socialbot.agents.hospital.ward.messages import RESULTS
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
-from socialbot.errors import ParameterError
-from socialbot.graph import Graph, Placement
+from socialbot.core.errors import ParameterError
+from socialbot.graph.node import Graph, NodeConfig
 from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, SPOT, UVD
 from tests.agents.hospital.watched import Watched
 
@@ -27,11 +27,11 @@ class Hospital(Watched):
     def __init__(self, world: dict, coordinator: dict, *, robots: int = 1, nurses: int = 1, **agents) -> None:
         numbers = range(1, robots + 1)
         placements = (
-            Placement("world", HospitalWorld, world),
-            Placement("coordinator", HospitalCoordinator, coordinator),
-            *(Placement(f"spotrobot{n}", Spot, agents) for n in numbers),
-            *(Placement(f"uvdrobot{n}", Uvd, agents) for n in numbers),
-            *(Placement(f"nurse_disinfected{n}", Nurse, agents) for n in range(1, nurses + 1)),
+            NodeConfig("world", HospitalWorld, world),
+            NodeConfig("coordinator", HospitalCoordinator, coordinator),
+            *(NodeConfig(f"spotrobot{n}", Spot, agents) for n in numbers),
+            *(NodeConfig(f"uvdrobot{n}", Uvd, agents) for n in numbers),
+            *(NodeConfig(f"nurse_disinfected{n}", Nurse, agents) for n in range(1, nurses + 1)),
         )
         super().__init__(Graph("hospital", placements))
 

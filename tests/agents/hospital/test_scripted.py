@@ -18,7 +18,7 @@ from socialbot.agents.hospital.messages import (
 from socialbot.agents.hospital.missions import KINDS
 from socialbot.agents.hospital.scripted import SCRIPTED, ScriptedAgent, actions_of, scripted
 from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD
-from socialbot.graph import Graph
+from socialbot.graph.node import Graph
 from tests.agents.hospital.listings import LISTING_3
 from tests.agents.hospital.watched import Watched
 

@@ -11,12 +11,11 @@ from socialbot.agents.hospital.translation import Stage, initial_triggers, stage
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak.parser import parse_literal, parse_plan
 from socialbot.bdi.agentspeak.printer import agentspeak
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import literal
+from socialbot.bdi.literals import Change, Event, literal
 from socialbot.bdi.society import Society
 from socialbot.bdi.terms import Atom
-from socialbot.clock import ManualClock
-from socialbot.errors import PlanningError
+from socialbot.core.clock import ManualClock
+from socialbot.core.errors import PlanningError
 from tests.agents.hospital.listings import LISTING_3, NURSE, ROOM, SPOT, UVD
 
 JOINT = ("a_authenticate_nurse", "a_authorize_patrol", "a_authorize_disinfect")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from socialbot.agents.hospital.messages import AclMessage, Refusal
-from socialbot.agents.hospital.voice import Voice
-from socialbot.clock import ManualClock
+from socialbot.agents.hospital.messages import AclMessage, Refusal, Voice
+from socialbot.core.clock import ManualClock
 
 
 def test_what_is_said_carries_speaker_time_mission_and_what_it_answers():

@@ -8,9 +8,9 @@ from socialbot.agents.hospital.ward.faults import Fault
 from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.agents.hospital.ward_show import TREES, WardShow, ward_text
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 from tests.agents.hospital.runs import paper_run
-from tests.report.test_trees import MENDED, PLANNED, given_up_at, made_at
+from tests.runs.test_trees import MENDED, PLANNED, given_up_at, made_at
 
 
 def printed(*things: object) -> str:

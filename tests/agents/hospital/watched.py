@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any, TypeVar
 
-from socialbot.agents.hospital.coordinator_node import MISSIONS
+from socialbot.agents.hospital.coordinator import MISSIONS
 from socialbot.agents.hospital.messages import TOPIC, AclMessage, Missions, MissionView
 from socialbot.agents.hospital.ward.messages import CANCELS, COMMANDS, STATE, ActionCancel, ActionCommand, WardState
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.graph import Graph
-from socialbot.inline import InlineRunner
-from socialbot.messages import Message
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import Message
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph
 
 W = TypeVar("W", bound="Watched")
 

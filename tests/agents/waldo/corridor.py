@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from socialbot.agents.waldo.waldo_node import WaldoNode
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
-from socialbot.messages import ActionRequest, Message, Mind, PersonDetection, PersonDetections, TraceRecord
+from socialbot.agents.waldo.nodes import WaldoNode
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import ActionRequest, Message, Mind, PersonDetection, PersonDetections, TraceRecord
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 
 DETECTIONS = "/humans/bodies/detections"
 PERIOD_S = 0.1
@@ -28,7 +28,7 @@ class Corridor:
     """Waldo in a corridor, seen ten times a second; what he does, and when (s)."""
 
     def __init__(self, **parameters: object) -> None:
-        placement = Placement("waldo", WaldoNode, {"vanish_s": 1.5, **parameters})
+        placement = NodeConfig("waldo", WaldoNode, {"vanish_s": 1.5, **parameters})
         self.runner = InlineRunner(Graph("test", (placement,), inputs=frozenset({DETECTIONS})))
         self.node = self.runner.nodes["waldo"]
         self.did: list[tuple[float, str]] = []

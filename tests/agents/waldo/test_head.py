@@ -5,10 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.agents.waldo.head import CENTRE, Head, Motion, Pose
-from socialbot.clock import SECOND
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
-from socialbot.messages import HeadCommand, JointTrajectory, Message, PersonDetection, PersonDetections
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import HeadCommand, JointTrajectory, Message, PersonDetection, PersonDetections
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 
 COMMAND, DETECTIONS = "/head/command", "/humans/bodies/detections"
 
@@ -25,7 +25,7 @@ class Stage:
     """A head in the inline runner, and the trajectories it sends."""
 
     def __init__(self, **parameters: object) -> None:
-        placement = Placement("head", Head, parameters)
+        placement = NodeConfig("head", Head, parameters)
         self.runner = InlineRunner(Graph("test", (placement,), inputs=frozenset({COMMAND, DETECTIONS})))
         self.sent: list[JointTrajectory] = []
         self.runner.tap("/head_controller/joint_trajectory", self._note)

@@ -2,18 +2,18 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agents.waldo.listener import Listener
-from socialbot.clock import SECOND
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
-from socialbot.messages import ActionRequest, HeadCommand, Message, Utterance
+from socialbot.agents.waldo.nodes import Listener
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import ActionRequest, HeadCommand, Message, Utterance
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 
 
 class Stage:
     """A listener and what it sends to the actuators."""
 
     def __init__(self) -> None:
-        graph = Graph("test", (Placement("listener", Listener),), inputs=frozenset({"/waldo/actions"}))
+        graph = Graph("test", (NodeConfig("listener", Listener),), inputs=frozenset({"/waldo/actions"}))
         self.runner = InlineRunner(graph)
         self.sent: list[Message] = []
         for topic in ("/speech/say", "/head/command"):

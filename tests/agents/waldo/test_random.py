@@ -7,9 +7,9 @@ import itertools
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agents.waldo.waldo import Manners, PersonSensor
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.messages import PersonDetections
+from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import PersonDetections
 from tests.agents.waldo.corridor import FAR, PERIOD_S, Corridor, offers, person
 
 SCENES = st.lists(
@@ -134,7 +134,7 @@ def test_whoever_stays_is_offered_help_and_nobody_else(scenes, help_after_s):
 )
 def test_coming_and_going_are_told_by_the_shares_of_the_frames(scenes, appear_s, vanish_s):
     counts = [int(digit) for repeats, digits in scenes for digit in digits * repeats]
-    sensor = PersonSensor(Manners(appear_s=appear_s, vanish_s=vanish_s, help_after_s=600.0))
+    sensor = PersonSensor(WaldoConfig(appear_s=appear_s, vanish_s=vanish_s, help_after_s=600.0))
     present, changed = None, 0
     for newest, count in enumerate(counts):
         frame = PersonDetections(

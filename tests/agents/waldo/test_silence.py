@@ -8,12 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from socialbot.clock import SECOND, nanoseconds
-from socialbot.graph import Delivery, Input, Node, Output, Placement
-from socialbot.graph_file import load_graph
-from socialbot.health import SILENT_S
-from socialbot.inline import InlineRunner
-from socialbot.messages import (
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import (
     ActionRequest,
     Health,
     Image,
@@ -24,6 +20,10 @@ from socialbot.messages import (
     SpeechStatus,
     Utterance,
 )
+from socialbot.graph.files import load_graph
+from socialbot.graph.health import SILENT_S
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Delivery, Input, Node, NodeConfig, Output
 from tests.agents.waldo.corridor import ANNA, BEN, CARL, Corridor
 
 CAMERA, LATE_S = "/camera/image_raw", 0.5
@@ -198,7 +198,7 @@ class Robot:
 
     def __init__(self) -> None:
         whole = load_graph("waldo")
-        stand_ins = {"camera": Placement("camera", Eye), "person_detector": Placement("person_detector", Seer)}
+        stand_ins = {"camera": NodeConfig("camera", Eye), "person_detector": NodeConfig("person_detector", Seer)}
         graph = replace(whole, placements=tuple(stand_ins.get(one.name, one) for one in whole.placements))
         self.runner = InlineRunner(graph.with_parameters({"speech": {"playback": "off"}}), start=SECOND)
         self.did: list[tuple[float, str]] = []
@@ -331,7 +331,7 @@ def test_two_runs_with_a_gap_are_the_same():
 
 def test_the_end_of_a_recording_is_no_silence():
     whole = load_graph("waldo").without_sources()
-    placements = tuple(Placement(one.name, Seer) if one.name == "person_detector" else one for one in whole.placements)
+    placements = tuple(NodeConfig(one.name, Seer) if one.name == "person_detector" else one for one in whole.placements)
     runner = InlineRunner(replace(whole, placements=placements).with_parameters({"speech": {"playback": "off"}}))
     did: list[str] = []
     spoken: list[str] = []

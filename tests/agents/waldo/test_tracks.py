@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agents.waldo.waldo import Manners, PersonSensor
-from socialbot.clock import SECOND
-from socialbot.messages import PersonDetections
+from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import PersonDetections
 from tests.agents.waldo.corridor import ANNA, BEN, CARL, FAR, Corridor, offers, person
 
 
@@ -104,7 +104,7 @@ def test_who_is_near_is_greeted_and_who_is_far_is_not_waited_for():
 
 
 def test_a_recording_that_begins_anew_is_another_visit_of_other_people():
-    sensor = PersonSensor(Manners(vanish_s=1.5))
+    sensor = PersonSensor(WaldoConfig(vanish_s=1.5))
     told: list[str] = []
     for begin, name in ((50, "t1"), (0, "t2")):
         for tenth in range(40):
@@ -124,7 +124,7 @@ def test_a_recording_that_begins_anew_is_another_visit_of_other_people():
 )
 def test_frames_that_come_twice_or_late_change_nothing_but_when_it_is_noticed(order):
     """Somebody comes after 3 s and goes after 20 s; frames come in groups of four."""
-    sensor = PersonSensor(Manners(vanish_s=1.5))
+    sensor = PersonSensor(WaldoConfig(vanish_s=1.5))
     told: list[str] = []
     for group in range(0, 240, 4):
         for tenth in (group + each for each in order):
@@ -140,7 +140,7 @@ def test_frames_that_come_twice_or_late_change_nothing_but_when_it_is_noticed(or
 
 
 def test_what_is_kept_of_people_does_not_pile_up():
-    sensor = PersonSensor(Manners())
+    sensor = PersonSensor(WaldoConfig())
     for tenth in range(3000):
         frame = PersonDetections(
             stamp=tenth * SECOND // 10, frame_id="c", width=9, height=9, persons=(person(track=f"t{tenth // 10}"),)

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agents.waldo.waldo import Manners
-from socialbot.agents.waldo.waldo_node import WaldoNode
-from socialbot.clock import SECOND
-from socialbot.errors import ParameterError
-from socialbot.messages import ActionRequest, Message
+from socialbot.agents.waldo.nodes import WaldoNode
+from socialbot.agents.waldo.waldo import WaldoConfig
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import ParameterError
+from socialbot.core.messages import ActionRequest, Message
 from tests.agents.waldo.corridor import FAR, GREETING, OFFER, SEVERAL, Corridor, person
 
 
@@ -204,7 +204,7 @@ def test_manners_that_are_none_are_refused(name, value):
 
 def test_the_node_has_a_parameter_for_each_of_the_manners():
     defaults = {name: parameter.default for name, parameter in WaldoNode.parameters().items()}
-    assert vars(Manners()).items() <= defaults.items()
+    assert vars(WaldoConfig()).items() <= defaults.items()
 
 
 def test_the_same_alarm_is_not_set_again_with_each_frame(monkeypatch):

@@ -6,19 +6,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from socialbot.agent_messages import AgentReply, AgentRequest, Desire, DesireItem, Fact, Operation, RequestState
 from socialbot.agents.warehouse.carrier import Carrier
-from socialbot.agents.warehouse.cast import SIX
 from socialbot.agents.warehouse.gripper import Gripper
-from socialbot.agents.warehouse.layout import Layout
 from socialbot.agents.warehouse.messages import BoxPosition, BoxPositions, MoveStatus, Point
+from socialbot.agents.warehouse.scenario import SIX, Layout
 from socialbot.agents.warehouse.world_node import World
 from socialbot.bdi import Atom
 from socialbot.bdi.literals import literal
-from socialbot.clock import SECOND
-from socialbot.graph import Graph, Node, Placement
-from socialbot.inline import InlineRunner
-from socialbot.messages import Message, TraceRecord
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Message, TraceRecord
+from socialbot.deliberation.messages import AgentReply, AgentRequest, Desire, DesireItem, Fact, Operation, RequestState
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, Node, NodeConfig
 
 GRIPPER = "gripper_a"
 LAYOUT = Layout(SIX)
@@ -65,8 +64,8 @@ class Try:
 class Hall:
     """The world with some agents, and what came on the topics; the test plays everybody who is not there."""
 
-    def __init__(self, *agents: Placement, **world: Any) -> None:
-        placements = (Placement("world", World, {"noise": 0.0, **world}), *agents)
+    def __init__(self, *agents: NodeConfig, **world: Any) -> None:
+        placements = (NodeConfig("world", World, {"noise": 0.0, **world}), *agents)
         inputs = frozenset(topic for placement in placements for topic, _ in placement.subscriptions)
         self.runner = InlineRunner(Graph("hall", placements, inputs=inputs))
         self.said: list[tuple[str, Message]] = []
@@ -160,11 +159,11 @@ class Hall:
 
 
 def hall_with_gripper(**world: Any) -> Hall:
-    return Hall(Placement(GRIPPER, IdleGripper), **world)
+    return Hall(NodeConfig(GRIPPER, IdleGripper), **world)
 
 
 def hall_with_carrier(**parameters: Any) -> Hall:
-    return Hall(Placement("carrier_a", Carrier, parameters))
+    return Hall(NodeConfig("carrier_a", Carrier, parameters))
 
 
 def to_be_in(place: str, priority: float, name: str = "") -> Desire:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agent_messages import Belief, Fact
 from socialbot.agents.warehouse.carrier import Load, Place
-from socialbot.agents.warehouse.layout import DECK_M
 from socialbot.agents.warehouse.messages import BoxPosition, BoxPositions, MoveCommand, MoveStatus, Point, UnloadCommand
+from socialbot.agents.warehouse.scenario import DECK_M
+from socialbot.deliberation.messages import Belief, Fact
 from tests.agents.warehouse.hall import LAYOUT, boxes, hall_with_carrier, status, to_be_in, told
 
 

@@ -4,12 +4,12 @@ from collections import Counter
 
 import pytest
 
-from socialbot.agent_messages import FLUENT, Condition, Desire, Fact
-from socialbot.agents.warehouse import cast
-from socialbot.agents.warehouse.cast import SIX, carrier_beliefs, cast_of, gripper_beliefs, gripper_desires
+from socialbot.agents.warehouse import scenario as cast
+from socialbot.agents.warehouse.scenario import SIX, carrier_beliefs, cast_of, gripper_beliefs, gripper_desires
+from socialbot.core.errors import ParameterError
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
-from socialbot.errors import ParameterError
+from socialbot.deliberation.messages import FLUENT, Condition, Desire, Fact
 from tests.agents.brief import believing, domain_of, plan_for, settled
 
 

@@ -4,9 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.warehouse.cast import SIX
-from socialbot.agents.warehouse.faults import Fault, parse_faults, random_faults
-from socialbot.errors import ParameterError
+from socialbot.agents.warehouse.scenario import SIX, Fault, parse_faults, random_faults
+from socialbot.core.errors import ParameterError
 
 
 def test_faults_are_read_in_the_order_in_which_they_are_written():

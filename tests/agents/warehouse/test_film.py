@@ -4,11 +4,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from socialbot.agents.warehouse.cast import GRIPPER, SIX
-from socialbot.agents.warehouse.film import Film
+from socialbot.agents.warehouse.drawing import Film
 from socialbot.agents.warehouse.messages import GripperPose, GripperStatus, MoveCommand
-from socialbot.clock import SECOND
-from socialbot.messages import Utterance
+from socialbot.agents.warehouse.scenario import GRIPPER, SIX
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Utterance
 from tests.agents.warehouse.test_world_node import Hall
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -5,9 +5,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from socialbot.agents.warehouse.cast import SIX, cast_of
-from socialbot.agents.warehouse.floor import Floor, floor_svg, world_svg
+from socialbot.agents.warehouse.drawing import Floor, floor_svg, world_svg
 from socialbot.agents.warehouse.messages import BoxPosition, Point
+from socialbot.agents.warehouse.scenario import SIX, cast_of
 from socialbot.agents.warehouse.world import Warehouse
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from socialbot.agent_messages import AgentRequest, Desire, Fact, RequestState
-from socialbot.agents.warehouse.cast import SIX
 from socialbot.agents.warehouse.gripper import Boxes, CarrierStatus, Whereabouts
 from socialbot.agents.warehouse.messages import GripperPose, GripperStatus, MoveCommand, MoveStatus
+from socialbot.agents.warehouse.scenario import SIX
 from socialbot.bdi import Engine
-from socialbot.clock import SECOND, ManualClock
+from socialbot.core.clock import SECOND, ManualClock
+from socialbot.deliberation.messages import AgentRequest, Desire, Fact, RequestState
 from socialbot.deliberation.requests import Correspondence
 from tests.agents.warehouse.hall import GRIPPER, Hall, Try, boxes, hall_with_gripper, status, to_be_in, told
 

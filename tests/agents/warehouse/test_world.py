@@ -7,12 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agents.warehouse.cast import GRIPPER, SIX, cast_of
-from socialbot.agents.warehouse.faults import Fault, random_faults
-from socialbot.agents.warehouse.layout import carried, is_carried
 from socialbot.agents.warehouse.messages import Point
+from socialbot.agents.warehouse.scenario import GRIPPER, SIX, Fault, carried, cast_of, is_carried, random_faults
 from socialbot.agents.warehouse.world import Warehouse
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 
 
 class Story:

@@ -14,11 +14,11 @@ from socialbot.agents.warehouse.messages import (
     UnloadCommand,
 )
 from socialbot.agents.warehouse.world_node import World, World24
-from socialbot.clock import SECOND
-from socialbot.errors import ParameterError
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
-from socialbot.messages import Message
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import ParameterError
+from socialbot.core.messages import Message
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 
 M = TypeVar("M", bound=Message)
 
@@ -31,7 +31,7 @@ class Hall:
     def __init__(self, kind=World, start: int = 1_700_000_000 * SECOND, **parameters) -> None:
         self.start = start
         self.said: dict[str, list[Message]] = {}
-        placement = Placement("world", kind, parameters)
+        placement = NodeConfig("world", kind, parameters)
         self.runner = InlineRunner(Graph("hall", (placement,), inputs=COMMANDS), start=start)
         for topic, _ in placement.publications:
             self.runner.tap(topic, lambda name, message: self.said.setdefault(name, []).append(message))

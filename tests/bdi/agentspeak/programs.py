@@ -7,12 +7,22 @@ from dataclasses import replace
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi.conditions import Conjunction, Disjunction, Negation, Truth, conjunction
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import Literal, literal
+from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, Update, While
-from socialbot.bdi.terms import Atom, Call, Comparison, Cons, Expression, Variable
+from socialbot.bdi.terms import (
+    Atom,
+    Call,
+    Comparison,
+    Conjunction,
+    Cons,
+    Disjunction,
+    Expression,
+    Negation,
+    Truth,
+    Variable,
+    conjunction,
+)
 
 SLOW = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 

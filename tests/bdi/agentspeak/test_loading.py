@@ -6,7 +6,7 @@ from socialbot.bdi import Atom, Belief, Engine, Goal
 from socialbot.bdi.agentspeak import AgentSpeakError, parse
 from socialbot.bdi.agentspeak.loading import check, load, problems_of
 from socialbot.bdi.literals import literal
-from socialbot.clock import ManualClock
+from socialbot.core.clock import ManualClock
 from tests.bdi.mas import Mas, said
 
 

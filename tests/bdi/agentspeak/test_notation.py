@@ -7,12 +7,12 @@ from unittest import mock
 import pytest
 from hypothesis import given
 
-from socialbot.bdi import conditions, events, literals, plans, steps, terms
+from socialbot.bdi import literals, plans, steps, terms
+from socialbot.bdi import literals as events
+from socialbot.bdi import terms as conditions
 from socialbot.bdi.actions import Action, fail, wait
 from socialbot.bdi.agentspeak import agentspeak, parse_plan, rules
-from socialbot.bdi.conditions import conjunction
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import Belief, Goal, Literal, SingletonBelief, error, source
+from socialbot.bdi.literals import Belief, Change, Event, Goal, Literal, SingletonBelief, error, source
 from socialbot.bdi.plans import Inference, Plan, atomic, flat, labelled, priority, stage
 from socialbot.bdi.steps import (
     Achieve,
@@ -32,7 +32,7 @@ from socialbot.bdi.steps import (
 from socialbot.bdi.steps import (
     test as holds,
 )
-from socialbot.bdi.terms import Atom, Comparison, Variable, variables
+from socialbot.bdi.terms import Atom, Comparison, Variable, conjunction, variables
 from tests.bdi.agentspeak.programs import INFERENCES, PLANS, SLOW
 from tests.bdi.agentspeak.shape import shape
 

@@ -3,12 +3,23 @@ from __future__ import annotations
 import pytest
 
 from socialbot.bdi.agentspeak import parse, parse_condition, parse_event, parse_literal, parse_plan, parse_term
-from socialbot.bdi.conditions import NOTHING, Conjunction, Disjunction, Negation, Truth, conjunction
-from socialbot.bdi.events import Change, Event
-from socialbot.bdi.literals import literal
+from socialbot.bdi.literals import Change, Event, literal
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, Update, While
-from socialbot.bdi.terms import Atom, Call, Comparison, Cons, Expression, Variable
+from socialbot.bdi.terms import (
+    NOTHING,
+    Atom,
+    Call,
+    Comparison,
+    Conjunction,
+    Cons,
+    Disjunction,
+    Expression,
+    Negation,
+    Truth,
+    Variable,
+    conjunction,
+)
 from tests.bdi.agentspeak.shape import shape
 
 X, Y, Z = map(Variable, "XYZ")

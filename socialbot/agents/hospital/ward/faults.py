@@ -14,7 +14,7 @@ from socialbot.agents.hospital.ward.messages import (
     PERSON_IN_ROOM,
 )
 from socialbot.agents.hospital.ward.ward import NURSE, Ward
-from socialbot.errors import ParameterError
+from socialbot.core.errors import ParameterError
 
 FaultKind = Literal["dirty", "closes", "drains", "enters", "leaves", "silent", "slow", "stalls"]
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from socialbot.messages import Structured
+from socialbot.core.messages import Structured
 
 COMMANDS = "/hospital/commands"
 CANCELS = "/hospital/cancels"

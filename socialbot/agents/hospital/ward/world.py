@@ -32,9 +32,8 @@ from socialbot.agents.hospital.ward.messages import (
     RoomState,
     WardState,
 )
-from socialbot.agents.hospital.ward.pace import AT_ONCE, PAPER, Pace
-from socialbot.agents.hospital.ward.ward import ROBOTS, Point, Ward, length
-from socialbot.clock import SECOND, nanoseconds
+from socialbot.agents.hospital.ward.ward import AT_ONCE, PAPER, ROBOTS, Pace, Point, Ward, length
+from socialbot.core.clock import SECOND, nanoseconds
 
 PATIENCE_S = 10.0
 """So long a joint action waits for the other partner."""

@@ -18,12 +18,11 @@ from socialbot.agents.hospital.ward.messages import (
     RoomState,
     WardState,
 )
-from socialbot.agents.hospital.ward.pace import PACES
-from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
+from socialbot.agents.hospital.ward.ward import PACES, Ward, large_ward, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
-from socialbot.clock import nanoseconds
-from socialbot.errors import ParameterError
-from socialbot.graph import Context, Delivery, Input, Node, Output, Parameter, Timer
+from socialbot.core.clock import nanoseconds
+from socialbot.core.errors import ParameterError
+from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
 
 S = TypeVar("S", RoomState, AgentState)
 
@@ -31,7 +30,7 @@ S = TypeVar("S", RoomState, AgentState)
 class HospitalWorld(Node):
     """The ward in place of a simulator or the real thing."""
 
-    stands_for_world = True
+    is_simulator = True
 
     commands = Input(ActionCommand, COMMANDS)
     cancels = Input(ActionCancel, CANCELS)

@@ -11,8 +11,8 @@ from socialbot.agents.hospital.ward.faults import PROBLEM_OF, Fault, drawn_probl
 from socialbot.agents.hospital.ward.messages import PROBLEMS
 from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
-from socialbot.clock import SECOND
-from socialbot.errors import ParameterError
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import ParameterError
 
 PAPER, LARGE = paper_ward(), large_ward()
 

@@ -6,13 +6,12 @@ from xml.etree import ElementTree
 
 import pytest
 
+from socialbot.agents.hospital.ward.drawing import TALLY, WardFilm
 from socialbot.agents.hospital.ward.faults import Fault
-from socialbot.agents.hospital.ward.film import WardFilm
 from socialbot.agents.hospital.ward.messages import WardState
-from socialbot.agents.hospital.ward.picture import TALLY
 from socialbot.agents.hospital.ward.ward import NURSE, SPOT, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,12 @@ from xml.etree import ElementTree
 import msgspec
 import pytest
 
+from socialbot.agents.hospital.ward.drawing import TALLY, Picture, ward_svg
 from socialbot.agents.hospital.ward.faults import Fault
 from socialbot.agents.hospital.ward.messages import WardState
-from socialbot.agents.hospital.ward.picture import TALLY, Picture, ward_svg
 from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 from tests.agents.hospital.listings import NURSE, SPOT, UVD
 from tests.agents.warehouse.test_floor import shapes
 

@@ -5,10 +5,9 @@ import pytest
 from socialbot.agents.hospital.ward.agents import JOINT
 from socialbot.agents.hospital.ward.faults import Fault
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, ActionResult
-from socialbot.agents.hospital.ward.pace import CLINIC, INSTANT, PAPER, Pace
-from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
+from socialbot.agents.hospital.ward.ward import CLINIC, INSTANT, PAPER, Pace, Ward, large_ward, paper_ward
 from socialbot.agents.hospital.ward.world import PATIENCE_S, WardWorld
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SPOT, UVD
 
 

@@ -17,11 +17,11 @@ from socialbot.agents.hospital.ward.messages import (
     WardState,
 )
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
-from socialbot.clock import SECOND
-from socialbot.errors import ParameterError
-from socialbot.graph import Graph, Placement
-from socialbot.inline import InlineRunner
-from socialbot.messages import Message
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import ParameterError
+from socialbot.core.messages import Message
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 from tests.agents.hospital.listings import ROOM, SPOT, UVD
 
 
@@ -44,7 +44,7 @@ class House:
         self.start = start
         self.states: list[WardState] = []
         self.results: list[ActionResult] = []
-        graph = Graph("house", (Placement("world", HospitalWorld, parameters),), inputs=frozenset({COMMANDS, CANCELS}))
+        graph = Graph("house", (NodeConfig("world", HospitalWorld, parameters),), inputs=frozenset({COMMANDS, CANCELS}))
         self.runner = InlineRunner(graph, start=start)
         self.runner.tap(STATE, self.on_message)
         self.runner.tap(RESULTS, self.on_message)

@@ -15,7 +15,7 @@ from socialbot.agents.hospital.ward.faults import random_faults
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, ActionResult
 from socialbot.agents.hospital.ward.ward import large_ward
 from socialbot.agents.hospital.ward.world import WardWorld
-from socialbot.clock import SECOND
+from socialbot.core.clock import SECOND
 
 SMALL = large_ward(6, 2, 2, 3)
 AGENTS = [*SMALL.member_by_name, "nobody"]

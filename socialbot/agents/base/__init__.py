@@ -1,0 +1,1 @@
+"""Agents as nodes: messages in, actions out."""

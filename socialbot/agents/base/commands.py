@@ -1,0 +1,171 @@
+"""What people may ask of an agent: each request is checked at once, and becomes something to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import msgspec
+
+from socialbot.bdi import Engine
+from socialbot.bdi.agentspeak import AgentSpeakError, parse_literal
+from socialbot.bdi.literals import Computed, Literal, ground, literal
+from socialbot.bdi.stdlib.goals import desire as pursued
+from socialbot.bdi.stdlib.goals import drop_goal
+from socialbot.bdi.stdlib.registry import opened
+from socialbot.core.errors import RuleError, SocialbotError
+from socialbot.deliberation.deliberator import Deliberator
+from socialbot.deliberation.fact_index import parse_fact, parse_facts
+from socialbot.deliberation.messages import Desire
+
+PERSON = "person"
+"""The source of what people have an agent believe."""
+
+Deed = Callable[[str], object]
+"""What is to be done; takes the id of the record that it is done because of."""
+
+
+class RefusedError(SocialbotError):
+    """What an agent does not do, and why."""
+
+    exit_code = 4
+
+
+class CommandHandler(Protocol):
+    """What can be asked of an agent. Raises RefusedError, or another error for users, for what cannot be done."""
+
+    def believe(self, text: str) -> Deed:
+        """Has it believe something."""
+        ...
+
+    def forget(self, text: str) -> Deed:
+        """Has it believe something no longer."""
+        ...
+
+    def achieve(self, text: str) -> Deed:
+        """Has it want something."""
+        ...
+
+    def drop(self, text: str) -> Deed:
+        """Has it want something no longer."""
+        ...
+
+
+class ObligingEngine:
+    """An agent that is an engine: beliefs and goals are literals, as AgentSpeak writes them."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+
+    def believe(self, text: str) -> Deed:
+        """Has it hold a belief, whose source is a person."""
+        belief = _closed(text)
+        kind = self._engine.relations[belief.key].kind
+        if kind is not None and issubclass(kind, Computed):
+            raise RefusedError(f"{belief} is computed: it cannot be added")
+        return lambda cause: self._engine.believe(belief, source=PERSON, cause=cause)  # type: ignore[arg-type]
+
+    def forget(self, text: str) -> Deed:
+        """Has it hold a belief no longer, whoever said it; variables match anything."""
+        belief = parse(text)
+        relation = self._engine.base.get(belief.key)
+        if relation is None or not relation.facts:
+            raise RefusedError(f"it believes nothing like {belief}")
+        if ground(belief) and belief.args not in relation.facts:
+            raise RefusedError(f"it does not believe {belief}")
+        return lambda cause: self._engine.forget(belief, cause=cause)  # type: ignore[arg-type]
+
+    def achieve(self, text: str) -> Deed:
+        """Has it adopt a goal for which it has plans."""
+        goal, triggers = _closed(text), self._engine.library.triggers
+        trigger = triggers.get(f"+!{goal.key}")
+        if trigger is None or not trigger.plans:
+            known = sorted(key[2:] for key, each in triggers.items() if key.startswith("+!") and each.plans)
+            has = f"it has some for {', '.join(known)}" if known else "it has none for any goal"
+            raise RefusedError(f"it has no plan for {goal}; {has}")
+        return lambda cause: self._engine.achieve(goal, cause=cause)
+
+    def drop(self, text: str) -> Deed:
+        """Has it give up a goal."""
+        goal = parse(text)
+        goal = goal.with_(args=opened(goal.args, {}))
+        if next(pursued(self._engine, (goal,), []), 0) == 0:
+            raise RefusedError(f"it does not want {text.strip()}")
+        return lambda cause: self._engine.call(lambda: drop_goal(self._engine, goal))
+
+
+class ObligingDeliberator:
+    """An agent that deliberates: beliefs are facts of its domain, goals are desires."""
+
+    def __init__(self, deliberator: Deliberator) -> None:
+        self._deliberator = deliberator
+        self._facts = deliberator.facts
+
+    def believe(self, text: str) -> Deed:
+        """Has it believe a fact that fits its domain."""
+        fact = parse_fact(text)
+        reason = self._facts.unfit(fact)
+        if reason is not None:
+            raise RefusedError(reason)
+        return self._call(lambda cause: self._facts.add(fact, source=PERSON, cause=cause))
+
+    def forget(self, text: str) -> Deed:
+        """Has it believe a fact no longer; wildcards match anything."""
+        fact = parse_fact(text)
+        reason = self._facts.unfit_pattern(fact)
+        if reason is not None:
+            raise RefusedError(reason)
+        if "*" not in fact.params and self._facts.current(fact) is None:
+            raise RefusedError(f"it does not believe {fact}")
+        return self._call(lambda cause: self._facts.remove(fact, cause))
+
+    def achieve(self, text: str) -> Deed:
+        """Has it adopt a desire: one as JSON, or the facts that are to become true."""
+        desire = _desire(text)
+        reason = self._deliberator.objection(desire)
+        if reason:
+            raise RefusedError(reason)
+        if self._facts.fulfilled(desire):
+            raise RefusedError("that is so already")
+        return self._call(lambda cause: self._deliberator.desire(desire, cause=cause))
+
+    def drop(self, text: str) -> Deed:
+        """Has it drop the desire of that name."""
+        desires, name = self._deliberator.desires, text.strip()
+        if name not in desires:
+            names = ", ".join(wish.name for wish in desires)
+            raise RefusedError(f"it has no desire {name!r}; {f'it has {names}' if names else 'it desires nothing'}")
+        return self._call(lambda cause: self._deliberator.drop(name, "a person asked for it", cause=cause))
+
+    def _call(self, do: Deed) -> Deed:
+        return lambda cause: self._deliberator.engine.call(lambda: do(cause))
+
+
+def parse(text: str) -> Literal:
+    """A literal of AgentSpeak, but that its name may be a class's, with a capital. Raises RefusedError."""
+    text = text.strip().removesuffix("()")
+    capital = text[:1].isupper()
+    try:
+        found = parse_literal(text[:1].lower() + text[1:] if capital else text, "what was asked")
+    except AgentSpeakError as error:
+        raise RefusedError(error.what.partition("\n")[0]) from error
+    except RuleError as error:
+        raise RefusedError(error.what) from error
+    return literal(text[:1] + found.functor[1:], found.args) if capital else found
+
+
+def _closed(text: str) -> Literal:
+    found = parse(text)
+    if not ground(found):
+        raise RefusedError(f"{found} has a variable, or something to compute: write values")
+    return found
+
+
+def _desire(text: str) -> Desire:
+    text = text.strip()
+    if not text.startswith("{"):
+        return Desire(name=text.lower(), value=parse_facts(text))
+    try:
+        return msgspec.json.decode(text, type=Desire)
+    except msgspec.MsgspecError as error:
+        raise RefusedError(f"that is no desire: {error}") from error

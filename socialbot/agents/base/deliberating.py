@@ -1,0 +1,390 @@
+"""A deliberating agent as a node: desires, plans and requests of other agents by topics of its own namespace.
+
+An agent is described by a class and its parameters::
+
+    class Cleaner(Deliberating):
+        folder = Path(__file__).parent
+        actions_known = (movetoward, doclean, recharge)
+
+        position = Input(Position, "/cleaner/position")
+
+        def sensors(self):
+            self.whereabouts = Whereabouts()
+            return (self.whereabouts,)
+
+        @position
+        def on_position(self, message):
+            self.hear(self.whereabouts, message)
+
+The parameters bear the names of ROS2-BDI; the topics, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from socialbot.agents.base.agent_node import AgentNode
+from socialbot.agents.base.commands import CommandHandler, ObligingDeliberator
+from socialbot.bdi import Engine
+from socialbot.core import paths
+from socialbot.core.errors import PlanningError
+from socialbot.core.messages import ActionRequest, Mind, TraceRecord
+from socialbot.deliberation import persistence as keeping
+from socialbot.deliberation.actions import PlanAction, register
+from socialbot.deliberation.deliberator import Deliberator
+from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
+from socialbot.deliberation.messages import (
+    LONGEST_S,
+    AgentReply,
+    AgentRequest,
+    Belief,
+    BeliefSet,
+    CurrentIntentions,
+    Desire,
+    DesireItem,
+    DesireSet,
+    Fact,
+    LifecycleStatus,
+    Operation,
+    PlanExecutionInfo,
+)
+from socialbot.deliberation.options import DirectorOptions, Options
+from socialbot.deliberation.requests import Asked, Correspondence, Policies, RequestServer
+from socialbot.deliberation.sensing import FactSensor, watched_by
+from socialbot.graph.node import Delivery, Input, Output, Parameter
+from socialbot.planning.pddl.domain import Domain
+from socialbot.planning.pddl.reader import read_domain
+from socialbot.planning.planners.engines import make_planner
+from socialbot.planning.planners.planner import Limits
+
+
+def _seconds(default: float, doc: str) -> Parameter[float]:
+    return Parameter(default, doc, minimum=0.0, maximum=LONGEST_S, fixed=True)
+
+
+class Deliberating(AgentNode):
+    """An agent with beliefs, desires, rules, and plans for what it desires."""
+
+    folder: ClassVar[Path | None] = None
+    """Where files with relative names are; the current folder if None."""
+    actions_known: ClassVar[Sequence[type[PlanAction]]] = ()
+    """How the actions of its domain are carried out. Plans of its engine, for goals of these names, will do as well."""
+    phrases: ClassVar[Mapping[str, str]] = {}
+    """How its actions are said, for people who watch: ``moves from {1} to {2}``, with their objects by number."""
+
+    actions = Output(ActionRequest, "~/actions")
+    mind = Output(Mind, "~/mind", Delivery.LATCHED)
+    trace = Output(TraceRecord, "~/trace")
+    belief_set = Output(BeliefSet, "~/belief_set", Delivery.LATCHED)
+    desire_set = Output(DesireSet, "~/desire_set", Delivery.LATCHED)
+    plan_execution_info = Output(PlanExecutionInfo, "~/plan_execution_info")
+    current_intentions = Output(CurrentIntentions, "~/current_intentions", Delivery.LATCHED)
+    lifecycle_status = Output(LifecycleStatus, "~/lifecycle_status", Delivery.LATCHED)
+    requests_out = Output(AgentRequest, "/agents/requests")
+    replies_out = Output(AgentReply, "/agents/replies")
+
+    add_belief = Input(Belief, "~/add_belief", optional=True)
+    del_belief = Input(Belief, "~/del_belief", optional=True)
+    add_belief_set = Input(BeliefSet, "~/add_belief_set", optional=True)
+    del_belief_set = Input(BeliefSet, "~/del_belief_set", optional=True)
+    add_desire = Input(DesireItem, "~/add_desire", optional=True)
+    del_desire = Input(DesireItem, "~/del_desire", optional=True)
+    requests_in = Input(AgentRequest, "/agents/requests")
+    replies_in = Input(AgentReply, "/agents/replies")
+
+    pddl_file = Parameter("", "the domain, PDDL 2.1", fixed=True)
+    init_bset = Parameter("", "what it believes at first (YAML)", fixed=True)
+    init_dset = Parameter("", "what it desires at first (YAML)", fixed=True)
+    init_reactive_rules_set = Parameter("", "its rules (YAML)", fixed=True)
+    agent_group = Parameter("group0", "the group it belongs to", fixed=True)
+    belief_ck = Parameter("", "groups that may check its beliefs, separated by commas", fixed=True)
+    belief_w = Parameter("", "groups that may change its beliefs", fixed=True)
+    desire_ck = Parameter("", "groups that may check its desires", fixed=True)
+    desire_w = Parameter("", "groups that may change its desires", fixed=True)
+    desire_pr = Parameter("", "the highest priority that each group of desire_w may give", fixed=True)
+    planner = Parameter("kairos", "kairos, popf, or up:ENGINE", fixed=True)
+    planning_timeout_s = Parameter(5.0, "how long a planner may work (s)", minimum=0.05, maximum=600.0, fixed=True)
+    planning_memory_mb = Parameter(512, "how much memory planning may take (MB)", minimum=32, fixed=True)
+    reschedule_policy = Parameter(
+        "NO_PREEMPT", "may desires interrupt others?", choices=("NO_PREEMPT", "PREEMPT"), fixed=True
+    )
+    rtc_deadline = Parameter(
+        2.0, "a plan is aborted after this many times its desire's deadline", minimum=1.0, maximum=1000.0, fixed=True
+    )
+    patience_s = _seconds(2.0, "how long a condition at the start, or an effect to be seen, is waited for (s)")
+    tolerance_s = _seconds(0.5, "how long a condition may stop holding (s)")
+    overrun_factor = Parameter(
+        5.0, "a step may last so many times its duration", minimum=1.0, maximum=1000.0, fixed=True
+    )
+    overrun_s = _seconds(5.0, "a step may last so much longer (s)")
+    stop_s = _seconds(5.0, "how long an action may take to stop (s)")
+    retry_s = _seconds(1.0, "the least time between two tries for one desire (s)")
+    comp_plan_tries = Parameter(8, "plannings that fail before a desire is dropped", minimum=1, fixed=True)
+    exec_plan_tries = Parameter(8, "executions that fail before a desire is dropped", minimum=1, fixed=True)
+    autosub_prec = Parameter(False, "desire what the precondition of a desire lacks", fixed=True)
+    autosub_context = Parameter(False, "desire what the context of a desire lacks", fixed=True)
+    give_up_silent_s = Parameter(
+        30.0, "a plan is aborted when a sensor has been silent for so long (s)", minimum=0.0, maximum=1e6, fixed=True
+    )
+    request_timeout_s = Parameter(2.0, "how long to wait for the answer of another agent (s)", minimum=0.1, fixed=True)
+    mind_file = Parameter("", "where to keep what it believes and desires; it goes on from there", fixed=True)
+
+    _kept_in: Path | None = None
+    """The full path of ``mind_file``."""
+
+    def build(self) -> Engine:
+        engine = Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
+        domain = self._domain()
+        for action in self.actions_known:
+            if action.functor not in domain.actions:
+                raise PlanningError(
+                    f"there is no action {action.functor}", where=domain.where or domain.name, remedy="name it so"
+                )
+            register(engine, action, len(domain.actions[action.functor].parameters))
+        sensors = tuple(self.sensors())
+        self.deliberator = Deliberator(
+            engine,
+            domain,
+            make_planner(self.planner),
+            self.context.aside,
+            options=self._options(),
+            director_options=self._director_options(),
+            watched=watched_by(sensors),
+            observer=self,
+        )
+        self.correspondence = Correspondence(
+            engine, self.agent_group, self.requests_out.publish, self.request_timeout_s
+        )
+        self._reception = RequestServer(self.deliberator, self._policies(), self.replies_out.publish)
+        for sensor in sensors:
+            sensor.join(self.deliberator)
+        return engine
+
+    def start(self) -> None:
+        # Not before there are listeners to the trace, and a time.
+        self._load()
+        self._tell_idle()
+        super().start()
+
+    def recall(self) -> None:
+        """Does nothing: what was kept has been taken up already, and is kept as it changes."""
+
+    def _tell_idle(self) -> None:
+        """Says which actions of its domain nobody carries out: probably one was forgotten, or is misspelt."""
+        deliberator = self.deliberator
+        idle = ", ".join(deliberator.pursuit.not_carried_out(deliberator.domain.actions))
+        if idle:
+            message = f"nobody carries out {idle}; what needs that is dropped"
+            self.log.warning(message)
+            self.engine.record("failure", "actions", "", reason="nobody", message=message)
+
+    def sensors(self) -> Sequence[FactSensor]:
+        """Makes the sensors of the agent; its inputs show them what they bring by `hear`."""
+        return ()
+
+    def hear(self, sensor: FactSensor, percept: Any) -> None:
+        """Shows a percept to a sensor."""
+        sensor.push(percept)
+
+    def ask(
+        self,
+        receiver: str,
+        operation: Operation,
+        *,
+        belief: Fact | None = None,
+        desire: Desire | None = None,
+        monitor: bool = False,
+        cause: str = "",
+    ) -> Asked:
+        """Asks another agent to check, add or delete a belief or a desire; see `Correspondence.ask`."""
+        return self.correspondence.ask(receiver, operation, belief=belief, desire=desire, monitor=monitor, cause=cause)
+
+    def stop(self) -> None:
+        self.deliberator.stop()
+
+    def asked(self) -> CommandHandler:
+        return ObligingDeliberator(self.deliberator)
+
+    # What it is made of
+
+    def path(self, parameter: str) -> Path:
+        """The file that a parameter names: in the agent's `folder`, unless it says where it is.
+
+        Raises ParameterError when it is neither there nor in a folder in which nodes may keep files.
+        """
+        name = str(self.parameter_values[parameter])
+        folders = (self.folder or Path.cwd(), *paths.workspace())
+        return paths.within(name, folders, where=f"{self.name}.{parameter}")
+
+    def _domain(self) -> Domain:
+        if not self.pddl_file:
+            raise PlanningError("it has no domain", where=self.name, remedy="set its parameter pddl_file")
+        path = self.path("pddl_file")
+        try:
+            return read_domain(path.read_text("utf-8"), where=str(path))
+        except (OSError, UnicodeDecodeError) as error:
+            raise PlanningError(
+                f"cannot read the domain: {error}", where=str(path), remedy="set pddl_file of the agent to its domain"
+            ) from error
+
+    def _options(self) -> Options:
+        return Options(
+            reschedule_policy="PREEMPT" if self.reschedule_policy == "PREEMPT" else "NO_PREEMPT",
+            rtc_deadline=self.rtc_deadline,
+            comp_plan_tries=self.comp_plan_tries,
+            exec_plan_tries=self.exec_plan_tries,
+            autosub_prec=self.autosub_prec,
+            autosub_context=self.autosub_context,
+            retry_s=self.retry_s,
+            give_up_silent_s=self.give_up_silent_s,
+            limits=Limits(timeout_s=self.planning_timeout_s, memory_mb=self.planning_memory_mb),
+        )
+
+    def _director_options(self) -> DirectorOptions:
+        return DirectorOptions(
+            patience_s=self.patience_s,
+            tolerance_s=self.tolerance_s,
+            overrun_factor=self.overrun_factor,
+            overrun_s=self.overrun_s,
+            rtc_deadline=self.rtc_deadline,
+            stop_s=self.stop_s,
+        )
+
+    def _policies(self) -> Policies:
+        return Policies.parse(
+            belief_ck=self.belief_ck,
+            belief_w=self.belief_w,
+            desire_ck=self.desire_ck,
+            desire_w=self.desire_w,
+            desire_pr=self.desire_pr,
+            where=self.name,
+        )
+
+    def beliefs_at_first(self) -> Sequence[Fact]:
+        """What it believes at first: by default what the file of its parameter says."""
+        return load_beliefs(self.path("init_bset"), self.deliberator.domain) if self.init_bset else ()
+
+    def desires_at_first(self) -> Sequence[Desire]:
+        """What it desires at first: by default what the file of its parameter says."""
+        return load_desires(self.path("init_dset"), self.deliberator.domain) if self.init_dset else ()
+
+    def _load(self) -> None:
+        """Takes up what was kept, or else what it believes and desires at first."""
+        deliberator = self.deliberator
+        if self.init_reactive_rules_set:
+            for rule in load_rules(self.path("init_reactive_rules_set"), deliberator.domain):
+                deliberator.rules.add(rule)
+        if self.mind_file:
+            self._kept_in = paths.in_workspace(self.mind_file, where=f"{self.name}.mind_file")
+            if keeping.recall(deliberator, self._kept_in):
+                return
+        for fact in self.beliefs_at_first():
+            deliberator.facts.add(fact, cause=self.init_bset or "at first")
+        for desire in self.desires_at_first():
+            deliberator.desire(desire, cause=self.init_dset or "at first")
+
+    # What comes in
+
+    @add_belief
+    def on_add_belief(self, message: Belief) -> None:
+        """Believes a fact."""
+        self._change((message.belief,), held=True)
+
+    @del_belief
+    def on_del_belief(self, message: Belief) -> None:
+        """Believes it no longer."""
+        self._change((message.belief,), held=False)
+
+    @add_belief_set
+    def on_add_belief_set(self, message: BeliefSet) -> None:
+        """Believes facts, if it is meant."""
+        self._change_set(message, held=True)
+
+    @del_belief_set
+    def on_del_belief_set(self, message: BeliefSet) -> None:
+        """Believes facts no longer, if it is meant."""
+        self._change_set(message, held=False)
+
+    @add_desire
+    def on_add_desire(self, message: DesireItem) -> None:
+        """Adopts a desire."""
+        self.engine.call(lambda: self.deliberator.desire(message.desire, cause="add_desire"))
+
+    @del_desire
+    def on_del_desire(self, message: DesireItem) -> None:
+        """Drops a desire."""
+        self.engine.call(lambda: self.deliberator.drop(message.desire.name, cause="del_desire"))
+
+    @requests_in
+    def on_request(self, message: AgentRequest) -> None:
+        """Answers another agent."""
+        if message.receiver == self.name:
+            self.engine.call(lambda: self._reception.take(message))
+
+    @replies_in
+    def on_reply(self, message: AgentReply) -> None:
+        """Takes the answer of another agent."""
+        if message.receiver == self.name:
+            self.engine.call(lambda: self.correspondence.take(message))
+
+    def _change_set(self, message: BeliefSet, *, held: bool) -> None:
+        if message.agent_id == self.name:
+            self._change(message.value, held=held)
+        else:
+            reason = f"it is for the agent {message.agent_id!r}"
+            self.engine.call(lambda: self.engine.record("refused", "a belief set", "", reason=reason))
+
+    def _change(self, facts: Sequence[Fact], *, held: bool) -> None:
+        """Believes what fits the domain; that the rest does not goes on the trace."""
+
+        def change() -> None:
+            known, cause = self.deliberator.facts, "add_belief" if held else "del_belief"
+            for fact in facts:
+                reason = known.unfit(fact) if held else known.unfit_pattern(fact)
+                if reason is not None:
+                    self.engine.record("refused", str(fact), cause, reason=reason)
+                elif held:
+                    known.add(fact, cause=cause)
+                else:
+                    known.remove(fact, cause)
+
+        self.engine.call(change)
+
+    # What goes out, as an observer of the deliberator
+
+    def beliefs_changed(self) -> None:
+        """Shows what is believed, and keeps it."""
+        facts = self.deliberator.facts.facts()
+        self.belief_set.publish(BeliefSet(stamp=self.clock.now(), agent_id=self.name, value=facts))
+        self._keep()
+
+    def desires_changed(self) -> None:
+        """Shows what is desired, and keeps it."""
+        desires = tuple(wish.desire for wish in self.deliberator.desires)
+        self.desire_set.publish(DesireSet(stamp=self.clock.now(), agent_id=self.name, value=desires))
+        self._keep()
+
+    def plan_changed(self, info: PlanExecutionInfo) -> None:
+        """Shows how the plan fares."""
+        self.plan_execution_info.publish(info)
+        target = info.target.value if info.target is not None and info.status == "RUNNING" else ()
+        self.current_intentions.publish(
+            CurrentIntentions(
+                stamp=info.stamp,
+                agent_id=self.name,
+                target_value=target,
+                actions=tuple(step for step in info.actions_exec_info if step.status in ("RUNNING", "WAITING")),
+            )
+        )
+
+    def status_changed(self, status: Any, reason: str) -> None:
+        """Shows what the agent is up to."""
+        self.lifecycle_status.publish(
+            LifecycleStatus(stamp=self.clock.now(), agent_id=self.name, status=status, reason=reason)
+        )
+
+    def _keep(self) -> None:
+        if self._kept_in is not None:
+            keeping.keep(self.deliberator, self._kept_in)

@@ -1,0 +1,235 @@
+"""What goes on in a hospital as records of a trace, in the words in which deliberating agents tell of themselves.
+
+A mission is a desire of the coordinator, what it sends to a team is a plan, a command to the world is a step. So the
+same sentences, charts and comparisons tell of a hospital that tell of other agents.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from socialbot.agents.hospital import messages as said
+from socialbot.agents.hospital.messages import COORDINATOR, AclMessage, Missions, MissionView
+from socialbot.agents.hospital.ward.messages import CANCELLED, ActionCommand, ActionResult
+from socialbot.core.messages import Message, TraceRecord
+
+PHRASES = {
+    "a_navigate_to": "goes to {1}",
+    "a_open_door": "opens the door of {1}",
+    "a_approach_nurse": "goes up to {1}",
+    "a_authenticate_nurse": "authenticates: {0} with {1}",
+    "a_authorize_patrol": "agrees on the patrol: {0} with {1}",
+    "a_patrol_room": "patrols {1}",
+    "a_adapt_room": "tidies {1}",
+    "a_authorize_disinfect": "agrees on the light: {0} with {1}",
+    "a_disinfect_room": "disinfects {1}",
+    "a_charge": "charges",
+    "a_infected_room": "says that {1} is to be disinfected",
+}
+"""How actions are said, by name."""
+
+TRIGGER = "trigger_"
+"""How the name of a belief begins that has a partner go on."""
+
+TOLD: tuple[type[Message], ...] = (AclMessage, Missions, ActionCommand, ActionResult)
+"""The messages that a chronicle is made of."""
+
+
+@dataclass
+class _Mission:
+    """A mission as it was told of last; ``plan`` is the number of its plan, 0 when it has none."""
+
+    name: str
+    view: MissionView
+    plan: int = 0
+    desire: str = ""
+
+
+@dataclass
+class Chronicle:
+    """Takes the messages of a hospital in their order, and tells them as records."""
+
+    _missions: dict[int, _Mission] = field(default_factory=dict)
+    _plans: Iterator[int] = field(default_factory=lambda: itertools.count(1))
+    _numbers: Iterator[int] = field(default_factory=lambda: itertools.count(1))
+    _plan_of: dict[str, int] = field(default_factory=dict)
+    """The plan that each robot and nurse follows."""
+
+    def take(self, message: Message) -> list[TraceRecord]:
+        """The records that a message comes to; none for messages of other kinds."""
+        match message:
+            case Missions():
+                return [record for view in message.missions for record in self._mission(message.stamp, view)]
+            case ActionCommand():
+                return [self._command(message)]
+            case ActionResult():
+                return [_result(message)]
+            case AclMessage():
+                return [_word(message)]
+        return []
+
+    def _mission(self, stamp: int, view: MissionView) -> Iterator[TraceRecord]:
+        known = self._missions.get(view.id)
+        if known is None:
+            known = self._missions[view.id] = _Mission(f"{view.kind} {view.room}", _untouched(view))
+            wanted = self._record(stamp, "desire", known.name, f"{view.room} is infected", priority=view.priority)
+            known.desire = wanted.id
+            yield wanted
+        before, known.view = known.view, view
+        goes_on = view.status == "running" and view.label == before.label
+        if known.plan and not goes_on:
+            yield self._end(stamp, known, before)
+        if view.status == "running" and not known.plan:
+            yield self._begin(stamp, known)
+        if view.status != before.status and view.status in ("finished", "failed"):
+            kind, reason = ("desire_fulfilled", "") if view.status == "finished" else ("desire_dropped", view.problem)
+            yield self._record(stamp, kind, known.name, known.desire, reason=reason)
+
+    def _begin(self, stamp: int, mission: _Mission) -> TraceRecord:
+        mission.plan, view = next(self._plans), mission.view
+        self._plan_of.update(dict.fromkeys(view.team, mission.plan))
+        steps = [f"0.000: ({' '.join((each.action, *each.args))})" for each in view.actions if each.status == "planned"]
+        return self._record(
+            stamp,
+            "plan_start",
+            mission.name,
+            mission.desire,
+            plan=mission.plan,
+            steps=steps,
+            makespan_s=None,
+            beside=True,
+            mission=view.id,
+            label=view.label,
+            team=list(view.team),
+            tree=view.tree,
+        )
+
+    def _end(self, stamp: int, mission: _Mission, before: MissionView) -> TraceRecord:
+        """The end of a plan: done, given up after a problem, or given up before it met one."""
+        view, number = mission.view, mission.plan
+        mission.plan = 0
+        for name, plan in list(self._plan_of.items()):
+            if plan == number:
+                del self._plan_of[name]
+        if view.status == "finished":
+            outcome, reason = "succeeded", ""
+        elif view.status == "failed" or view.recoveries > before.recoveries:
+            outcome, reason = "failed", view.problem
+        elif view.revisions > before.revisions:
+            outcome, reason = "aborted", "the ward has changed"
+        else:
+            outcome, reason = "aborted", view.problem
+        tree = view.tree if view.status == "finished" else before.tree
+        return self._record(
+            stamp,
+            "plan_end",
+            mission.name,
+            mission.desire,
+            plan=number,
+            label=before.label,
+            outcome=outcome,
+            reason=reason,
+            tree=tree,
+        )
+
+    def _command(self, message: ActionCommand) -> TraceRecord:
+        plan = self._plan_of.get(message.robot)
+        return TraceRecord(
+            stamp=message.stamp,
+            id=message.id,
+            source=message.robot,
+            kind="step",
+            what=f"({' '.join((message.action, *message.args))})",
+            detail={
+                "action": message.action,
+                "args": list(message.args),
+                **({} if plan is None else {"plan": plan, "directed_by": COORDINATOR}),
+            },
+        )
+
+    def _record(self, stamp: int, kind: str, what: str, cause: str, **detail: Any) -> TraceRecord:
+        return TraceRecord(
+            stamp=stamp,
+            id=f"{COORDINATOR}-told-{next(self._numbers)}",
+            source=COORDINATOR,
+            kind=kind,
+            what=what,
+            cause=cause,
+            detail=detail,
+        )
+
+
+def _untouched(view: MissionView) -> MissionView:
+    """A mission before anything was done about it."""
+    return MissionView(id=view.id, kind=view.kind, room=view.room, priority=view.priority, status="waiting")
+
+
+def _result(message: ActionResult) -> TraceRecord:
+    outcome = "cancelled" if message.reason == CANCELLED else "failed" if message.reason else "successful"
+    return TraceRecord(
+        stamp=message.stamp,
+        id=f"{message.id}-result",
+        source=message.robot,
+        kind="step_end",
+        what=f"({' '.join((message.action, *message.args))})",
+        cause=message.id,
+        detail={"outcome": outcome, "message": message.reason},
+    )
+
+
+def _word(message: AclMessage) -> TraceRecord:
+    weight, text = _told(message)
+    return TraceRecord(
+        stamp=message.stamp,
+        id=message.id,
+        source=message.sender,
+        kind="said",
+        what=text,
+        cause=message.in_reply_to,
+        detail={
+            "receiver": message.receiver,
+            "performative": message.performative,
+            "content": type(message.content).__name__,
+            "mission": message.mission,
+            "weight": weight,
+        },
+    )
+
+
+def _told(message: AclMessage) -> tuple[str, str]:
+    """How much weight a message has, and what it says."""
+    to = message.receiver
+    match message.content:
+        case said.Register(kind=kind, capabilities=able):
+            if message.performative == "agree":
+                return "", f"takes {to} on"
+            return "", f"registers as {kind}, which can {', '.join(able)}" if kind else "asks everybody to register"
+        case said.Plan(label=label, plans=plans):
+            return "plan", f"sends {to} {len(plans)} plans of {label}"
+        case said.Belief(literal=literal):
+            if literal.startswith(TRIGGER):
+                return "word", f"gives {to} the word for {literal.removeprefix(TRIGGER).partition('(')[0]}"
+            return "", f"tells {to}: {literal}"
+        case said.Start(arguments=arguments):
+            return "", f"has {to} start({', '.join(arguments)})"
+        case said.Stop(reason=reason):
+            return "problem", f"has {to} stop: {reason}"
+        case said.End():
+            return "", f"tells {to} that the mission is over"
+        case said.Ready(action=action):
+            return "", f"is there for {action}, and waits for {to}"
+        case said.Done(action=action):
+            return "", f"begins {action} with {to}"
+        case said.Report(outcome=outcome, action=action, reason=reason):
+            return "", f"reports {action}: {outcome}{f', {reason}' if reason else ''}"
+        case said.Problem(kind=kind, action=action, args=args):
+            return "problem", f"reports {kind}: {action}({', '.join(args)})"
+        case said.Finished():
+            return "", "has done its part"
+        case said.InitialTrigger(mission_kind=kind, args=args):
+            return "plan", f"{'agrees to' if message.sender == COORDINATOR else 'asks for'} {kind} {' '.join(args)}"
+        case said.Refusal(reason=reason):
+            return "problem", f"refuses what {to} says: {reason}"

@@ -1,0 +1,200 @@
+"""Waldo's nodes: the agent, and the listener that passes its actions on to the actuators."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from socialbot.agents.base.agent_node import AgentNode
+from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig, silent, waldo
+from socialbot.bdi import ANYTHING, Engine
+from socialbot.core.clock import nanoseconds
+from socialbot.core.errors import MessageError
+from socialbot.core.messages import ActionRequest, HeadCommand, Health, Mind, PersonDetections, TraceRecord, Utterance
+from socialbot.graph.health import HEALTH_TOPIC, SILENT_S, FaultSource, Healths
+from socialbot.graph.node import Delivery, Input, Node, Output, Parameter
+
+SETTLE_S = 0.05
+"""So long (s) Waldo waits for what other nodes say of a silence before he believes it."""
+
+REVISE_S = 0.5
+"""So long (s) something else has to seem to be silent before he believes that: nodes come back one after the other."""
+
+LATE_S = 10.0
+"""Detections that are older say nothing of when something began."""
+
+
+class WaldoNode(AgentNode):
+    """Believes what the detector sees, and decides when to greet and when to offer help.
+
+    When no more detections come, or their node says that it sees nothing itself, Waldo believes who is silent.
+    """
+
+    called = "Waldo"
+
+    detections = Input(PersonDetections, "/humans/bodies/detections", deadline_s=SILENT_S)
+    health = Input(Health, HEALTH_TOPIC, optional=True)
+    actions = Output(ActionRequest, "/waldo/actions")
+    mind = Output(Mind, "/waldo/mind", Delivery.LATCHED)
+    trace = Output(TraceRecord, "/waldo/trace")
+
+    range_m = Parameter(WaldoConfig.range_m, "people farther away (m) are left alone", minimum=0.5, maximum=50.0)
+    appear_s = Parameter(
+        WaldoConfig.appear_s,
+        "somebody is there when half of the frames of this time (s) show somebody",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    vanish_s = Parameter(
+        WaldoConfig.vanish_s,
+        "nobody is there when under a quarter of the frames of this time (s) show somebody",
+        minimum=0.0,
+        maximum=60.0,
+    )
+    help_after_s = Parameter(
+        WaldoConfig.help_after_s, "who has been there this long (s) is offered help", minimum=0.5, maximum=600.0
+    )
+    regreet_after_s = Parameter(
+        WaldoConfig.regreet_after_s, "people are greeted anew after nobody was there (s)", minimum=0.0, maximum=86400.0
+    )
+    forget_after_s = Parameter(
+        WaldoConfig.forget_after_s,
+        "who is there after Waldo saw nothing for this long (s) is taken for somebody new",
+        minimum=0.0,
+        maximum=86400.0,
+    )
+    silent_after_s = Parameter(
+        SILENT_S,
+        "without detections for this long (s) Waldo sees nothing; a slow detector gets two and a half of its periods",
+        minimum=0.1,
+        maximum=60.0,
+    )
+    greeting = Parameter("Hello! Nice to see you.", "what to say to one person who comes")
+    greeting_several = Parameter("Hello everybody!", "what to say to several people who come together")
+    offer = Parameter("Can I help you with anything?", "what to say to somebody who stays")
+
+    def build(self) -> Engine:
+        self._manners = WaldoConfig()
+        for name in self.parameter_values:
+            self.on_parameter(name)
+        self._sensor = PersonSensor(self._manners)
+        self._healths = Healths()
+        self._has_seen = False
+        self._unheard = False
+        self._settling: str | None = None
+        self._blame: FaultSource | None = None
+        return waldo(self.name, self.clock, self._manners, robot=self, sink=self.record, wake=self.wake)
+
+    def on_recalled(self) -> None:
+        self._sensor.recall(self.engine)
+        self.engine.forget(silent(ANYTHING))
+
+    @detections
+    def on_detections(self, message: PersonDetections) -> None:
+        """Shows the detections to Waldo's sensor; what is still under way when he has lost sight is not seen."""
+        if self._blame is not None:
+            return
+        now = self.clock.now()
+        self._has_seen = True
+        self._healths.goes_on(now)
+        # A camera with a clock of its own must not make beliefs of the future or of long ago.
+        since = message.stamp if 0 <= now - message.stamp <= nanoseconds(LATE_S) else now
+        self.engine.perceive(self._sensor, message, cause=message.id, since=since)
+
+    @health
+    def on_health(self, health: Health) -> None:
+        """Remembers how the other nodes are."""
+        self._healths.note(health, self.clock.now())
+        self._look_up()
+
+    def deadline_s(self, port: Input[Any]) -> float:
+        return self.silent_after_s if port.deadline_s and not self._healths.over else 0.0
+
+    def on_silence(self, port: Input[Any], since: int | None) -> None:
+        self._unheard = True
+        self._look_up()
+
+    def on_return(self, port: Input[Any]) -> None:
+        self._unheard = False
+        self._look_up()
+
+    def _look_up(self) -> None:
+        """Finds out whether there is still something to see; who is to blame if not is clear a moment later."""
+        blame = self._find()
+        if blame is None or blame == self._blame:
+            self._settling = None
+            self._take(blame)
+        elif self._settling != blame.who:
+            self._settling = blame.who
+            self.call_after(SETTLE_S if self._blame is None else REVISE_S, partial(self._settle, blame.who))
+
+    def _settle(self, who: str) -> None:
+        if self._settling == who:
+            self._settling = None
+            self._take(self._find())
+
+    def _find(self) -> FaultSource | None:
+        """Who is to blame that Waldo does not see; None when he does, or when it is no fault."""
+        topic = self.context.vitals.topic(WaldoNode.detections)
+        if self._healths.over or not (self._unheard or self._healths.silent_above(topic)):
+            return None
+        return self._healths.blame(topic, self.clock.now(), source=self.name)
+
+    def _take(self, blame: FaultSource | None) -> None:
+        before, self._blame = self._blame, blame
+        if blame == before:
+            return
+        if blame is None:
+            self.engine.forget(silent(ANYTHING))
+            self.say_health("ok")
+            return
+        cause = f"health-{blame.source}"
+        if before is None or before.who != blame.who:
+            self.engine.believe(silent(blame.who), source=blame.source, cause=cause)
+        if before is None:
+            self.engine.perceive(self._sensor, None, cause=cause)
+        told = f" ({blame.source}: {blame.reason})" if blame.reason else ""
+        state = "degraded" if self._has_seen else "waiting"
+        self.say_health(state, f"sees nothing: {blame.who} is silent{told}")
+
+    def on_parameter(self, name: str) -> None:
+        if hasattr(self._manners, name):
+            setattr(self._manners, name, self.parameter_values[name])
+
+    def sentence(self, situation: str) -> str:
+        """The sentence for a situation, as the parameters have it now."""
+        return str(self.parameter_values[situation])
+
+
+class Listener(Node):
+    """``speak`` becomes an utterance and a head that follows people, as ``attend`` does without words.
+
+    ``stayIdle`` becomes a head that looks straight on.
+    """
+
+    actions = Input(ActionRequest, "/waldo/actions")
+    say = Output(Utterance, "/speech/say")
+    head = Output(HeadCommand, "/head/command")
+
+    @actions
+    def on_action(self, action: ActionRequest) -> None:
+        """Sends the commands for one action. Raises MessageError for an action that no actuator can do."""
+        match action.name, action.arguments:
+            case "speak", (str(situation), str(text)):
+                self._look("track", action)
+                self.say.publish(
+                    Utterance(stamp=action.stamp, id=f"say-{action.id}", text=text, key=situation, cause=action.id)
+                )
+            case "attend", ():
+                self._look("track", action)
+            case "stayIdle", ():
+                self._look("centre", action)
+            case _:
+                raise MessageError(
+                    f"no actuator does {action.name}{action.arguments}",
+                    where=self.name,
+                    remedy="send speak(situation, sentence), attend() or stayIdle()",
+                )
+
+    def _look(self, mode: str, action: ActionRequest) -> None:
+        self.head.publish(HeadCommand(stamp=action.stamp, mode=mode, cause=action.id))  # type: ignore[arg-type]

@@ -1,0 +1,1 @@
+"""Read, write, import, convert and repair bags without ROS."""

@@ -1,0 +1,484 @@
+"""Convert messages of socialbot to ROS messages and back, by type name; imports no ROS package."""
+
+from __future__ import annotations
+
+import functools
+import math
+import struct
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Union, cast
+
+import msgspec
+import numpy as np
+
+from socialbot.agents.registry import STRUCTURED
+from socialbot.bags.types import JSON, TYPED, Field, fields_of, type_name
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import MessageError
+from socialbot.core.messages import (
+    BoxMarkers,
+    CameraInfo,
+    CompressedImage,
+    Image,
+    JointTrajectory,
+    Message,
+    Structured,
+    Utterance,
+)
+from socialbot.graph.node import WireForm
+
+if TYPE_CHECKING:
+    pass  # merged
+
+
+M = TypeVar("M", bound=Message)
+
+STRING = "std_msgs/msg/String"
+
+ROS_TYPES: Mapping[type[Message], str] = MappingProxyType(
+    {
+        Image: "sensor_msgs/msg/Image",
+        CompressedImage: "sensor_msgs/msg/CompressedImage",
+        CameraInfo: "sensor_msgs/msg/CameraInfo",
+        JointTrajectory: "trajectory_msgs/msg/JointTrajectory",
+        BoxMarkers: "visualization_msgs/msg/ImageMarker",
+        Structured: STRING,
+        **dict.fromkeys(STRUCTURED, STRING),
+    }
+)
+"""The ROS type of each message; `ros_type` also knows structured messages defined elsewhere."""
+
+MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
+    {
+        **{name: message_type for message_type, name in ROS_TYPES.items() if not issubclass(message_type, Structured)},
+        STRING: Structured,
+        **TYPED,
+    }
+)
+"""What to `decode` a ROS type to; `Structured` stands for whichever schema the JSON names."""
+
+CDR_BEGIN = 4
+"""Bytes before the first field of a serialised message."""
+
+_LINE_LIST = 2
+_LINE_WIDTH_PX = 2.0
+_CORNERS = (0, 1, 1, 2, 2, 3, 3, 0)
+
+
+class TypeFactory(Protocol):
+    """Makes ROS messages by the name of their type."""
+
+    def make(self, type_name: str, /, **fields: Any) -> Any:
+        """A message of ``type_name`` with all its ``fields``; sequences of numbers are given as numpy arrays."""
+        ...
+
+
+def ros_type(message_type: type[Message], form: WireForm = "json") -> str:
+    """The name of the ROS type that carries ``message_type``. Raises MessageError when there is none.
+
+    Structured messages that do not come with socialbot are JSON in either ``form``.
+    """
+    if issubclass(message_type, Structured):
+        name = type_name(message_type)
+        return name if form == "typed" and TYPED.get(name) is message_type else STRING
+    if message_type not in ROS_TYPES:
+        raise MessageError(f"{message_type.__name__} has no ROS type", remedy="derive it from Structured")
+    return ROS_TYPES[message_type]
+
+
+def carries(ros_name: str, message_type: type[Message]) -> bool:
+    """Whether messages of the ROS type called ``ros_name`` carry ``message_type``, in one form or the other."""
+    return ros_name in (ros_type(message_type), ros_type(message_type, "typed"))
+
+
+def header_stamp(ros_message: Any) -> int | None:
+    """The stamp (ns) in the header of ``ros_message``; None when its type has no header."""
+    header = getattr(ros_message, "header", None)
+    return None if header is None else header.stamp.sec * SECOND + header.stamp.nanosec
+
+
+def raw_stamp(cdr: bytes) -> int:
+    """The stamp (ns) of a serialised message that begins with a header."""
+    seconds, rest = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, CDR_BEGIN)
+    return seconds * SECOND + rest
+
+
+def with_stamp(cdr: bytes, stamp: int) -> bytes:
+    """A serialised message that begins with a header, with another ``stamp`` (ns)."""
+    packed = struct.pack("<iI" if cdr[1] & 1 else ">iI", *divmod(stamp, SECOND))
+    return cdr[:CDR_BEGIN] + packed + cdr[CDR_BEGIN + len(packed) :]
+
+
+def decode(message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M:
+    """``ros_message`` as ``message_type``; ``stamp`` (ns) is used where it carries none itself.
+
+    Pixels and compressed data are views of the ROS message. With ``Structured`` as the type, JSON
+    becomes whichever message of `STRUCTURED` its schema names. Raises MessageError when the
+    content does not fit, or ``ros_message`` is of another type.
+    """
+    if issubclass(message_type, Structured):
+        if hasattr(ros_message, "header"):
+            return cast(M, _decode_typed(message_type, ros_message, stamp))
+        return cast(M, _decode_structured(message_type, _text(ros_message), stamp))
+    name = ros_type(message_type)
+    try:
+        return cast(M, _DECODERS[message_type](ros_message, header_stamp(ros_message) or stamp))
+    except (AttributeError, TypeError, ValueError, IndexError) as error:
+        raise MessageError(f"not a valid {name}: {error}") from error
+
+
+def encode(message: Message, types: TypeFactory, form: WireForm = "json") -> Any:
+    """``message`` as a ROS message that ``types`` makes. Raises MessageError when it cannot be expressed."""
+    if isinstance(message, Structured):
+        if ros_type(type(message), form) == STRING:
+            return types.make(STRING, data=_json(message))
+        return to_typed(message, types)
+    name = ros_type(type(message))
+    return _ENCODERS[type(message)](message, name, types)
+
+
+def schema_name(message_type: type[Structured]) -> str:
+    """The schema name and version inside the JSON of ``message_type``, such as ``socialbot/Utterance/1``."""
+    return str(message_type.__struct_config__.tag)
+
+
+def _json(message: Structured) -> str:
+    try:
+        return msgspec.json.encode(message).decode()
+    except (UnicodeError, TypeError, OverflowError, RecursionError) as error:
+        raise MessageError(f"{type(message).__name__} cannot be written as JSON: {error}") from error
+
+
+def _text(ros_message: Any) -> str:
+    text = getattr(ros_message, "data", None)
+    if not isinstance(text, str):
+        raise MessageError(f"not a valid {STRING}: {type(ros_message).__name__} holds no text")
+    return text
+
+
+def _decode_typed(message_type: type[Structured], ros_message: Any, stamp: int) -> Structured:
+    message = from_typed(message_type, ros_message)
+    if isinstance(message, Utterance) and not message.id and not message.stamp:
+        # Somebody said no more than a text.
+        return msgspec.structs.replace(message, stamp=stamp, id=f"text-{stamp}")
+    return message
+
+
+def _decode_structured(message_type: type[Structured], text: str, stamp: int) -> Structured:
+    if message_type in (Utterance, Structured) and not text.lstrip().startswith("{"):
+        return Utterance(stamp=stamp, id=f"text-{stamp}", text=text)
+    wanted = "a schema of socialbot" if message_type is Structured else schema_name(message_type)
+    try:
+        message = _json_decoder(message_type).decode(text)
+    except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
+        raise MessageError(f"JSON does not fit {wanted}: {error}", remedy=_schema_remedy(str(error))) from error
+    if not isinstance(message, message_type):
+        raise MessageError(f"JSON does not fit {wanted}: it is {schema_name(type(message))}")
+    return message
+
+
+@functools.cache
+def _json_decoder(message_type: type[Structured]) -> msgspec.json.Decoder[Any]:
+    # A union, because msgspec lets the schema name be missing where only one struct is possible.
+    members = STRUCTURED if message_type is Structured else (message_type, Structured)
+    return msgspec.json.Decoder(Union[members])  # noqa: UP007 - the members are known at run time only
+
+
+def _schema_remedy(error: str) -> str | None:
+    if "$.schema" in error:
+        return "connect the topic to a sender of that schema, and run the same version of socialbot on both sides"
+    if "`schema`" in error:
+        return 'name the schema in the JSON: {"schema": "socialbot/...", ...}'
+    return None
+
+
+def _bytes(data: Any) -> np.ndarray:
+    return np.frombuffer(data, np.uint8)
+
+
+def _decode_image(ros: Any, stamp: int) -> Image:
+    return Image(
+        stamp=stamp,
+        frame_id=ros.header.frame_id,
+        height=ros.height,
+        width=ros.width,
+        encoding=ros.encoding,
+        step=ros.step,
+        data=_bytes(ros.data),
+        is_bigendian=bool(ros.is_bigendian),
+    )
+
+
+def _decode_compressed(ros: Any, stamp: int) -> CompressedImage:
+    return CompressedImage(stamp=stamp, frame_id=ros.header.frame_id, format=ros.format, data=_bytes(ros.data))
+
+
+def _decode_camera_info(ros: Any, stamp: int) -> CameraInfo:
+    # ROS 1 writes these fields in capitals.
+    k, d = (ros.k, ros.d) if hasattr(ros, "k") else (ros.K, ros.D)
+    return CameraInfo(
+        stamp=stamp,
+        frame_id=ros.header.frame_id,
+        width=ros.width,
+        height=ros.height,
+        k=_floats(k),
+        d=_floats(d),
+        distortion_model=ros.distortion_model,
+    )
+
+
+def _decode_trajectory(ros: Any, stamp: int) -> JointTrajectory:
+    if len(ros.points) != 1:
+        raise MessageError(f"a trajectory of {len(ros.points)} points, where one is expected")
+    point = ros.points[0]
+    return JointTrajectory(
+        stamp=stamp,
+        joint_names=tuple(ros.joint_names),
+        positions=_floats(point.positions),
+        velocities=_floats(point.velocities),
+        duration_s=(point.time_from_start.sec * SECOND + point.time_from_start.nanosec) / SECOND,
+    )
+
+
+def _decode_boxes(ros: Any, stamp: int) -> BoxMarkers:
+    if ros.type != _LINE_LIST or len(ros.points) % len(_CORNERS):
+        raise MessageError(f"an ImageMarker of type {ros.type} with {len(ros.points)} points is no list of boxes")
+    boxes = []
+    for first in range(0, len(ros.points), len(_CORNERS)):
+        corner, opposite = ros.points[first], ros.points[first + 3]
+        boxes.append((corner.x, corner.y, opposite.x - corner.x, opposite.y - corner.y))
+    return BoxMarkers(stamp=stamp, frame_id=ros.header.frame_id, boxes=tuple(boxes))
+
+
+def _floats(numbers: Any) -> tuple[float, ...]:
+    return tuple(map(float, numbers))
+
+
+def _array(numbers: tuple[float, ...]) -> np.ndarray:
+    return np.array(numbers, np.float64)
+
+
+def _header(types: TypeFactory, stamp: int, frame_id: str = "") -> Any:
+    seconds, rest = divmod(stamp, SECOND)
+    time = types.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+    return types.make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
+
+
+def _duration(types: TypeFactory, seconds: float) -> Any:
+    whole, rest = divmod(nanoseconds(seconds), SECOND)
+    return types.make("builtin_interfaces/msg/Duration", sec=whole, nanosec=rest)
+
+
+def _encode_image(image: Image, name: str, types: TypeFactory) -> Any:
+    return types.make(
+        name,
+        header=_header(types, image.stamp, image.frame_id),
+        height=image.height,
+        width=image.width,
+        encoding=image.encoding,
+        is_bigendian=int(image.is_bigendian),
+        step=image.step,
+        data=image.data,
+    )
+
+
+def _encode_compressed(image: CompressedImage, name: str, types: TypeFactory) -> Any:
+    header = _header(types, image.stamp, image.frame_id)
+    return types.make(name, header=header, format=image.format, data=image.data)
+
+
+def _encode_camera_info(info: CameraInfo, name: str, types: TypeFactory) -> Any:
+    if len(info.k) != 9:
+        raise MessageError(f"k of a CameraInfo is a 3x3 matrix, got {len(info.k)} numbers")
+    k = _array(info.k)
+    region = types.make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    return types.make(
+        name,
+        header=_header(types, info.stamp, info.frame_id),
+        height=info.height,
+        width=info.width,
+        distortion_model=info.distortion_model,
+        d=_array(info.d),
+        k=k,
+        r=np.eye(3).reshape(-1),
+        p=np.hstack([k.reshape(3, 3), np.zeros((3, 1))]).reshape(-1),
+        binning_x=0,
+        binning_y=0,
+        roi=region,
+    )
+
+
+def _encode_trajectory(trajectory: JointTrajectory, name: str, types: TypeFactory) -> Any:
+    point = types.make(
+        "trajectory_msgs/msg/JointTrajectoryPoint",
+        positions=_array(trajectory.positions),
+        velocities=_array(trajectory.velocities),
+        accelerations=_array(()),
+        effort=_array(()),
+        time_from_start=_duration(types, trajectory.duration_s),
+    )
+    header = _header(types, trajectory.stamp)
+    return types.make(name, header=header, joint_names=list(trajectory.joint_names), points=[point])
+
+
+def _encode_boxes(markers: BoxMarkers, name: str, types: TypeFactory) -> Any:
+    def point(x: float, y: float) -> Any:
+        return types.make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0)
+
+    def colour(red: float, green: float, blue: float) -> Any:
+        return types.make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0)
+
+    points = []
+    for x, y, w, h in markers.boxes:
+        corners = [point(x, y), point(x + w, y), point(x + w, y + h), point(x, y + h)]
+        points += [corners[index] for index in _CORNERS]
+    return types.make(
+        name,
+        header=_header(types, markers.stamp, markers.frame_id),
+        ns="socialbot",
+        id=0,
+        type=_LINE_LIST,
+        action=0,
+        position=point(0, 0),
+        scale=_LINE_WIDTH_PX,
+        outline_color=colour(0.0, 1.0, 0.0),
+        filled=0,
+        fill_color=colour(0.0, 0.0, 0.0),
+        lifetime=_duration(types, 0),
+        points=points,
+        outline_colors=[],
+    )
+
+
+_DECODERS: Mapping[type[Message], Callable[[Any, int], Message]] = {
+    Image: _decode_image,
+    CompressedImage: _decode_compressed,
+    CameraInfo: _decode_camera_info,
+    JointTrajectory: _decode_trajectory,
+    BoxMarkers: _decode_boxes,
+}
+_ENCODERS: Mapping[type[Message], Callable[[Any, str, TypeFactory], Any]] = {
+    Image: _encode_image,
+    CompressedImage: _encode_compressed,
+    CameraInfo: _encode_camera_info,
+    JointTrajectory: _encode_trajectory,
+    BoxMarkers: _encode_boxes,
+}
+
+
+S = TypeVar("S", bound=Structured)
+
+MISSING = msgspec.NODEFAULT
+INTEGERS = range(-(2**63), 2**63)
+_NUMBERS = {"bool": np.bool_, "int64": np.int64, "float64": np.float64}
+
+
+def to_typed(message: Structured, types: TypeFactory) -> Any:
+    """``message`` as a ROS message of its own type. Raises MessageError when that cannot express it."""
+    try:
+        seconds, rest = divmod(message.stamp, SECOND)
+        if abs(seconds) >= 2**31:
+            raise MessageError(f"the stamp {message.stamp} is out of range")
+        stamp = types.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+        frame_id = _text_field(getattr(message, "frame_id", ""))
+        header = types.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
+        return types.make(type_name(type(message)), header=header, **_values(message, types))
+    except MessageError as error:
+        raise MessageError(error.what, where=type(message).__name__) from error
+
+
+def from_typed(message_type: type[S], ros_message: Any) -> S:
+    """``ros_message`` as ``message_type``. Raises MessageError when it is of another type, or does not fit."""
+    try:
+        header = ros_message.header
+        given = {
+            "schema": message_type.__struct_config__.tag,
+            "stamp": header.stamp.sec * SECOND + header.stamp.nanosec,
+            "frame_id": header.frame_id,
+            **_given(message_type, ros_message),
+        }
+        return msgspec.convert(given, message_type)
+    except (AttributeError, TypeError, ValueError, msgspec.MsgspecError, RecursionError) as error:
+        raise MessageError(f"not a valid {type_name(message_type)}: {error}") from error
+
+
+def _values(struct: Any, types: TypeFactory) -> dict[str, Any]:
+    return {field.name: _value(field, getattr(struct, field.name), types) for field in fields_of(type(struct))}
+
+
+def _value(field: Field, value: Any, types: TypeFactory) -> Any:
+    if field.missing_is_nan:
+        return math.nan if value is None else float(value)
+    if not field.count:
+        return _one(field, value, types)
+    if field.count == "[<=1]":
+        value = () if value is None else (value,)
+    items = [_one(field, item, types) for item in value]
+    number = _NUMBERS.get(field.kind) if isinstance(field.kind, str) else None
+    return items if number is None else np.array(items, number)
+
+
+def _one(field: Field, value: Any, types: TypeFactory) -> Any:
+    match field.kind:
+        case type():
+            return types.make(type_name(field.kind), **_values(value, types))
+        case "string":
+            return _text_field(value)
+        case "json":
+            return _text_field(_json_field(value))
+        case "float64":
+            return float(value)
+        case "int64" if value not in INTEGERS:
+            raise MessageError(f"{field.name} is {value}, which 64 bits cannot hold")
+        case _:
+            return value
+
+
+def _text_field(text: str) -> str:
+    try:
+        text.encode()
+    except UnicodeError as error:
+        raise MessageError(f"{text!r} cannot be written as UTF-8: {error}") from error
+    if "\0" in text:
+        raise MessageError(
+            f"{text!r} holds a zero, where a text of ROS ends", remedy="leave it out, or write wire: json"
+        )
+    return text
+
+
+def _json_field(value: Any) -> str:
+    try:
+        return msgspec.json.encode(value).decode()
+    except (UnicodeError, TypeError, OverflowError, RecursionError) as error:
+        raise MessageError(f"cannot be written as JSON: {error}") from error
+
+
+def _given(struct: type, ros_message: Any) -> dict[str, Any]:
+    """The fields of ``struct`` that differ from their defaults: the others are the defaults themselves again."""
+    fields = ((field, _read(field, getattr(ros_message, field.name))) for field in fields_of(struct))
+    defaults = _defaults(struct)
+    return {field.name: value for field, value in fields if defaults.get(field.name, MISSING) != value}
+
+
+@functools.cache
+def _defaults(struct: type) -> dict[str, Any]:
+    return {field.name: field.default for field in msgspec.structs.fields(struct) if field.default is not MISSING}
+
+
+def _read(field: Field, value: Any) -> Any:
+    if field.missing_is_nan:
+        return None if math.isnan(value) else float(value)
+    if not field.count:
+        return _read_one(field, value)
+    # Arrays of numbers come as array.array from rclpy, and of numpy from rosbags.
+    items = tuple(_read_one(field, item) for item in (value if isinstance(value, list) else value.tolist()))
+    if field.count == "[<=1]":
+        return items[0] if items else None
+    return items
+
+
+def _read_one(field: Field, value: Any) -> Any:
+    if isinstance(field.kind, type):
+        return msgspec.convert(_given(field.kind, value), field.kind)
+    return msgspec.json.decode(value) if field.kind == JSON else value

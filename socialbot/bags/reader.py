@@ -1,0 +1,410 @@
+"""Bags: what a robot saw and said, read and written without ROS (with rosbags).
+
+Reads rosbag2 folders and single .mcap or .db3 files, split or compressed, and ROS 1 .bag files.
+
+Damage: a single message that cannot be read is counted in `Bag.skipped`, and reading goes on. A
+file whose structure is broken is one BagError, after all whole messages before the break. An .mcap
+file that ends too early (the robot lost power) is read as far as it is whole, and ``Bag.damage`` says so.
+"""
+
+from __future__ import annotations
+
+import functools
+import heapq
+import logging
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TypeVar
+
+import msgspec
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag2 import Reader as Ros2Reader
+
+from socialbot.bags import codec
+from socialbot.bags.repair import salvage
+from socialbot.bags.stamps import Receptions, Stamps
+from socialbot.bags.types import PACKAGE, TYPED, RosbagsTypes, deserialize, is_known, to_cdr
+from socialbot.bags.writer import BagWriter
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import BagError
+from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, Structured
+from socialbot.core.yaml import check_depth
+from socialbot.graph.node import suggestion
+
+__all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "Topic", "open_bag"]
+
+log = logging.getLogger("socialbot.bags")
+
+T = TypeVar("T")
+Reader = Ros1Reader | Ros2Reader
+
+IMAGE_TYPES = (codec.ROS_TYPES[Image], codec.ROS_TYPES[CompressedImage])
+
+_STORAGE = (".mcap", ".db3")
+_REPAIRS = {
+    ".mcap": "copy the file again, or repair it with `mcap recover`",
+    ".db3": "copy the file again, or repair it with `sqlite3 FILE .recover | sqlite3 NEW.db3`",
+    ".bag": "copy the file again, or repair it with `rosbag reindex` of ROS 1",
+}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag: its ROS type and the number of its messages."""
+
+    name: str
+    type: str
+    count: int
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in a bag a message lies: its stamp (ns), the number of the file, the topic and the time of reception."""
+
+    stamp: int
+    file: int
+    topic: str
+    time: int
+
+
+@dataclass
+class Skipped:
+    """Damaged messages of one topic: how many, and what was wrong with the first."""
+
+    count: int
+    first: str
+
+
+def open_bag(path: str | Path) -> Bag:
+    """Opens the bag at ``path``; close it, or use it as a context manager.
+
+    Raises BagError when there is no bag, none of its messages can be found, or its files are broken.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise BagError("no such file or folder", where=str(path), remedy="check the path of the bag")
+    damage: list[str] = []
+    readers = _open_folder(path, damage) if path.is_dir() else [_open_file(path, damage)]
+    bag = Bag(path, readers, tuple(damage))
+    if not any(topic.count for topic in bag.topics):
+        bag.close()
+        raise BagError("the bag holds no messages", where=str(path), remedy="record again while the robot publishes")
+    for what in damage:
+        log.warning("%s", what)
+    return bag
+
+
+class Bag:
+    """An open bag; `open_bag` makes one.
+
+    ``damage`` says what is missing from the files, ``skipped`` which messages the last pass over a
+    topic left out.
+    """
+
+    def __init__(self, path: Path, readers: Sequence[Reader], damage: tuple[str, ...] = ()) -> None:
+        self.path = path
+        self.damage = damage
+        self.skipped: dict[str, Skipped] = {}
+        self._readers = readers
+        self._connections = [connection for reader in readers for connection in reader.connections]
+        self.topics: tuple[Topic, ...] = self._sum_topics()
+        filled = [reader for reader in readers if reader.message_count]
+        self.start: int = min((reader.start_time for reader in filled), default=0)
+        self.end: int = max((reader.end_time - 1 for reader in filled), default=0)
+
+    def __enter__(self) -> Bag:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes the files."""
+        for reader in self._readers:
+            reader.close()
+        self._readers = ()
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first to the last message."""
+        return (self.end - self.start) / SECOND
+
+    @property
+    def image_topics(self) -> tuple[Topic, ...]:
+        """The topics with pictures, compressed or not."""
+        return tuple(topic for topic in self.topics if topic.type in IMAGE_TYPES and topic.count)
+
+    def topic(self, name: str) -> Topic:
+        """The topic called ``name``. Raises BagError when the bag has none."""
+        for topic in self.topics:
+            if topic.name == name:
+                return topic
+        raise BagError(f"no topic {name!r} in the bag", where=str(self.path), remedy=suggestion(name, self._names()))
+
+    def definition(self, type_name: str) -> tuple[str, str]:
+        """How the bag itself defines a type of ROS 2, and the hash of that; empty texts when it does not."""
+        for connection in self._connections:
+            if connection.msgtype == type_name and not isinstance(connection.owner, Ros1Reader):
+                return connection.msgdef.data, connection.digest
+        return "", ""
+
+    def is_latched(self, name: str) -> bool:
+        """Whether the last message of a topic was given to those who came late."""
+        extras = [connection.ext for connection in self._connections if connection.topic == name]
+        return any(
+            any(qos.durability is QosDurability.TRANSIENT_LOCAL for qos in extra.offered_qos_profiles)
+            if isinstance(extra, ConnectionExtRosbag2)
+            else bool(extra.latching)
+            for extra in extras
+        )
+
+    def choose_image_topic(self, wanted: str | None = None) -> Topic:
+        """The ``wanted`` image topic, or the only one.
+
+        Raises BagError when there is none, when there are several and none is ``wanted``, or when
+        the wanted one is unknown or holds no pictures.
+        """
+        names = [topic.name for topic in self.image_topics]
+        where = str(self.path)
+        if not names:
+            raise BagError(
+                "the bag holds no pictures",
+                where=where,
+                remedy=f"record an image topic; the bag has {', '.join(self._names())}",
+            )
+        if wanted is None:
+            if len(names) > 1:
+                raise BagError(
+                    f"the bag has {len(names)} image topics", where=where, remedy=f"choose one of {', '.join(names)}"
+                )
+            wanted = names[0]
+        if wanted not in names:
+            found = [f"{wanted} is {topic.type}" for topic in self.topics if topic.name == wanted]
+            what = found[0] if found else f"no topic {wanted!r} in the bag"
+            raise BagError(what, where=where, remedy=suggestion(wanted, names))
+        return self.topic(wanted)
+
+    def camera_info_topic_for(self, image_topic: str) -> Topic | None:
+        """The CameraInfo topic in the namespace of ``image_topic``, if the bag has one.
+
+        ``/camera/image_raw`` and ``/camera/image_raw/compressed`` both belong to ``/camera/camera_info``.
+        """
+        infos = {t.name.rpartition("/")[0]: t for t in self.topics if t.type == codec.ROS_TYPES[CameraInfo] and t.count}
+        namespace = image_topic.rpartition("/")[0]
+        return infos.get(namespace) or infos.get(namespace.rpartition("/")[0])
+
+    def messages(
+        self, topics: Mapping[str, str], kinds: Mapping[str, type[Message]] | None = None
+    ) -> Iterator[tuple[str, Message]]:
+        """The messages of ``topics`` (bag topic to graph topic), as graph topic and message, in the order of the bag.
+
+        ``kinds`` says what they are by graph topic; without it, structured ones are what their schema names.
+
+        The stamp is the header's, for pictures on the clock of the reception. Where that is zero, or lies before the
+        topic's previous stamp, the message gets the previous stamp plus the time between the two
+        receptions; a first stamp of zero becomes the time of reception.
+
+        Raises BagError for topics that the bag lacks or whose type socialbot does not know, and
+        where the file breaks off.
+        """
+        for name in topics:
+            if self.topic(name).type not in codec.MESSAGE_TYPES:
+                raise BagError(
+                    f"{name} is {self.topic(name).type}, which no message of socialbot comes from",
+                    where=str(self.path),
+                    remedy=f"known types: {', '.join(sorted(codec.MESSAGE_TYPES.keys() - TYPED))}, those of {PACKAGE}",
+                )
+        return self._decoded(topics, kinds or {})
+
+    def places(self, name: str) -> Iterator[Place]:
+        """Where each message of a topic with headers lies, with the stamp that `messages` gives it.
+
+        Damaged ones are left out. Raises BagError where the file breaks off.
+        """
+        stamps = Stamps(name, set_right=self.topic(name).type in IMAGE_TYPES)
+        times = Receptions(str(self.path))
+        for file, connection, time, data in self._read_files([name]):
+            ros_message = self._attempt(connection, functools.partial(deserialize, connection, data))
+            header = None if ros_message is None else codec.header_stamp(ros_message)
+            received = times.next(time)
+            if header is not None:
+                yield Place(stamps.next(header, received), file, name, time)
+
+    def message_at(self, place: Place) -> Message | None:
+        """The message at one of `places`, with its stamp; None when it is damaged. Raises BagError."""
+        reader = self._readers[place.file]
+        wanted = [connection for connection in reader.connections if connection.topic == place.topic]
+        try:
+            found = next(iter(reader.messages(wanted, place.time, place.time + 1)), None)
+        except Exception as error:
+            raise _broken(self.path, error) from error
+        if found is None:
+            return None
+        connection, _, data = found
+        kind = codec.MESSAGE_TYPES[connection.msgtype]
+        return self._attempt(connection, lambda: codec.decode(kind, deserialize(connection, data), stamp=place.stamp))
+
+    def raw_messages(self, topics: Mapping[str, str]) -> Iterator[tuple[str, int, str, bytes]]:
+        """The messages of ``topics`` as graph topic, time of reception (ns), ROS type and CDR bytes.
+
+        Those of ROS 1 bags are converted to ROS 2. Raises BagError as `messages` does, but takes any type.
+        """
+        for name in topics:
+            self.topic(name)
+        return self._raw(topics)
+
+    def check(self) -> Mapping[str, Skipped]:
+        """Reads every message of the bag and tells which are damaged. Raises BagError where the file breaks off."""
+        for connection, _, data in self._read(self._names()):
+            read = deserialize if is_known(connection) else to_cdr
+            self._attempt(connection, lambda read=read, connection=connection, data=data: read(connection, data))
+        return self.skipped
+
+    def _decoded(self, topics: Mapping[str, str], kinds: Mapping[str, type[Message]]) -> Iterator[tuple[str, Message]]:
+        stamps = {name: Stamps(name, set_right=self.topic(name).type in IMAGE_TYPES) for name in topics}
+        for connection, time, data in self._read(topics):
+
+            def decode(connection: Connection = connection, time: int = time, data: bytes = data) -> Message:
+                ros_message = deserialize(connection, data)
+                kind = kinds.get(topics[connection.topic]) or codec.MESSAGE_TYPES[connection.msgtype]
+                message = codec.decode(kind, ros_message, stamp=time)
+                header = codec.header_stamp(ros_message)
+                if header is None or isinstance(message, Structured):
+                    return message
+                stamp = stamps[connection.topic].next(header, time)
+                return message if stamp == message.stamp else msgspec.structs.replace(message, stamp=stamp)
+
+            message = self._attempt(connection, decode)
+            if message is not None:
+                yield topics[connection.topic], message
+
+    def _raw(self, topics: Mapping[str, str]) -> Iterator[tuple[str, int, str, bytes]]:
+        for connection, time, data in self._read(topics):
+            cdr = self._attempt(connection, lambda connection=connection, data=data: to_cdr(connection, data))
+            if cdr is not None:
+                yield topics[connection.topic], time, connection.msgtype, cdr
+
+    def _read(self, names: Collection[str]) -> Iterator[tuple[Connection, int, bytes]]:
+        for name in names:
+            self.skipped.pop(name, None)
+        times = Receptions(str(self.path))
+        for _, connection, time, data in self._read_files(names):
+            yield connection, times.next(time), data
+
+    def _read_files(self, names: Collection[str]) -> Iterator[tuple[int, Connection, int, bytes]]:
+        """What the files hold of some topics, in order: with the number of the file, and times as they are there."""
+        streams = []
+        for file, reader in enumerate(self._readers):
+            wanted = [connection for connection in reader.connections if connection.topic in names]
+            if wanted:
+                streams.append(_numbered(file, reader.messages(wanted)))
+        try:
+            yield from heapq.merge(*streams, key=lambda item: item[2])
+        except Exception as error:
+            raise _broken(self.path, error) from error
+
+    def _attempt(self, connection: Connection, read: Callable[[], T]) -> T | None:
+        try:
+            return read()
+        except Exception as error:  # noqa: BLE001 - damaged bytes make rosbags fail in any way
+            first = f"{type(error).__name__}: {error}"
+            skipped = self.skipped.setdefault(connection.topic, Skipped(0, first))
+            if not skipped.count:
+                log.warning("%s: %s: skipping damaged messages: %s", self.path, connection.topic, first)
+            skipped.count += 1
+            return None
+
+    def _names(self) -> list[str]:
+        return [topic.name for topic in self.topics]
+
+    def _sum_topics(self) -> tuple[Topic, ...]:
+        topics: dict[str, Topic] = {}
+        for connection in self._connections:
+            before = topics.get(connection.topic)
+            count = connection.msgcount + (before.count if before else 0)
+            topics[connection.topic] = Topic(connection.topic, connection.msgtype, count)
+        return tuple(topics[name] for name in sorted(topics))
+
+
+def _numbered(
+    file: int, messages: Iterator[tuple[Connection, int, bytes]]
+) -> Iterator[tuple[int, Connection, int, bytes]]:
+    for connection, time, data in messages:
+        if not isinstance(time, int):  # a column of SQLite holds anything
+            raise TypeError(f"a message was received at {time!r}")
+        yield file, connection, time, data
+
+
+def _open_folder(path: Path, damage: list[str]) -> list[Reader]:
+    metadata = path / "metadata.yaml"
+    files = sorted((file for file in path.iterdir() if file.suffix in _STORAGE), key=natural)
+    if not metadata.exists() and not files:
+        raise BagError(
+            "the folder is no bag: it has no metadata.yaml and no .mcap or .db3 file",
+            where=str(path),
+            remedy="give the folder that `bag record` made; for a folder of pictures use `bag import`",
+        )
+    if metadata.exists():
+        try:
+            return [_open(path)]
+        except BagError as error:
+            if not files:
+                raise
+            damage.append(f"{metadata}: {error.what}")
+    else:
+        damage.append(f"{metadata}: missing; the bag is read by its files")
+    return [_open_file(file, damage) for file in files]
+
+
+def _open_file(path: Path, damage: list[str]) -> Reader:
+    if path.suffix not in _REPAIRS:
+        raise BagError(
+            f"not a bag: {path.suffix or 'no suffix'}",
+            where=str(path),
+            remedy="give a bag folder, or an .mcap, .db3 or .bag file; `bag import` makes one of a video or pictures",
+        )
+    try:
+        return _open(path)
+    except BagError:
+        salvaged = salvage(path) if path.suffix == ".mcap" else None
+        if salvaged is None:
+            raise
+    damage.append(f"{path}: breaks off after {salvaged.whole} of {salvaged.size} bytes; what is whole is read")
+    return _open(salvaged)
+
+
+def _open(path: Any) -> Reader:
+    try:
+        if isinstance(path, Path) and path.is_dir():
+            check_depth((path / "metadata.yaml").read_text("utf-8"))
+        reader = Ros1Reader(path) if path.suffix == ".bag" else Ros2Reader(path)
+        reader.open()
+        _check_types(reader)
+    except Exception as error:
+        raise _broken(path, error) from error
+    return reader
+
+
+def _check_types(reader: Reader) -> None:
+    """Raises ValueError for what a file gives instead of texts and numbers; rosbags takes it as it is."""
+    texts = [text for each in reader.connections for text in (each.topic, each.msgtype)]
+    numbers = [reader.message_count, reader.start_time, reader.end_time]
+    numbers += [each.msgcount for each in reader.connections]
+    if not all(isinstance(text, str) for text in texts) or not all(type(number) is int for number in numbers):
+        raise ValueError("a topic without a name or a type, or no number where one has to be")
+
+
+def _broken(path: Any, error: Exception) -> BagError:
+    if isinstance(error, PermissionError):
+        return BagError("may not be read", where=str(path), remedy="ask its owner for the permission to read it")
+    what = str(error) or type(error).__name__
+    return BagError(f"the bag is damaged: {what}", where=str(path), remedy=_REPAIRS.get(path.suffix, "copy it again"))
+
+
+def natural(path: Path) -> list[tuple[int, str]]:
+    """The key by which files are in natural order: 2 before 10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

@@ -1,0 +1,349 @@
+"""ROS message types by name: fields, definitions and CDR encoding, without ROS."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from msgspec import inspect as structs
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from socialbot.agents.registry import STRUCTURED
+from socialbot.core.errors import MessageError
+from socialbot.core.messages import Structured
+
+PACKAGE = "socialbot_msgs"
+HEADER = ("stamp", "frame_id")
+JSON = "json"
+"""The kind of a field that holds JSON in a string."""
+
+_SCALARS: Mapping[type[structs.Type], str] = {
+    structs.StrType: "string",
+    structs.BoolType: "bool",
+    structs.IntType: "int64",
+    structs.FloatType: "float64",
+}
+_LINE = 100
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of a ROS type: the ``kind`` of its value or values (a scalar of ROS, `JSON` or a struct), and how many.
+
+    ``count`` is the suffix of the type in a definition: nothing for one, ``[]`` for many, ``[N]`` for just so many,
+    ``[<=1]`` for one that may be missing. ``choices`` are the only values that there are, if these are few.
+    """
+
+    name: str
+    kind: str | type
+    count: str = ""
+    choices: tuple[str, ...] = ()
+    missing_is_nan: bool = False
+
+    @property
+    def definition(self) -> str:
+        """Its line in a definition."""
+        kind = "string" if self.kind == JSON else self.kind if isinstance(self.kind, str) else self.kind.__name__
+        return f"{kind}{self.count} {self.name}{self._note}"
+
+    @property
+    def constants(self) -> tuple[str, ...]:
+        """The lines for its choices."""
+        return tuple(
+            f'string {self.name.upper()}_{choice.upper().replace(" ", "_")}="{choice}"' for choice in self.choices
+        )
+
+    @property
+    def _note(self) -> str:
+        if self.kind == JSON:
+            return "  # JSON"
+        return "  # NaN: none" if self.missing_is_nan else ""
+
+
+def type_name(struct: type) -> str:
+    """The ROS type of a message or a part of one, such as ``socialbot_msgs/msg/Utterance``."""
+    return f"{PACKAGE}/msg/{struct.__name__}"
+
+
+TYPED: Mapping[str, type[Structured]] = MappingProxyType({type_name(kind): kind for kind in STRUCTURED})
+"""The messages that have a ROS type of their own, by its name."""
+
+
+@functools.cache
+def fields_of(struct: type) -> tuple[Field, ...]:
+    """The fields of the ROS type of ``struct``, without the header that a message has besides."""
+    info = structs.type_info(struct)
+    assert isinstance(info, structs.StructType)
+    hidden = HEADER if issubclass(struct, Structured) else ()
+    return tuple(_field(field.name, field.type) for field in info.fields if field.name not in hidden)
+
+
+def parts_of(struct: type) -> Iterator[type]:
+    """The structs that the fields of ``struct`` hold, and those that theirs hold."""
+    for field in fields_of(struct):
+        if isinstance(field.kind, type):
+            yield field.kind
+            yield from parts_of(field.kind)
+
+
+@functools.cache
+def definitions() -> Mapping[str, str]:
+    """The definition (the text of its .msg file) of each ROS type, by its name."""
+    every = {part: None for kind in STRUCTURED for part in (kind, *parts_of(kind))}
+    texts = {type_name(struct): _definition(struct) for struct in every}
+    assert len(texts) == len(every), "two structs of one name"
+    return MappingProxyType(dict(sorted(texts.items())))
+
+
+def _definition(struct: type) -> str:
+    fields = fields_of(struct)
+    lines = [f"# {line}".rstrip() for line in _doc(struct)]
+    lines += [constant for field in fields for constant in field.constants]
+    if issubclass(struct, Structured):
+        lines.append("std_msgs/Header header")
+    return "\n".join([*lines, *(field.definition for field in fields)]) + "\n"
+
+
+def _doc(struct: type) -> list[str]:
+    paragraphs = (inspect.getdoc(struct) or "").replace("``", "").replace("`", "").split("\n\n")
+    return [line for paragraph in paragraphs for line in textwrap.wrap(paragraph, _LINE)]
+
+
+def _field(name: str, kind: structs.Type) -> Field:
+    kind = _plain(kind)
+    match kind:
+        case structs.UnionType(types=types) if kind.includes_none and len(types) == 2:
+            one = _one(next(each for each in types if not isinstance(each, structs.NoneType)))
+            return Field(name, one, missing_is_nan=True) if one == "float64" else Field(name, one, "[<=1]")
+        case structs.VarTupleType(item_type=item):
+            return Field(name, _one(item), "[]")
+        case structs.TupleType(item_types=items) if len({_one(item) for item in items}) == 1:
+            return Field(name, _one(items[0]), f"[{len(items)}]")
+        case structs.LiteralType(values=values) if all(isinstance(value, str) for value in values):
+            return Field(name, "string", choices=tuple(str(value) for value in values))
+        case _:
+            return Field(name, _one(kind))
+
+
+def _one(kind: structs.Type) -> str | type:
+    kind = _plain(kind)
+    if isinstance(kind, structs.StructType):
+        return kind.cls
+    if isinstance(kind, structs.LiteralType):
+        return "string" if isinstance(kind.values[0], str) else "int64"
+    return _SCALARS.get(type(kind), JSON)
+
+
+def _plain(kind: structs.Type) -> structs.Type:
+    while isinstance(kind, structs.Metadata):
+        kind = kind.type
+    return kind
+
+
+PACKAGES = ("foxglove_msgs", "hri_msgs", "tf2_msgs", "vision_msgs")
+
+DEFINITIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "foxglove_msgs/msg/Point2": "float64 x\nfloat64 y\n",
+        "foxglove_msgs/msg/Color": "float64 r\nfloat64 g\nfloat64 b\nfloat64 a\n",
+        "foxglove_msgs/msg/KeyValuePair": "string key\nstring value\n",
+        "foxglove_msgs/msg/PointsAnnotation": """
+builtin_interfaces/Time timestamp
+uint8 UNKNOWN=0
+uint8 POINTS=1
+uint8 LINE_LOOP=2
+uint8 LINE_STRIP=3
+uint8 LINE_LIST=4
+uint8 type
+foxglove_msgs/Point2[] points
+foxglove_msgs/Color outline_color
+foxglove_msgs/Color[] outline_colors
+foxglove_msgs/Color fill_color
+float64 thickness
+foxglove_msgs/KeyValuePair[] metadata
+""",
+        "foxglove_msgs/msg/CircleAnnotation": """
+builtin_interfaces/Time timestamp
+foxglove_msgs/Point2 position
+float64 diameter
+float64 thickness
+foxglove_msgs/Color fill_color
+foxglove_msgs/Color outline_color
+foxglove_msgs/KeyValuePair[] metadata
+""",
+        "foxglove_msgs/msg/TextAnnotation": """
+builtin_interfaces/Time timestamp
+foxglove_msgs/Point2 position
+string text
+float64 font_size
+foxglove_msgs/Color text_color
+foxglove_msgs/Color background_color
+foxglove_msgs/KeyValuePair[] metadata
+""",
+        "foxglove_msgs/msg/ImageAnnotations": """
+builtin_interfaces/Time timestamp
+foxglove_msgs/CircleAnnotation[] circles
+foxglove_msgs/PointsAnnotation[] points
+foxglove_msgs/TextAnnotation[] texts
+foxglove_msgs/KeyValuePair[] metadata
+""",
+        "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
+        "vision_msgs/msg/Point2D": "float64 x\nfloat64 y\n",
+        "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta\n",
+        "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y\n",
+        "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
+        "vision_msgs/msg/ObjectHypothesisWithPose": """
+vision_msgs/ObjectHypothesis hypothesis
+geometry_msgs/PoseWithCovariance pose
+""",
+        "vision_msgs/msg/Detection2D": """
+std_msgs/Header header
+vision_msgs/ObjectHypothesisWithPose[] results
+vision_msgs/BoundingBox2D bbox
+string id
+""",
+        "vision_msgs/msg/Detection2DArray": "std_msgs/Header header\nvision_msgs/Detection2D[] detections\n",
+        "hri_msgs/msg/IdsList": "std_msgs/Header header\nstring[] ids\n",
+        "hri_msgs/msg/NormalizedRegionOfInterest2D": """
+std_msgs/Header header
+float32 xmin
+float32 ymin
+float32 xmax
+float32 ymax
+float32 c
+""",
+    }
+)
+"""The text of the definition of each type, by its name."""
+
+
+_HEADER = "std_msgs/msg/Header"
+
+
+@functools.cache
+def known_types(release: Stores = Stores.ROS2_JAZZY) -> Typestore:
+    """The types of a ROS release. It is shared, so nothing may be registered in it."""
+    return get_typestore(release)
+
+
+@functools.cache
+def _with_own_types() -> Typestore:
+    """The types of ROS 2 Jazzy, and those of `interfaces` and `standard_types`."""
+    types = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in {**DEFINITIONS, **definitions()}.items():
+        # Comments make the parser fifty times slower.
+        types.register(get_types_from_msg("\n".join(line.partition("#")[0] for line in text.splitlines()), name))
+    return types
+
+
+def types_with(type_name: str) -> Typestore:
+    """The types of ROS 2 Jazzy, with more where ``type_name`` is none of these packages. They are shared."""
+    package = type_name.partition("/")[0]
+    return _with_own_types() if package in (PACKAGE, *PACKAGES) else known_types()
+
+
+class RosbagsTypes:
+    """A `codec.TypeFactory` that makes messages for rosbags, with the types of ROS 2 Jazzy and socialbot's own."""
+
+    def make(self, type_name: str, /, **fields: Any) -> Any:
+        """A message of ``type_name``. Raises MessageError when there is no such type."""
+        types = types_with(type_name).types
+        if type_name not in types:
+            raise MessageError(f"ROS 2 Jazzy has no type {type_name}")
+        return types[type_name](**fields)
+
+    def serialize(self, ros_message: Any) -> bytes:
+        """``ros_message`` as CDR bytes. Raises MessageError when a field does not fit its type."""
+        name = ros_message.__msgtype__
+        try:
+            return bytes(types_with(name).serialize_cdr(ros_message, name))
+        except Exception as error:
+            raise MessageError(f"cannot be written as {name}: {error}") from error
+
+    def deserialize(self, data: bytes, type_name: str) -> Any:
+        """The message of ``type_name`` in CDR bytes. Raises MessageError when there is none in them."""
+        try:
+            return _read_cdr(types_with(type_name), data, type_name)
+        except Exception as error:
+            raise MessageError(f"{len(data)} bytes are no {type_name}: {error}") from error
+
+
+def deserialize(connection: Connection, data: bytes) -> Any:
+    """The message in ``data`` as read from ``connection`` of a bag. Damaged bytes raise whatever rosbags does."""
+    ros1 = isinstance(connection.owner, Ros1Reader)
+    types = _types(connection.msgtype, connection.msgdef, ros1)
+    return types.deserialize_ros1(data, connection.msgtype) if ros1 else _read_cdr(types, data, connection.msgtype)
+
+
+def is_known(connection: Connection) -> bool:
+    """Whether the fields of the messages of ``connection`` are known, from the bag or as a type of ROS."""
+    ros1 = isinstance(connection.owner, Ros1Reader)
+    return connection.msgtype in _types(connection.msgtype, connection.msgdef, ros1).fielddefs
+
+
+def to_cdr(connection: Connection, data: bytes) -> bytes:
+    """``data`` as read from ``connection`` of a bag, as CDR bytes.
+
+    Raises as `deserialize` does, and ValueError for a ROS 1 type that ROS 2 has changed.
+    """
+    if isinstance(connection.owner, Ros1Reader):
+        return bytes(_ros2_types(connection.msgtype, connection.msgdef).ros1_to_cdr(data, connection.msgtype))
+    _check_cdr(data)
+    return bytes(data)
+
+
+def _read_cdr(types: Typestore, data: bytes, name: str) -> Any:
+    # As ROS does, but unlike Typestore.deserialize_cdr, this takes bytes behind the message:
+    # rmw_serialize leaves some where a message ends in empty sequences.
+    _check_cdr(data)
+    definition = types.get_msgdef(name)
+    read = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
+    return read(data[4:], 0, definition.cls, types)[0]
+
+
+def _check_cdr(data: bytes) -> None:
+    if len(data) < 5 or data[0] or data[1] > 1:
+        raise ValueError(f"{len(data)} bytes are no CDR message")
+
+
+@functools.lru_cache(maxsize=512)
+def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
+    # Each connection is read with its own definition: types have changed between releases of ROS.
+    known = known_types(Stores.ROS1_NOETIC) if ros1 else types_with(name)
+    if definition.format is MessageDefinitionFormat.NONE or not definition.data:
+        return known
+    types = get_typestore(Stores.EMPTY)
+    try:
+        if definition.format is MessageDefinitionFormat.MSG:
+            types.register(get_types_from_msg(definition.data, name))
+        else:
+            for part in filter(None, definition.data.split("=" * 80 + "\n")):
+                types.register(get_types_from_idl(re.sub(r"\AIDL: .*\n", "", part)))
+    except TypesysError:
+        return known
+    return types
+
+
+@functools.lru_cache(maxsize=512)
+def _ros2_types(name: str, definition: MessageDefinition) -> Typestore:
+    """The types of a ROS 1 connection as ROS 2 has them: the same, but for the sequence number in the header."""
+    ros1, ros2 = _types(name, definition, ros1=True).fielddefs, known_types().fielddefs
+    for each in ros1.keys() & ros2.keys() - {_HEADER}:
+        if _layout(ros1[each]) != _layout(ros2[each]):
+            raise ValueError(f"{each} of ROS 1 has other fields than that of ROS 2")
+    types = get_typestore(Stores.EMPTY)
+    types.register({**ros1, _HEADER: ros2[_HEADER]})
+    return types
+
+
+def _layout(fields: tuple[Any, Any]) -> list[tuple[str, Any]]:
+    return [(name.lower(), kind) for name, kind in fields[1]]

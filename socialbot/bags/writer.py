@@ -1,0 +1,149 @@
+"""Writing rosbag2 bags, without ROS."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from types import TracebackType
+
+from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import McapWriter
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
+
+from socialbot.bags import codec
+from socialbot.bags.types import RosbagsTypes, types_with
+from socialbot.core.errors import BagError
+from socialbot.core.messages import CameraInfo, Message, Mind
+from socialbot.graph.node import WireForm, suggestion
+
+STORAGES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+
+_COMPRESSION = {"mcap": CompressionMode.STORAGE, "sqlite3": CompressionMode.MESSAGE}
+_STATE = (CameraInfo, Mind)
+_DEPTH = 10
+
+
+class BagWriter:
+    """A bag being written; use it as a context manager.
+
+    However the block is left, by an exception or Ctrl-C too, the bag is closed and can be read.
+    """
+
+    def __init__(self, path: str | Path, *, storage: str = "mcap", compressed: bool = False) -> None:
+        """``path`` is the folder to make. Raises BagError when it exists or ``storage`` is unknown.
+
+        ``compressed`` (zstd) is for text; pictures are packed already.
+        """
+        self.path = Path(path)
+        self.counts: dict[str, int] = {}
+        self._discarded = False
+        self._types = RosbagsTypes()
+        self._connections: dict[tuple[str, str], Connection] = {}
+        if storage not in STORAGES:
+            raise BagError(f"no storage {storage!r}", where=str(path), remedy=suggestion(storage, STORAGES))
+        if self.path.exists():
+            raise BagError("already exists", where=str(path), remedy="give another name, or remove it first")
+        self._writer = Writer(self.path, version=9, storage_plugin=STORAGES[storage])
+        if compressed:
+            self._writer.set_compression(_COMPRESSION[storage], CompressionFormat.ZSTD)
+
+    def __enter__(self) -> BagWriter:
+        try:
+            self._writer.open()
+        except Exception as error:
+            raise self._failed(error) from error
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        try:
+            self._writer.close()
+        except Exception as failure:
+            if error is None:
+                raise self._failed(failure) from failure
+        if self._discarded:
+            shutil.rmtree(self.path, ignore_errors=True)
+
+    def discard(self) -> None:
+        """Has the bag removed, instead of kept, when the block is left."""
+        self._discarded = True
+
+    def write(self, topic: str, message: Message, time: int, form: WireForm = "json") -> None:
+        """Writes ``message`` as received at ``time`` (ns), in this ``form`` if it is a structured one.
+
+        Raises MessageError when it cannot be expressed as its ROS type, BagError when the disk fails.
+        """
+        data = self._types.serialize(codec.encode(message, self._types, form))
+        self.write_raw(topic, codec.ros_type(type(message), form), data, time, latched=isinstance(message, _STATE))
+
+    def write_raw(
+        self,
+        topic: str,
+        type_name: str,
+        data: bytes,
+        time: int,
+        *,
+        latched: bool = False,
+        type_hash: str = "",
+        definition: str = "",
+    ) -> None:
+        """Writes the CDR bytes of a message of ``type_name`` as received at ``time`` (ns).
+
+        A type that neither ROS 2 Jazzy nor socialbot knows is written with its ``definition``, if there is one, and
+        ``type_hash``.
+        """
+        try:
+            connection = self._connections.get((topic, type_name))
+            if connection is None:
+                connection = self._add(topic, type_name, latched, type_hash, definition)
+            self._writer.write(connection, time, data)
+        except Exception as error:
+            raise self._failed(error) from error
+        self.counts[topic] = self.counts.get(topic, 0) + 1
+
+    def flush(self) -> None:
+        """Puts all that was written so far into the file, where it can be read even if this process is killed.
+
+        Raises BagError when the disk fails.
+        """
+        storage = self._writer.storage
+        try:
+            if isinstance(storage, McapWriter) and storage.chunk.msgs:
+                storage.close_chunk()
+                storage.bio.flush()
+            elif isinstance(storage, Sqlite3Writer):
+                storage.conn.commit()
+        except Exception as error:
+            raise self._failed(error) from error
+
+    def _add(self, topic: str, type_name: str, latched: bool, type_hash: str, definition: str) -> Connection:
+        qos = [_qos(latched)]
+        types = types_with(type_name)
+        if type_name in types.fielddefs:
+            connection = self._writer.add_connection(topic, type_name, typestore=types, offered_qos_profiles=qos)
+        else:
+            connection = self._writer.add_connection(
+                topic, type_name, msgdef=definition, rihs01=type_hash or "unknown", offered_qos_profiles=qos
+            )
+        self._connections[topic, type_name] = connection
+        return connection
+
+    def _failed(self, error: Exception) -> BagError:
+        return BagError(
+            f"cannot be written: {error}", where=str(self.path), remedy="check the folder, its permissions and the disk"
+        )
+
+
+def _qos(latched: bool) -> Qos:
+    never = QosTime(0, 0)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=1 if latched else _DEPTH,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        deadline=never,
+        lifespan=never,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=never,
+        avoid_ros_namespace_conventions=False,
+    )

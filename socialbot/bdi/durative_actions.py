@@ -1,0 +1,374 @@
+"""Actions that take their time: begun and ended by callbacks, blocking ones in threads, and coroutines.
+
+The intention rests until such an action has ended; the agent goes on with its others. When what the action serves
+is given up (a time limit, a dropped intention, another branch that won), the action is asked to stop, once, and only
+when it says that it has stopped does the agent go on. In simulated time an action that is driven by timers of the
+engine (`Engine.at_in`) behaves the same in every run; threads and coroutines live by the computer's clock.
+"""
+
+from __future__ import annotations
+
+import inspect
+import threading
+from collections import deque
+from collections.abc import Callable, Coroutine
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from socialbot.bdi.actions import Action, PlanFailed
+from socialbot.bdi.intentions import Failed, Intention, Pause
+from socialbot.bdi.terms import show
+from socialbot.core.errors import RuleError
+
+if TYPE_CHECKING:
+    import asyncio
+
+    from socialbot.bdi.intention_stack import Pursuit
+
+FINISHED, FAILED, CANCELLED = "finished", "failed", "cancelled"
+"""How an action can end: ``outcome`` in the detail of its record of kind ``action_end``."""
+
+IDLE_S = 10.0
+"""A thread that has had nothing to do for so long ends."""
+
+THREADS = 4
+"""So many actions of one agent run in threads at a time, unless its `Pool` says otherwise; others wait."""
+
+
+class Running(Pause):
+    """An action goes on. Subclasses begin and stop it; `conclude` may be called from any thread, any number of times.
+
+    ``what`` is the action as the trace shows it, ``cause`` its record.
+    """
+
+    def __init__(self, what: str, cause: Any) -> None:
+        self.what = what
+        self.cause = cause
+        self.state = ""
+        self._over = False
+        self._then: Callable[[], None] | None = None
+        self._stopper: int | None = None
+        self._said: tuple[str, Exception | None] | None = None
+
+    def start(self) -> None:
+        """Begins it, in the engine's thread."""
+        raise NotImplementedError
+
+    def stop(self) -> None:
+        """Asks it to stop, in the engine's thread; the answer is `conclude`."""
+        raise NotImplementedError
+
+    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
+        super().begin(reasoner, intention)
+        try:
+            self.start()
+        except Exception as problem:
+            self._over = True
+            self.intention = None
+            self._record_end(FAILED, problem)
+            raise
+
+    def cancel(self, then: Callable[[], None]) -> None:
+        asked = self._then is not None
+        self.intention = None
+        # Who asks last speaks for more than those before: the goal of a goal, or the whole intention.
+        self._then = then
+        if self._over:
+            self._go_on()
+        elif not asked:
+            self._ask_to_stop()
+
+    def _ask_to_stop(self) -> None:
+        self._stopper = threading.get_ident()
+        try:
+            self.stop()
+        except Exception as problem:  # noqa: BLE001 - a cancel() that fails must not hold up the agent for ever
+            self.reasoner.record_failure(self.what, self.cause, problem)
+            self._said = self._said or (CANCELLED, None)
+        finally:
+            self._stopper = None
+        if self._said is not None:
+            self._end(*self._said)
+
+    def conclude(self, how: str, problem: Exception | None = None) -> None:
+        """Says how it ended. Whatever is said later is ignored."""
+        if self._stopper == threading.get_ident():
+            # The answer came while it was asked: what follows need not wait for another turn.
+            self._said = self._said or (how, problem)
+        else:
+            self._post(lambda: self._end(how, problem))
+
+    def report(self, fraction: float, text: str) -> None:
+        """Says how far it is, from any thread."""
+        self._post(lambda: self._note(fraction, text))
+
+    def _post(self, function: Callable[[], None]) -> None:
+        engine: Any = self.reasoner
+        engine.call(function)
+
+    def _note(self, fraction: float, text: str) -> None:
+        if not self._over:
+            self.state = f"{fraction:.0%} {text}".strip()
+            self.reasoner.record("progress", self.what, self.cause, fraction=fraction, text=text)
+
+    def _end(self, how: str, problem: Exception | None) -> None:
+        if self._over:
+            return
+        self._over = True
+        self._record_end(how, problem)
+        if self._then is not None:
+            self._go_on()
+        else:
+            self.end(Failed("cancelled", f"{self.what} stopped unasked") if how == CANCELLED else problem)
+
+    def _go_on(self) -> None:
+        then, self._then = self._then, None
+        if then is not None:
+            then()
+
+    def _record_end(self, how: str, problem: Exception | None) -> None:
+        why = {} if problem is None else {"message": str(problem) or type(problem).__name__}
+        self.reasoner.record("action_end", self.what, self.cause, outcome=how, **why)
+
+    def __str__(self) -> str:
+        state = "is asked to stop" if self._then is not None else self.state
+        return f"{self.what} goes on{f': {state}' if state else ''}"
+
+
+# Begun and ended by callbacks
+
+
+class LongAction(Action):
+    """An action that takes its time: override `start`, and `cancel` if it can be stopped.
+
+    From any thread it says `progress` as often as it likes and, once, `done` or `failed`; all three are harmless
+    when it is over.
+    """
+
+    _pause: Running
+
+    def start(self, *args: Any, **kwargs: Any) -> None:
+        """Begins it; ``args`` are the values of the arguments. An exception fails the goal."""
+        raise RuleError(f"the action {self.functor} does nothing", remedy="override start()")
+
+    def cancel(self) -> None:
+        """Stops it. It is called once, in the engine's thread; say `cancelled` (or `done`, `failed`) afterwards."""
+        self.cancelled()
+
+    def progress(self, fraction: float, text: str = "") -> None:
+        """Says how far it is, 0 to 1. This goes on the trace, and nowhere else."""
+        self._pause.report(min(max(float(fraction), 0.0), 1.0), text)
+
+    def done(self) -> None:
+        """Says that it is finished."""
+        self._pause.conclude(FINISHED)
+
+    def failed(self, reason: str | Exception = "the action failed") -> None:
+        """Says that it could not do what it was asked to; the goal fails."""
+        self._pause.conclude(FAILED, reason if isinstance(reason, Exception) else PlanFailed(reason))
+
+    def cancelled(self) -> None:
+        """Says that it has stopped, as `cancel` asked for."""
+        self._pause.conclude(CANCELLED)
+
+    def execute(self, *args: Any) -> Pause:
+        """Lets the plan wait until the action is over."""
+        self._pause = _LongRun(self, args)
+        return self._pause
+
+
+class _LongRun(Running):
+    def __init__(self, action: LongAction, args: tuple[Any, ...]) -> None:
+        super().__init__(text(action.functor, args), action.id)
+        self.action = action
+        self.args = args
+
+    def start(self) -> None:
+        self.action.start(*self.args)
+
+    def stop(self) -> None:
+        self.action.cancel()
+
+
+# In threads
+
+
+class ThreadAction(Action):
+    """An action whose ``execute`` blocks: it runs in a thread, what it returns or raises counts as for any action.
+
+    ``cancelling`` is set when it shall stop; it has stopped when it returns. Of the engine it may use what may be
+    called from any thread.
+    """
+
+    threaded: ClassVar[bool] = True
+    cancelling: threading.Event
+    _pause: Running
+
+    def progress(self, fraction: float, text: str = "") -> None:
+        """Says how far it is, 0 to 1. This goes on the trace, and nowhere else."""
+        self._pause.report(min(max(float(fraction), 0.0), 1.0), text)
+
+
+class ThreadRun(Running):
+    """A `ThreadAction` goes on."""
+
+    def __init__(self, action: ThreadAction) -> None:
+        super().__init__(text(action.functor, action.args), action.id)
+        self.action = action
+        action.cancelling = threading.Event()
+        action._pause = self
+        self._claim = threading.Lock()
+
+    def start(self) -> None:
+        engine = self.action.engine
+        if engine.pool is None:
+            engine.pool = Pool()
+        engine.pool.submit(self._work)
+
+    def stop(self) -> None:
+        self.action.cancelling.set()
+        if self._claim.acquire(blocking=False):
+            self.conclude(CANCELLED)  # no thread has begun it
+
+    def _work(self) -> None:
+        if not self._claim.acquire(blocking=False):
+            return
+        try:
+            found = self.action.execute(*self.action.args)
+            if inspect.iscoroutine(found):
+                found.close()
+                raise RuleError(f"execute of {self.action.functor} is async", remedy="make it an Action")
+            problem = refusal(found)
+        except BaseException as error:  # noqa: BLE001 - user code; SystemExit must not end the thread unheard
+            problem = error if isinstance(error, Exception) else PlanFailed(type(error).__name__)
+        if self.action.cancelling.is_set():
+            self.conclude(CANCELLED)
+        else:
+            self.conclude(FINISHED if problem is None else FAILED, problem)
+
+
+class Pool:
+    """Threads for one agent, ``size`` at most; each begins when it is needed. They never keep the program from ending.
+
+    Set ``engine.pool = Pool(8)`` for another size. The threads end when `Engine.run` does, or when they are idle.
+    """
+
+    def __init__(self, size: int = THREADS) -> None:
+        if size < 1:
+            raise RuleError(f"a pool of {size} threads", remedy="give 1 or more")
+        self.size = size
+        self._work: deque[Callable[[], None]] = deque()
+        self._change = threading.Condition()
+        self._threads = 0
+        self._idle = 0
+        self._closed = False
+
+    def submit(self, work: Callable[[], None]) -> None:
+        """Has ``work`` done by the next thread that is free. It must not raise."""
+        with self._change:
+            if self._closed:
+                raise PlanFailed("the agent has ended")
+            self._work.append(work)
+            if len(self._work) > self._idle and self._threads < self.size:
+                self._threads += 1
+                threading.Thread(target=self._serve, name="socialbot-action", daemon=True).start()
+            else:
+                self._change.notify()
+
+    def close(self) -> None:
+        """Ends the threads as soon as they are free; what no thread has begun is not begun any more."""
+        with self._change:
+            self._closed = True
+            self._work.clear()
+            self._change.notify_all()
+
+    def _serve(self) -> None:
+        while True:
+            with self._change:
+                self._idle += 1
+                self._change.wait_for(lambda: self._work or self._closed, IDLE_S)
+                self._idle -= 1
+                if not self._work:
+                    self._threads -= 1
+                    return
+                work = self._work.popleft()
+            work()
+            del work  # or it, and the engine with it, would live until the next one comes
+
+
+# Coroutines
+
+
+class CoroutineRun(Running):
+    """An ``async def`` goes on, in the one asyncio loop that all agents of the process share.
+
+    It is stopped by ``task.cancel()``. One loop, as an agent needs no thread of its own only to wait, and as what
+    coroutines share (connections, locks) belongs to one loop.
+    """
+
+    def __init__(self, coroutine: Coroutine[Any, Any, Any], cause: Any) -> None:
+        name = coroutine.__qualname__.removesuffix(".execute").rpartition(".")[2]
+        super().__init__(name, cause)
+        self.coroutine = coroutine
+        self.begun = False
+        self.asked = False
+        self.task: asyncio.Task[Any] | None = None
+
+    def start(self) -> None:
+        self.begun = True
+        loop().call_soon_threadsafe(self._launch)
+
+    def stop(self) -> None:
+        loop().call_soon_threadsafe(self._cancel)
+
+    def _launch(self) -> None:
+        self.task = loop().create_task(self.coroutine)
+        self.task.add_done_callback(self._done)
+
+    def _cancel(self) -> None:
+        assert self.task is not None, "it was begun before"
+        self.asked = True
+        self.task.cancel()
+
+    def _done(self, task: asyncio.Task[Any]) -> None:
+        if task.cancelled():
+            self.conclude(CANCELLED)
+            return
+        problem = task.exception()
+        if problem is None:
+            problem = refusal(task.result())
+        elif not isinstance(problem, Exception):
+            problem = PlanFailed(type(problem).__name__)
+        if self.asked:
+            self.conclude(CANCELLED)
+        else:
+            self.conclude(FINISHED if problem is None else FAILED, problem)
+
+    def __del__(self) -> None:
+        if not self.begun:
+            self.coroutine.close()  # its intention was dropped before: nobody awaits it, and that is well
+
+
+_loop: asyncio.AbstractEventLoop | None = None
+_loop_lock = threading.Lock()
+
+
+def loop() -> asyncio.AbstractEventLoop:
+    """The asyncio loop in which coroutines of agents run; begun in a thread of its own when it is first needed."""
+    global _loop
+    import asyncio  # rarely needed, and large
+
+    with _loop_lock:
+        if _loop is None:
+            _loop = asyncio.new_event_loop()
+            threading.Thread(target=_loop.run_forever, name="socialbot-asyncio", daemon=True).start()
+        return _loop
+
+
+def refusal(found: object) -> Exception | None:
+    """The failure that the result of an action amounts to: False is one."""
+    return Failed("action_failed", "the action returned False") if found is False else None
+
+
+def text(functor: str, args: tuple[Any, ...]) -> str:
+    """An action as the trace shows it."""
+    return f"{functor}({', '.join(map(show, args))})"

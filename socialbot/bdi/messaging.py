@@ -1,0 +1,338 @@
+"""Mail: what the speech acts of agents do to those who hear them.
+
+Contents are terms; only plans may be told as text. What an agent is told is believed with ``source(Sender)``.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from socialbot.bdi.beliefs import is_source
+from socialbot.bdi.compiler.runtime import OPEN, SUBGOAL
+from socialbot.bdi.intentions import Alarm, Failed, Failure, Intention, Pause
+from socialbot.bdi.literals import Event, Literal, source
+from socialbot.bdi.plans import Plan
+from socialbot.bdi.stdlib.registry import detached, each_of, literal_of, wrong
+from socialbot.bdi.steps import message
+from socialbot.bdi.terms import Atom, show
+from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
+
+if TYPE_CHECKING:
+    from socialbot.bdi.engine import Engine
+
+PERFORMATIVES = {
+    "tell": "the receiver believes it, from the sender",
+    "untell": "the receiver no longer believes it from the sender",
+    "achieve": "the receiver takes on a goal",
+    "unachieve": "the receiver gives up a goal, whoever wanted it",
+    "askOne": "the receiver answers with the first thing it believes that fits, or false",
+    "askAll": "the receiver answers with a list of all it believes that fits",
+    "askHow": "the receiver answers with a list of its plans for an event",
+    "tellHow": "the receiver gets a plan, from the sender",
+    "untellHow": "the receiver loses a plan of the sender",
+    "signal": "the receiver has the event that a belief is added, but does not believe it",
+}
+"""What can be said, and what follows."""
+
+TIMEOUT = Atom("timeout")
+"""The answer that did not come in time."""
+
+
+def send(
+    sender: Engine,
+    receiver: Any,
+    performative: str | Atom,
+    content: Any,
+    cause: Any = "",
+    *,
+    answer: Any = None,
+    limit_s: float | None = None,
+) -> Pause | None:
+    """Says something to an agent, or to several. Raises Failed when it cannot be said, or to nobody of that name.
+
+    With an ``answer`` to be, a term, it returns the pause until it is there, at most ``limit_s``.
+    """
+    act, content = str(performative), _content(str(performative), content)
+    receivers = [_find(sender, each) for each in each_of(receiver)]
+    if sender.sink is not None:
+        names = ", ".join(agent.name for agent in receivers)
+        cause = sender.record("message", f"{act} {names}: {show(content)}", cause)
+    asking = None
+    if answer is not None and act.startswith("ask"):
+        asking = Asking(answer, receivers, resolve(receiver).__class__ is tuple, limit_s)
+    for agent in receivers:
+        _deliver(sender, agent, act, content, cause, None if asking is None else asking.hear)
+    return asking
+
+
+def broadcast(sender: Engine, performative: str | Atom, content: Any, cause: Any = "") -> None:
+    """Says something to all other agents. Raises Failed when it cannot be said."""
+    society = sender.society
+    others = [] if society is None else [agent for agent in society.agents.values() if agent is not sender]
+    act, content = str(performative), _content(str(performative), content)
+    if sender.sink is not None:
+        cause = sender.record("message", f"{act} to all: {show(content)}", cause)
+    for agent in others:
+        _deliver(sender, agent, act, content, cause, None)
+
+
+def tell(sender: Engine, receiver: Engine, key: str, args: tuple[Any, ...], cause: Any) -> None:
+    """Tells an agent a belief that it may refuse, or whose coming it wants to hear of."""
+    content = receiver.relations[key].literal(args)
+    receiver.call(functools.partial(receive, receiver, sender, "tell", content, cause))
+
+
+Reply = Callable[["Engine", Any], None]
+
+
+def _deliver(sender: Engine, receiver: Engine, act: str, content: Any, cause: Any, reply: Reply | None) -> None:
+    # Each agent gets variables of its own.
+    receiver.call(functools.partial(receive, receiver, sender, act, detached(content), cause, reply))
+
+
+def receive(
+    agent: Engine, sender: Engine, performative: str, content: Any, cause: Any = "", reply: Reply | None = None
+) -> None:
+    """Has an agent hear something. What it refuses might as well not be said; questions get the answer false."""
+    name = sender.name if sender is not agent else "self"
+    if agent.accepts is not None and not agent.accepts(name, performative, content):
+        if reply is not None:
+            reply(agent, Atom("false"))
+        return
+    said_by = (source(Atom(name)),)
+    if agent.sink is not None:
+        cause = agent.record("message", f"{performative} from {name}: {show(content)}", cause)
+    if "+message/3" in agent.triggers:
+        relation = agent.relations["message/3"]
+        if relation.kind is not message:
+            agent.library.declare(message)
+            agent.equip(message)
+        said = tuple(map(_closed, (Atom(name), Atom(performative), content)))
+        agent.add(relation, said, said_by, cause)
+    _RECEIVERS[performative](agent, sender, content, said_by, cause, reply)
+
+
+# What each performative does
+
+
+def _tell(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
+    for each in each_of(content):
+        belief = literal_of("tell", each)
+        agent.add(agent.relations[belief.key], belief.args, _notes(belief, said_by), cause)
+
+
+def _untell(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
+    for each in each_of(content):
+        belief = literal_of("untell", each)
+        agent.remove(agent.relations[belief.key], belief.args, _notes(belief, said_by), cause, False)
+
+
+def _signal(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
+    for each in each_of(content):
+        signal = literal_of("signal", each)
+        added = agent.relations[signal.key].added
+        if added is not None:
+            agent.events.append((added, signal.args, (*_notes(signal, said_by), Atom("signal")), cause))
+
+
+def _achieve(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
+    for each in each_of(content):
+        goal = literal_of("achieve", each)
+        kind = SUBGOAL if closed(goal.args) else SUBGOAL | OPEN
+        agent.adopt((kind, agent.triggers[f"+!{goal.key}"], goal.args, _notes(goal, said_by), cause))
+
+
+def _unachieve(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
+    from socialbot.bdi.stdlib.goals import drop_goal
+
+    for each in each_of(content):
+        drop_goal(agent, literal_of("unachieve", each))
+
+
+def _ask_one(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
+    query = literal_of("askOne", content)
+    trail: Trail = []
+    for _ in agent.solve(query.key, query.args, query.annotations, trail):
+        found = resolve(query)
+        undo(trail, 0)
+        _answer(agent, sender, query, found, cause, reply)
+        return
+    undo(trail, 0)
+    trigger = agent.triggers.get(f"+?{query.key}")
+    if trigger is None or not trigger.plans:
+        _answer(agent, sender, query, None, cause, reply)
+        return
+
+    def ended(failure: Failure | None) -> None:
+        _answer(agent, sender, query, resolve(query) if failure is None else None, cause, reply)
+
+    kind = SUBGOAL if closed(query.args) else SUBGOAL | OPEN
+    agent.adopt((kind, trigger, query.args, _notes(query, said_by), cause), ended)
+
+
+def _ask_all(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
+    query = literal_of("askAll", content)
+    trail: Trail = []
+    found = tuple(resolve(query) for _ in agent.solve(query.key, query.args, query.annotations, trail))
+    _answer(agent, sender, query, found, cause, reply)
+
+
+def _ask_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
+    from socialbot.bdi.stdlib.plans import relevant
+
+    found = relevant(agent, content)
+    if reply is not None:
+        reply(agent, found)
+    elif found:
+        sender.call(functools.partial(receive, sender, agent, "tellHow", found, cause))
+
+
+def _tell_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
+    from socialbot.bdi.stdlib.plans import learn
+
+    for each in each_of(content):
+        learn(agent, each, said_by)
+
+
+def _untell_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
+    from socialbot.bdi.stdlib.plans import unlearn
+
+    for each in each_of(content):
+        unlearn(agent, each, said_by)
+
+
+_RECEIVERS: dict[str, Callable[..., None]] = {
+    "tell": _tell,
+    "untell": _untell,
+    "achieve": _achieve,
+    "unachieve": _unachieve,
+    "askOne": _ask_one,
+    "askAll": _ask_all,
+    "askHow": _ask_how,
+    "tellHow": _tell_how,
+    "untellHow": _untell_how,
+    "signal": _signal,
+}
+
+
+# Answers
+
+
+def _answer(agent: Engine, sender: Engine, query: Literal, found: Any, cause: Any, reply: Reply | None) -> None:
+    """Answers a question: whoever waits gets the answer, others are told it, or that it is not so."""
+    if reply is not None:
+        said_by = (source(Atom(agent.name)),)
+        if found is None:
+            found = Atom("false")
+        elif found.__class__ is tuple:
+            found = tuple(each.with_(annotations=_notes(each, said_by)) for each in found)
+        else:
+            found = found.with_(annotations=_notes(found, said_by))
+        reply(agent, detached(found))
+    elif found is None:
+        sender.call(functools.partial(receive, sender, agent, "untell", detached(query), cause))
+    else:
+        sender.call(functools.partial(receive, sender, agent, "tell", detached(found), cause))
+
+
+class Asking(Pause):
+    """It waits for the answer to a question."""
+
+    def __init__(self, answer: Any, asked: list[Engine], several: bool, limit_s: float | None) -> None:
+        self.answer = answer
+        self.missing = {agent.name for agent in asked}
+        self.names = ", ".join(agent.name for agent in asked)
+        self.several = several
+        self.limit_s = limit_s
+        self.found: list[Any] = []
+
+    def begin(self, reasoner: Any, intention: Intention) -> None:
+        super().begin(reasoner, intention)
+        if not self.missing:
+            self._answered(())
+        elif self.limit_s is not None:
+            reasoner.at_in(self.limit_s, Alarm(self, self._late))
+
+    def hear(self, replier: Engine, answer: Any) -> None:
+        """Takes an answer, in the thread of whoever gives it."""
+        self.reasoner.call(lambda: self._take(replier.name, answer))  # type: ignore[attr-defined]
+
+    def _take(self, name: str, answer: Any) -> None:
+        if self.intention is None or name not in self.missing:
+            return
+        self.missing.remove(name)
+        self.found.append(answer)
+        if not self.missing:
+            self._answered(tuple(self.found) if self.several else answer)
+
+    def _late(self) -> None:
+        if self.intention is not None:
+            self._answered(tuple(self.found) if self.several else TIMEOUT)
+
+    def _answered(self, answer: Any) -> None:
+        trail: Trail = []
+        if unify(self.answer, answer, trail):
+            self.end()
+        else:
+            undo(trail, 0)
+            self.end(Failed("ask_failed", f"the answer of {self.names} does not fit: {show(answer)}"))
+
+    def __str__(self) -> str:
+        return f"waits for an answer of {self.names}"
+
+
+# Within
+
+
+def _find(sender: Engine, receiver: Any) -> Engine:
+    if receiver.__class__ is Atom:
+        receiver = receiver.name
+    if receiver in ("self", sender.name):
+        return sender
+    if sender.society is None:
+        raise Failed("action_failed", f"{sender.name} is alone: there is no agent {receiver}")
+    return sender.society.find(receiver)
+
+
+def _content(act: str, content: Any) -> Any:
+    """What is said, if it can be. Raises Failed otherwise."""
+    content = resolve(content)
+    if act not in PERFORMATIVES:
+        raise wrong(".send", Atom(act), f"one of {', '.join(PERFORMATIVES)}")
+    if act == "askHow":
+        from socialbot.bdi.stdlib.environment import event_of
+
+        return event_of(act, content)
+    if act in ("tellHow", "untellHow"):
+        for each in each_of(content):
+            if not isinstance(each, (Plan, str, Atom)):
+                raise wrong(act, each, "a plan")
+        return content
+    for each in (content,) if act in ("askOne", "askAll") else each_of(content):
+        what = literal_of(act, each)
+        if act in ("tell", "signal") and not closed(what):
+            raise Failed("no_value", f"{act} {what}: a variable has no value")
+    return content
+
+
+def _notes(what: Literal, said_by: tuple[object, ...]) -> tuple[object, ...]:
+    """The annotations of something with those that tell who said it instead of the sources in it."""
+    if not what.annotations:
+        return said_by
+    return (*(note for note in what.annotations if not is_source(note)), *said_by)
+
+
+def _closed(term: Any) -> Any:
+    """A term with the name ``_`` for variables, for an event."""
+    term = resolve(term)
+    if closed(term) and not isinstance(term, Event):
+        return term
+    if isinstance(term, Event):
+        return Event(term.change, _closed(term.literal), term.seconds)
+    if term.__class__ is tuple:
+        return tuple(map(_closed, term))
+    if isinstance(term, Literal):
+        return term.with_(args=_closed(term.args), annotations=_closed(term.annotations))
+    return Atom("_")

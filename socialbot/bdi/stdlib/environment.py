@@ -1,0 +1,209 @@
+"""Internal actions on the outside: print, time, waiting and messages to other agents."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime, timedelta, timezone
+from typing import Any
+
+from socialbot.bdi.intentions import EventPause, Failed, Pause, Sleep
+from socialbot.bdi.literals import Event, Literal
+from socialbot.bdi.plans import Plan
+from socialbot.bdi.stdlib.registry import detached, gives, internal, is_number, name_of, number_of, wrong
+from socialbot.bdi.terms import Atom, Cons
+from socialbot.bdi.unification import Trail, Var, closed, resolve
+from socialbot.core.clock import SECOND
+
+
+@internal(".print", 0, 100)
+def print_(engine: Any, args: tuple[Any, ...], trail: Trail) -> None:
+    """``.print(a1, ..., an)``: prints its arguments, without anything between them."""
+    engine.say("".join(map(said, args)))
+
+
+internal(".println", 0, 100)(print_)
+
+
+def said(term: Any) -> str:
+    """A term as it is printed: strings and names without quotes, unless they are part of something."""
+    term = resolve(term)
+    if isinstance(term, str):
+        return term
+    if term.__class__ is Atom:
+        return term.name
+    if term.__class__ is Var:
+        return f"{term}<no-value>"
+    return spelled(term)
+
+
+def spelled(term: Any) -> str:
+    """A term in AgentSpeak, spelled as Jason does: without blanks, whole numbers without a fraction."""
+    if term.__class__ is Atom:
+        return _name(term.name)
+    if isinstance(term, str):
+        return f'"{term}"'
+    if isinstance(term, bool) or term is None:
+        return str(term).lower()
+    if isinstance(term, float):
+        return str(int(term)) if term.is_integer() and abs(term) < 1e16 else repr(term)
+    if term.__class__ is tuple:
+        return f"[{','.join(map(spelled, term))}]"
+    if term.__class__ is Cons:
+        return f"[{','.join(map(spelled, term.items))}|{spelled(term.tail)}]"
+    if isinstance(term, Literal):
+        return _literal(term)
+    if isinstance(term, (Plan, Event)):
+        from socialbot.bdi.agentspeak.printer import agentspeak
+
+        return (
+            agentspeak(term) if isinstance(term, Plan) else f"{{{term.change.value}{spelled(resolve(term.literal))}}}"
+        )
+    return str(term)
+
+
+def _literal(term: Literal) -> str:
+    args = f"({','.join(map(spelled, term.args))})" if term.args else ""
+    notes = f"[{','.join(sorted(map(spelled, term.annotations)))}]" if term.annotations else ""
+    return f"{'~' if term.negated else ''}{_name(term.functor)}{args}{notes}"
+
+
+def _name(name: str) -> str:
+    if name.isidentifier() and name[0].islower():
+        return name
+    from socialbot.bdi.agentspeak.printer import agentspeak
+
+    return agentspeak(Atom(name))
+
+
+Args = tuple[Any, ...]
+
+UNITS = {"": 0.001, "ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+"""In seconds."""
+
+_WHEN = re.compile(r"now(?:\s*\+\s*(\d+(?:\.\d+)?)\s*([a-z]*))?")
+
+
+@internal(".time", 3, 4, binds=True)
+def time(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.time(Hour, Minute, Second, Millisecond)``: the time of day where the computer is."""
+    now = _now(engine)
+    return gives(args, (now.hour, now.minute, now.second, now.microsecond // 1000)[: len(args)], trail)
+
+
+@internal(".date", 3, binds=True)
+def date(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.date(Year, Month, Day)``: today."""
+    now = _now(engine)
+    return gives(args, (now.year, now.month, now.day), trail)
+
+
+def _now(engine: Any) -> datetime:
+    return (datetime.fromtimestamp(0, timezone.utc) + timedelta(seconds=engine.clock.now() / SECOND)).astimezone()
+
+
+class Appointment:
+    """An event that is to come at a time."""
+
+    def __init__(self, engine: Any, event: Event) -> None:
+        self.engine = engine
+        self.event = event
+        self.cause = engine.cause
+        self.cancelled = False
+
+    def __call__(self) -> None:
+        if not self.cancelled:
+            self.engine.raise_event(self.event, self.cause)
+
+
+@internal(".at", 2)
+def at(engine: Any, args: Args, trail: Trail) -> None:
+    """``.at("now +3 s", {+!g})``: the event comes at that time; in ms if no unit (s, m, h, d) is given."""
+    when, event = resolve(args[0]), event_of(".at", args[1])
+    found = _WHEN.fullmatch(when.strip()) if isinstance(when, str) else None
+    unit = "" if found is None else (found[2] or "")
+    unit = unit if unit == "ms" else unit[:1]
+    if found is None or unit not in UNITS:
+        raise wrong(".at", when, 'a time, such as "now +3 s"')
+    if not closed(event.literal):
+        raise Failed("no_value", f".at: {event} has a variable without a value")
+    engine.at_in(float(found[1] or 0) * UNITS[unit], Appointment(engine, event))
+
+
+def event_of(name: str, term: Any) -> Event:
+    """An event, given as ``{+b(X)}`` or as a string. Raises Failed for anything else."""
+    term = resolve(term)
+    if isinstance(term, str):
+        from socialbot.bdi.agentspeak import AgentSpeakError, parse_event
+        from socialbot.bdi.stdlib.registry import opened
+
+        try:
+            return opened(parse_event(term, f"<{name}>"))
+        except AgentSpeakError as problem:
+            raise Failed("wrong_arguments", f"{name}: {term!r} is no event") from problem
+    if not isinstance(term, Event):
+        raise wrong(name, term, "an event, such as {+!g}")
+    return detached(term)
+
+
+@internal(".wait", 1, 2, pauses=True)
+def wait(engine: Any, args: tuple[Any, ...], trail: Trail) -> Pause:
+    """``.wait(500)`` rests for so many ms; ``.wait("+b(1)", 500)`` until the event comes, for 500 ms at most."""
+    what = resolve(args[0])
+    if is_number(what):
+        return Sleep(max(0.0, what / 1000))
+    if not isinstance(what, str):
+        raise wrong(".wait", what, "ms, an event or a condition")
+    event = event_of(".wait", what)
+    limit_s = number_of(".wait", args[1]) / 1000 if len(args) > 1 else None
+    return EventPause(event.key, event.literal.args, event.literal.annotations, limit_s)
+
+
+@internal(".send", 3, 5, pauses=True)
+def send(engine: Any, args: Args, trail: Trail) -> Pause | None:
+    """``.send(To, Performative, Content, Answer, Timeout)``: says something to an agent or a list of them.
+
+    With an answer to be, the intention rests until it has come, or for so many ms, after which it is ``timeout``.
+    """
+    from socialbot.bdi.messaging import send as say
+
+    receiver, performative, content, *rest = args
+    receiver, performative, content = map(resolve, (receiver, performative, content))
+    performative = name_of(".send", performative)
+    if not rest:
+        return say(engine, receiver, performative, content, engine.cause)
+    limit_s = number_of(".send", rest[1]) / 1000 if len(rest) > 1 else None
+    return say(engine, receiver, performative, content, engine.cause, answer=rest[0], limit_s=limit_s)
+
+
+@internal(".broadcast", 2)
+def broadcast(engine: Any, args: Args, trail: Trail) -> None:
+    """``.broadcast(Performative, Content)``: says something to all other agents."""
+    from socialbot.bdi.messaging import broadcast as say
+
+    say(engine, name_of(".broadcast", args[0]), resolve(args[1]), engine.cause)
+
+
+@internal(".my_name", 1, binds=True)
+def my_name(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.my_name(N)``: the name of this agent, an atom."""
+    return gives(args[0], Atom(engine.name), trail)
+
+
+@internal(".all_names", 1, binds=True)
+def all_names(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.all_names(L)``: the names of all agents, this one among them."""
+    names = [engine.name] if engine.society is None else engine.society.agents
+    return gives(args[0], tuple(map(Atom, names)), trail)
+
+
+@internal(".stopMAS", 0, 1)
+def stop_all(engine: Any, args: Args, trail: Trail) -> None:
+    """Ends the running of all agents; with ms, after so long."""
+    society = engine.society or engine
+    if args:
+        engine.at_in(number_of(".stopMAS", args[0]) / 1000, society.stop)
+    else:
+        society.stop()
+
+
+internal(".stop", 0, 1)(stop_all)

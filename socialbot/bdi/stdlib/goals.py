@@ -1,0 +1,278 @@
+"""Internal actions on goals and intentions.
+
+A goal is looked for among those that intentions pursue, and the one that an intention began with; a goal whose plan
+has ended with another goal is no longer pursued itself, unless it was the first or has a plan for its failure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from socialbot.bdi.compiler.runtime import SUBGOAL
+from socialbot.bdi.intentions import Failed, Failure, ForkPause, Intention, Request, goal_of
+from socialbot.bdi.literals import Literal, error, error_msg, literal
+from socialbot.bdi.stdlib.environment import Appointment, said, spelled
+from socialbot.bdi.stdlib.registry import gives, internal, literal_of
+from socialbot.bdi.terms import Atom
+from socialbot.bdi.unification import Trail, annotations_match, resolve, undo, unify
+
+Args = tuple[Any, ...]
+
+
+# Looking
+
+
+@internal(".desire", 1, many=True, aware=True)
+def desire(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
+    """``.desire(g(X))``: the goal is pursued, or soon will be."""
+    goal = literal_of(".desire", args[0])
+    for request in [*_pending(engine), *(found for intention in engine.intentions for found in _goals(intention))]:
+        yield from _matches(goal, request, trail)
+
+
+@internal(".intend", 1, many=True, aware=True)
+def intend(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
+    """``.intend(g(X))``: an intention that is not suspended pursues the goal."""
+    goal = literal_of(".intend", args[0])
+    for intention in list(engine.intentions):
+        if not intention.suspended:
+            for request in _goals(intention):
+                yield from _matches(goal, request, trail)
+
+
+@internal(".suspended", 2, many=True, aware=True)
+def suspended(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
+    """``.suspended(g(X), Reason)``: an intention that rests pursues the goal; the reason is a string."""
+    goal = literal_of(".suspended", args[0])
+    for intention in list(engine.intentions):
+        if intention.suspended or intention.pause is not None:
+            for request in _goals(intention):
+                for _ in _matches(goal, request, trail):
+                    if gives(args[1], "suspended" if intention.suspended else str(intention.pause), trail):
+                        yield
+
+
+@internal(".current_intention", 1, aware=True)
+def current_intention(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.current_intention(intention(Number, Goals))``: the intention of this plan; its innermost goal is the first."""
+    intention = engine.current
+    goals = tuple(_atom(goal_of(request, {})) for request in reversed(list(_goals(intention))))
+    return gives(args[0], literal("intention", (intention.number, goals)), trail)
+
+
+def _atom(goal: Literal) -> object:
+    return goal if goal.args else Atom(goal.functor)
+
+
+# Dropping
+
+
+@internal(".drop_intention", 0, 1, pauses=True)
+def drop_intention(engine: Any, args: Args, trail: Trail) -> None:
+    """``.drop_intention(g)``: ends the intentions that pursue the goal; without a goal the one at hand."""
+    for intention in _with(engine, args, ".drop_intention"):
+        engine.drop(intention)
+
+
+@internal(".drop_all_intentions", 0, pauses=True)
+def drop_all_intentions(engine: Any, args: Args, trail: Trail) -> None:
+    """Ends all intentions but the one at hand, and what is to come `.at` a time."""
+    ours = engine.current
+    for intention in list(engine.intentions):
+        if intention is not ours and intention in engine.intentions and not _is_branch_parent(intention, ours):
+            engine.drop(intention)
+    for _, _, callback in engine._timers:
+        if isinstance(callback, Appointment):
+            callback.cancelled = True
+
+
+def _is_branch_parent(intention: Intention, branch: Intention | None) -> bool:
+    pause = intention.pause
+    return isinstance(pause, ForkPause) and any(
+        each is branch or _is_branch_parent(each, branch) for each in pause.branches
+    )
+
+
+@internal(".drop_desire", 1, pauses=True)
+def drop_desire(engine: Any, args: Args, trail: Trail) -> None:
+    """``.drop_desire(g)``: like `.drop_intention`; goals that wait for their turn go, too."""
+    drop_goal(engine, literal_of(".drop_desire", args[0]))
+
+
+def drop_goal(engine: Any, goal: Literal) -> None:
+    """Gives up a goal, whatever intentions pursue it."""
+    _take_pending(engine, goal)
+    for intention in _pursuing(engine, goal):
+        engine.drop(intention)
+
+
+@internal(".drop_all_desires", 0, pauses=True)
+def drop_all_desires(engine: Any, args: Args, trail: Trail) -> None:
+    """Ends all intentions but the one at hand, and forgets the goals and events that wait for their turn."""
+    engine.events.clear()
+    drop_all_intentions(engine, args, trail)
+
+
+@internal(".drop_event", 1, pauses=True)
+def drop_event(engine: Any, args: Args, trail: Trail) -> None:
+    """``.drop_event(g)``: forgets a goal that waits for its turn."""
+    _take_pending(engine, literal_of(".drop_event", args[0]))
+
+
+@internal(".drop_all_events", 0, pauses=True)
+def drop_all_events(engine: Any, args: Args, trail: Trail) -> None:
+    """Forgets the goals and events that wait for their turn."""
+    engine.events.clear()
+
+
+# Ending
+
+
+@internal(".succeed_goal", 1, pauses=True)
+def succeed_goal(engine: Any, args: Args, trail: Trail) -> None:
+    """``.succeed_goal(g)``: the goal counts as achieved; whoever wanted it goes on."""
+    goal = literal_of(".succeed_goal", args[0])
+    _take_pending(engine, goal)
+    for intention in _pursuing(engine, goal):
+        _unwind(engine, intention, goal, None)
+
+
+@internal(".fail_goal", 1, pauses=True)
+def fail_goal(engine: Any, args: Args, trail: Trail) -> None:
+    """``.fail_goal(g)``: the goal has failed; a plan for ``-!g`` is tried, or the goal below fails."""
+    goal = literal_of(".fail_goal", args[0])
+    message = f"{spelled(goal)} was given up by .fail_goal"
+    for request in _take_pending(engine, goal):
+        engine.fail_request(request, Failure("cancelled", message, ".fail_goal", engine.cause))
+    for intention in _pursuing(engine, goal):
+        _unwind(engine, intention, goal, message)
+
+
+def _unwind(engine: Any, intention: Intention, goal: Literal, message: str | None) -> None:
+    """Ends what is done for a goal: it has failed if there is a message, otherwise it is achieved."""
+    if intention not in engine.intentions:
+        return
+    cause = engine.cause
+
+    def end() -> None:
+        problem = None if message is None else Failure("cancelled", message, ".fail_goal", cause)
+        engine.unwind(intention, lambda request: _fits(goal, request), problem)
+
+    engine.interrupt(intention, end)
+
+
+@internal(".fail", 0, 100)
+def fail(engine: Any, args: Args, trail: Trail) -> None:
+    """``.fail(error(e), error_msg("m"), a)``: fails, with annotations for ``-!g``."""
+    reason, message, others = "ia_failed", "", []
+    for arg in map(resolve, args):
+        if isinstance(arg, Literal) and len(arg.args) == 1:
+            value = arg.args[0]
+            if arg.functor == error.functor and isinstance(value, Atom):
+                reason = value.name
+                continue
+            if arg.functor == error_msg.functor:
+                message = said(value)
+                continue
+        others.append(arg)
+    raise Failed(reason, message or ".fail", tuple(others))
+
+
+# Suspending
+
+
+@internal(".suspend", 0, 1, pauses=True)
+def suspend(engine: Any, args: Args, trail: Trail) -> None:
+    """``.suspend(g)``: intentions that pursue the goal rest until `.resume`; without a goal the one at hand does."""
+    for intention in _with(engine, args, ".suspend"):
+        _suspend(engine, intention)
+
+
+def _suspend(engine: Any, intention: Intention) -> None:
+    intention.suspended = True
+    if intention in engine.ready:
+        engine.ready.remove(intention)
+    if isinstance(intention.pause, ForkPause):
+        for branch in intention.pause.branches:
+            _suspend(engine, branch)
+
+
+@internal(".resume", 1, pauses=True)
+def resume(engine: Any, args: Args, trail: Trail) -> None:
+    """``.resume(g)``: suspended intentions that pursue the goal go on."""
+    for intention in _pursuing(engine, literal_of(".resume", args[0])):
+        _resume(engine, intention)
+
+
+def _resume(engine: Any, intention: Intention) -> None:
+    if intention.suspended:
+        intention.suspended = False
+        if intention.pause is None and intention.frames:
+            engine.ready.append(intention)
+        elif isinstance(intention.pause, ForkPause):
+            for branch in intention.pause.branches:
+                _resume(engine, branch)
+
+
+# Finding
+
+
+def _with(engine: Any, args: Args, name: str) -> list[Intention]:
+    """The intentions that pursue a goal, or the one at hand."""
+    return _pursuing(engine, literal_of(name, args[0])) if args else [_whole(engine, engine.current)]
+
+
+def _whole(engine: Any, intention: Intention) -> Intention:
+    """The intention that a branch belongs to."""
+    return next((whole for whole in engine.intentions if _is_branch_parent(whole, intention)), intention)
+
+
+def _pursuing(engine: Any, goal: Literal) -> list[Intention]:
+    return [intention for intention in engine.intentions if any(_fits(goal, request) for request in _goals(intention))]
+
+
+def _goals(intention: Intention | None) -> Iterator[Request]:
+    """The goals of an intention, the outermost first; the one that it began with is always among them."""
+    if intention is None:
+        return
+    first = intention.event
+    found = list(intention.goals())
+    if first is not None and first[1].goal and not any(_same(first, goal) for goal in found):
+        yield first
+    yield from found
+
+
+def _same(one: Request, other: Request) -> bool:
+    return one[1] is other[1] and one[2] == other[2]
+
+
+def _matches(goal: Literal, request: Request, trail: Trail) -> Iterator[None]:
+    """Whether a request is for a goal; its variables are bound until the next step."""
+    _, trigger, args, notes, _ = request
+    mark = len(trail)
+    fits = trigger.key == f"+!{goal.key}" and unify(goal.args, args, trail)
+    if fits and annotations_match(goal.annotations, notes, trail):
+        yield
+    undo(trail, mark)
+
+
+def _fits(goal: Literal, request: Request) -> bool:
+    """Whether a request is for a goal; binds nothing."""
+    trail: Trail = []
+    fits = next(_matches(goal, request, trail), "none") != "none"
+    undo(trail, 0)
+    return fits
+
+
+def _pending(engine: Any) -> list[Request]:
+    """The goals that wait for their turn."""
+    return [(SUBGOAL, trigger, args, notes, cause) for trigger, args, notes, cause in engine.events if trigger.goal]
+
+
+def _take_pending(engine: Any, goal: Literal) -> list[Request]:
+    """Takes a goal out of what waits for its turn."""
+    taken = [request for request in _pending(engine) if _fits(goal, request)]
+    for request in taken:
+        engine.events.remove(request[1:])
+    return taken

@@ -1,0 +1,203 @@
+"""Internal actions on beliefs and on the agent's own plans."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from socialbot.bdi.beliefs import Relation, is_source
+from socialbot.bdi.intentions import Failed
+from socialbot.bdi.literals import SELF, source
+from socialbot.bdi.plans import Plan
+from socialbot.bdi.stdlib.environment import event_of
+from socialbot.bdi.stdlib.registry import each_of, gives, internal, literal_of, name_of, opened, wrong
+from socialbot.bdi.terms import Atom
+from socialbot.bdi.unification import Trail, annotations_match, closed, resolve, undo, unify
+from socialbot.core.errors import RuleError
+
+Args = tuple[Any, ...]
+
+
+@internal(".abolish", 1)
+def abolish(engine: Any, args: Args, trail: Trail) -> None:
+    """``.abolish(b(_))``: removes every belief that matches, whoever said it."""
+    what = literal_of(".abolish", args[0])
+    engine.forget_all(engine.relations[what.key], what.args, what.annotations, engine.cause)
+
+
+@internal(".belief", 1, many=True)
+def belief(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
+    """``.belief(b(X))``: it is held, and does not only follow from others."""
+    what = literal_of(".belief", args[0])
+    for _ in engine.relations[what.key].match(what.args, what.annotations, trail):
+        yield
+
+
+@internal(".asserta", 1)
+def asserta(engine: Any, args: Args, trail: Trail) -> None:
+    """``.asserta(b(1))``: believes it; questions find it first. The event is handled in an intention of its own."""
+    _assert(engine, args[0], ".asserta")
+
+
+@internal(".assertz", 1)
+def assertz(engine: Any, args: Args, trail: Trail) -> None:
+    """``.assertz(b(1))``: believes it; questions find it last. The event is handled in an intention of its own."""
+    relation, added = _assert(engine, args[0], ".assertz")
+    if added is not None:
+        _put_last(relation, added)
+
+
+def _assert(engine: Any, term: Any, name: str) -> tuple[Relation, Args | None]:
+    """Holds a belief; returns its arguments if it was not held before."""
+    what = literal_of(name, term)
+    if not closed(what):
+        raise Failed("no_value", f"{name}: {what} has a variable without a value")
+    relation = engine.relations[what.key]
+    new = what.args not in relation.facts
+    notes = what.annotations if any(map(is_source, what.annotations)) else what.annotations + SELF
+    engine.add(relation, what.args, notes, engine.cause)
+    return relation, what.args if new and what.args in relation.facts else None
+
+
+def _put_last(relation: Relation, args: Args) -> None:
+    """Puts a belief where the oldest one is. Takes as long as there are beliefs of the name."""
+    facts = dict(relation.facts)
+    relation.facts.clear()
+    relation.facts[args] = facts.pop(args)
+    relation.facts.update(facts)
+    for index in relation.indexes.values():
+        for bucket in index.values():
+            if args in bucket:
+                others = [other for other in bucket if other != args]
+                bucket.clear()
+                bucket.update(dict.fromkeys((args, *others)))
+
+
+@internal(".enter", 1)
+def enter(engine: Any, args: Args, trail: Trail) -> None:
+    """``.enter(night)``: enters a stage: plans of other stages are no longer chosen."""
+    engine.enter(name_of(".enter", args[0]), cause=engine.cause)
+
+
+@internal(".add_plan", 1, 3)
+def add_plan(engine: Any, args: Args, trail: Trail) -> None:
+    """``.add_plan({+!g <- .print(hello)}, Source, begin)``: adds plans (terms or strings), at the end if not told."""
+    plans, *rest = args
+    notes = (source(Atom(name_of(".add_plan", rest[0]))),) if rest else SELF
+    first = len(rest) > 1 and name_of(".add_plan", rest[1]) == "begin"
+    for item in each_of(plans):
+        learn(engine, item, notes, first=first)
+
+
+@internal(".remove_plan", 1, 2)
+def remove_plan(engine: Any, args: Args, trail: Trail) -> None:
+    """``.remove_plan(label, Source)``: a plan, or one with a label, loses a source (self); without any it is gone."""
+    plans, *rest = args
+    notes = (source(Atom(name_of(".remove_plan", rest[0]))),) if rest else SELF
+    for item in each_of(plans):
+        unlearn(engine, item, notes)
+
+
+@internal(".relevant_plans", 2, 3)
+def relevant_plans(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.relevant_plans({+!g(_)}, Plans, Labels)``: the plans that may fit an event; without a label the plan is its
+    own.
+    """
+    found = relevant(engine, args[0])
+    labels = tuple(plan if plan.label is None else Atom(plan.label) for plan in found)
+    return gives(args[1:], (found, labels)[: len(args) - 1], trail)
+
+
+@internal(".plan_label", 2, many=True)
+def plan_label(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
+    """``.plan_label(Plan, label)``: the plan with a label."""
+    found = engine.library.labelled(name_of(".plan_label", args[1]))
+    if found is not None and gives(args[0], found, trail):
+        yield
+
+
+def relevant(engine: Any, term: Any) -> tuple[Plan, ...]:
+    """The plans that may fit an event, in the order in which they are tried."""
+    event = event_of(".relevant_plans", term)
+    found = []
+    for ready in engine.triggers[event.key].plans if event.key in engine.triggers else ():
+        trail: Trail = []
+        head = opened(ready.plan.event.literal)
+        if unify(head.args, event.literal.args, trail) and annotations_match(
+            head.annotations, event.literal.annotations, trail
+        ):
+            found.append(ready.plan)
+        undo(trail, 0)
+    return tuple(found)
+
+
+def learn(engine: Any, item: Any, notes: tuple[Any, ...], *, first: bool = False) -> None:
+    """Adds a plan, given as a term or a string, from a source. The same plan again only gets another source."""
+    plan = _plan(item)
+    known = _known(engine, plan)
+    if known is not None:
+        new = tuple(note for note in notes if note not in _sources(known.plan))
+        known.plan = replace(known.plan, annotations=(*_others(known.plan), *_sources(known.plan), *new))
+        return
+    from socialbot.bdi.agentspeak.loading import check_plans
+
+    try:
+        check_plans([plan], engine.library)
+        engine.add_plan(replace(plan, annotations=(*_others(plan), *notes)), first=first)
+    except RuleError as problem:
+        raise Failed("wrong_arguments", f"the plan cannot be added: {problem}") from problem
+
+
+def unlearn(engine: Any, item: Any, notes: tuple[Any, ...]) -> None:
+    """Takes a source off a plan, given as a term, a label or a string ``"@label"``; without sources it is gone."""
+    item = resolve(item)
+    if not isinstance(item, Plan):
+        item = engine.library.labelled(name_of(".remove_plan", item).removeprefix("@"))
+    known = None if item is None else _known(engine, item)
+    if known is None:
+        return
+    left = tuple(note for note in _sources(known.plan) if note not in notes)
+    if left:
+        engine.own_library()
+        known = _known(engine, known.plan)
+        known.plan = replace(known.plan, annotations=(*_others(known.plan), *left))
+    else:
+        engine.remove_plan(known.plan)
+
+
+def _plan(item: Any) -> Plan:
+    item = resolve(item)
+    if isinstance(item, str):
+        from socialbot.bdi.agentspeak import AgentSpeakError, parse_plan
+
+        try:
+            return parse_plan(item, "<string>")
+        except AgentSpeakError as problem:
+            raise Failed("wrong_arguments", f"the plan cannot be read: {problem}") from problem
+    if not isinstance(item, Plan):
+        raise wrong(".add_plan", item, "a plan, such as {+!g <- .print(hello)}")
+    return item
+
+
+def _known(engine: Any, plan: Plan) -> Any:
+    """The plan of the library that is the same, with its code."""
+    trigger = engine.triggers.get(plan.event.key)
+    for ready in trigger.plans if trigger is not None else ():
+        if ready.plan is plan or _text(ready.plan) == _text(plan):
+            return ready
+    return None
+
+
+def _text(plan: Plan) -> str:
+    from socialbot.bdi.agentspeak.printer import agentspeak
+
+    return agentspeak(replace(plan, annotations=_others(plan)))
+
+
+def _sources(plan: Plan) -> tuple[object, ...]:
+    return tuple(filter(is_source, plan.annotations)) or SELF
+
+
+def _others(plan: Plan) -> tuple[object, ...]:
+    return tuple(note for note in plan.annotations if not is_source(note))

@@ -1,0 +1,264 @@
+"""The commands ``socialbot asl``: run and check agents that are written in AgentSpeak."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from socialbot.core.errors import ParameterError, RuleError
+
+if TYPE_CHECKING:
+    from socialbot.bdi.agentspeak import Program
+    from socialbot.bdi.engine import Engine
+    from socialbot.bdi.society import Society
+    from socialbot.bdi.trace import Record
+
+asl = typer.Typer(help="Runs and checks agents that are written in AgentSpeak.", no_args_is_help=True)
+
+FilesArgument = Annotated[list[Path], typer.Argument(metavar="FILE.asl", help="The texts of the agents.")]
+
+COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_red", "bright_cyan", "bright_green")
+
+
+@asl.command()
+def run(
+    files: FilesArgument,
+    agents: Annotated[
+        str | None, typer.Option(help="Names, with commas between them: one per file, or several agents of one file.")
+    ] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="End after so many turns of reasoning.")] = None,
+    until: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="End after so long.")] = None,
+    trace: Annotated[
+        Path | None, typer.Option(help="Write what the agents believe, want and do, as JSON lines.")
+    ] = None,
+    echo: Annotated[
+        bool, typer.Option("--echo", help="Print actions that nobody has programmed; else they fail.")
+    ] = False,
+) -> None:
+    """Run agents together, until nothing is left to do, or Ctrl-C. Each is named as its file, if no names are given."""
+    from socialbot.bdi.agentspeak.loading import begin, library_of
+    from socialbot.bdi.engine import Engine
+    from socialbot.bdi.society import Society
+    from socialbot.core.clock import WallClock
+    from socialbot.core.process import Ending
+
+    names = _names(files, agents)
+    programs = [_program(_read(file), str(file)) for file in files]
+    if len(files) == 1:
+        programs *= len(names)
+    libraries = {id(program): library_of(program) for program in programs}
+    clock = WallClock()
+    society = Society(clock)
+    console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
+    with _tracing(trace) as sink, _warnings(errors):
+        for number, (name, program) in enumerate(zip(names, programs, strict=True)):
+            engine = Engine(name, clock, sink=sink, library=libraries[id(program)])
+            engine.out = _printer(console, name, COLORS[number % len(COLORS)])
+            if echo:
+                engine.actions = _Echo(engine)
+            society.add(engine)
+            begin(engine, program)
+        with Ending().on_signals() as ending:
+            _stop_on_signals(society, ending)
+            if steps is not None:
+                _run_steps(society, steps, until)
+            else:
+                society.run(linger=False, seconds=until)
+    waiting = sum(len(engine.intentions) for engine in society.agents.values())
+    if waiting and steps is None and until is None and not ending.asked:
+        errors.print(_waiting(society), style="dim", soft_wrap=True, markup=False)
+
+
+@asl.command()
+def check(files: FilesArgument) -> None:
+    """Look for mistakes without running anything. Exit code 4 when there are some."""
+    from socialbot.bdi.agentspeak import AgentSpeakError, parse
+    from socialbot.bdi.agentspeak.loading import check as problems_in
+
+    console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
+    failed = False
+    for file in files:
+        text = _read(file)
+        problems = problems_in(text, str(file))
+        for problem in problems:
+            errors.print(Text.assemble(("error: ", "bold red"), str(problem)), soft_wrap=True)
+        failed = failed or bool(problems)
+        if not problems:
+            name = f"{file}: " if len(files) > 1 else ""
+            console.print(f"{name}ok: {_summary(parse(text, str(file)))}", soft_wrap=True, markup=False)
+    if failed:
+        raise typer.Exit(AgentSpeakError.exit_code)
+
+
+# Texts
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "is no UTF-8 text"
+        raise RuleError(
+            f"cannot be read: {reason}", where=str(file), remedy="give the path of an .asl file"
+        ) from problem
+
+
+def _program(text: str, file: str) -> Program:
+    """Reads and checks a text. Raises AgentSpeakError with the first mistake, and how many more there are."""
+    from socialbot.bdi.agentspeak import parse
+    from socialbot.bdi.agentspeak.loading import problems_of
+
+    program = parse(text, file)
+    problems = problems_of(program, text, file)
+    if problems:
+        first = problems[0]
+        if len(problems) > 1:
+            first.remedy = f"{first.remedy or ''}\n  and {len(problems) - 1} more: socialbot asl check {file}".lstrip()
+        raise first
+    return program
+
+
+def _names(files: list[Path], agents: str | None) -> list[str]:
+    """The names of the agents. Raises RuleError when they do not fit the files."""
+    names = [file.stem for file in files] if agents is None else [name.strip() for name in agents.split(",")]
+    if agents is not None and len(files) > 1 and len(names) != len(files):
+        raise RuleError(
+            f"{len(names)} names for {len(files)} files", where="--agents", remedy="give as many names as files"
+        )
+    if "" in names:
+        raise RuleError("a name is missing", where="--agents", remedy="write the names with single commas: a,b")
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise RuleError(f"there are two agents {twice}", remedy="give names that differ: --agents a,b")
+    return names
+
+
+def _summary(program: Program) -> str:
+    counts = {
+        "plan": len(program.plans),
+        "rule": len(program.inferences),
+        "belief": len(program.beliefs),
+        "goal": len(program.goals),
+    }
+    return ", ".join(_many(count, noun) for noun, count in counts.items() if count or noun != "rule")
+
+
+def _many(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+# Running
+
+
+def _run_steps(society: Society, steps: int, until: float | None) -> None:
+    """Lets agents have so many turns in all, asleep while they wait for a time."""
+    import time
+
+    from socialbot.core.clock import SECOND
+
+    end = None if until is None else society.clock.now() + round(until * SECOND)
+    while steps > 0 and not society.stopping and (end is None or society.clock.now() < end):
+        if society.run_until_idle(1, turns=1):
+            steps -= 1
+            continue
+        due = society.next_wakeup()
+        if due is None:
+            return
+        wake = due if end is None else min(due, end)
+        time.sleep(min(0.1, max(0.0, (wake - society.clock.now()) / SECOND)))
+
+
+def _stop_on_signals(society: Society, ending: Any) -> None:
+    """Has the society stop when a signal comes."""
+    import signal
+
+    from socialbot.core.process import ENDING_SIGNALS
+
+    def stop(signum: int, frame: Any) -> None:
+        ending.ask(signum, frame)
+        society.stop()
+
+    for number in ENDING_SIGNALS:
+        signal.signal(number, stop)
+
+
+def _printer(console: Console, name: str, color: str) -> Callable[[str], None]:
+    if not console.is_terminal:
+        return lambda text: print(f"[{name}] {text}", flush=True)
+    return lambda text: console.print(Text.assemble((f"[{name}]", color), f" {text}"), soft_wrap=True)
+
+
+class _Echo(dict[str, Any]):
+    """Actions that only print themselves."""
+
+    def __init__(self, engine: Engine) -> None:
+        super().__init__()
+        self.engine = engine
+
+    def get(self, name: str, default: Any = None) -> Any:
+        from socialbot.bdi.literals import literal
+        from socialbot.bdi.stdlib.environment import spelled
+
+        return lambda engine, *args: engine.say(f"does {spelled(literal(name, args))}")
+
+
+def _waiting(society: Society) -> str:
+    """What agents still wait for when nothing will happen any more."""
+    lines = [
+        f"{engine.name} still waits: {intention}"
+        for engine in society.agents.values()
+        for intention in list(engine.intentions)[:3]
+    ]
+    return "\n".join(lines[:10])
+
+
+# What is shown and written
+
+
+@contextmanager
+def _tracing(file: Path | None) -> Iterator[Callable[[Record], None] | None]:
+    if file is None:
+        yield None
+        return
+    from socialbot.bdi.agentspeak.printer import agentspeak
+
+    try:
+        lines = file.open("w", encoding="utf-8")
+    except OSError as problem:
+        raise ParameterError(f"cannot be written: {problem.strerror}", where=str(file)) from problem
+    with lines:
+        yield lambda record: print(json.dumps(asdict(record), default=agentspeak), file=lines)
+
+
+class _Warnings(logging.Handler):
+    def __init__(self, console: Console) -> None:
+        super().__init__(logging.WARNING)
+        self.console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.console.print(Text.assemble(("warning: ", "yellow"), record.getMessage()), soft_wrap=True)
+
+
+@contextmanager
+def _warnings(console: Console) -> Iterator[None]:
+    """Shows what goes wrong in agents."""
+    log, handler = logging.getLogger("socialbot.bdi"), _Warnings(console)
+    propagate, log.propagate = log.propagate, False
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.propagate = propagate
+
+
+__all__ = ["asl"]

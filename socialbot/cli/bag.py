@@ -1,0 +1,223 @@
+"""The commands ``socialbot bag``: show, make, record, convert and play bags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from socialbot.bags import codec
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import BagError
+from socialbot.core.messages import CompressedImage, Image
+from socialbot.core.process import Ending
+from socialbot.core.progress import bar
+
+if TYPE_CHECKING:
+    from socialbot.bags.reader import Bag, Topic
+
+
+def play(
+    bag: Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap, .db3 or ROS 1 .bag.")],
+    graph: Annotated[str | None, typer.Option(help="Feed this graph: wait for it, and use its topics.")] = None,
+    image_topic: Annotated[str | None, typer.Option(help="The pictures to feed the graph with.")] = None,
+    rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="1 is as recorded.")] = 1.0,
+    pace: Annotated[bool, typer.Option(help="Wait for the graph's answer to each picture.")] = True,
+    report: Annotated[Path | None, typer.Option(hidden=True, help="Write here, as JSON, how it went.")] = None,
+    parent: Annotated[int | None, typer.Option(hidden=True)] = None,
+) -> None:
+    """Play a bag into ROS, with /clock. Without --graph: every topic, under its own name."""
+    import msgspec
+
+    from socialbot.bags.reader import open_bag
+    from socialbot.bags.topic_mapping import feeding
+    from socialbot.bridge.player import Playing, play_bag
+    from socialbot.graph.files import load_graph
+
+    with open_bag(bag) as opened:
+        if graph is None:
+            topics = {topic.name: topic.name for topic in opened.topics if topic.count}
+            playing = Playing(rate=rate, tail_s=0.0)
+        else:
+            loaded = load_graph(graph).without_sources()
+            topics = feeding(opened, loaded, image_topic)
+            playing = Playing(rate=rate, await_graph=loaded, paced=pace)
+        played = play_bag(opened, topics, playing, parent=parent)
+    if report is not None:
+        report.write_bytes(msgspec.json.encode(played))
+    typer.echo(f"played {played.sent} messages, {played.unanswered} pictures were not answered in time")
+
+
+bag = typer.Typer(help="Looks into bags, makes and records them.", no_args_is_help=True)
+
+_YEAR_2000 = 946_684_800 * SECOND
+
+
+@bag.command()
+def info(
+    path: Annotated[Path, typer.Argument(metavar="BAG", help="A bag folder, or an .mcap, .db3 or ROS 1 .bag file.")],
+    quick: Annotated[bool, typer.Option("--quick", help="Do not read every message to look for damage.")] = False,
+) -> None:
+    """Tells what is in a bag, and whether it is whole."""
+    from socialbot.bags.reader import open_bag
+
+    console = Console()
+    with open_bag(path) as opened:
+        pictures = {topic.name: _picture(opened, topic) for topic in opened.image_topics}
+        break_off = None if quick else _check(opened)
+        console.print(f"[bold]{escape(opened.path.name)}[/]  {_length(opened)}", highlight=False)
+        console.print(_table(opened, pictures, checked=not quick))
+        for topic, skipped in sorted(opened.skipped.items()):
+            console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, first: {escape(skipped.first)}")
+        for what in opened.damage:
+            console.print(f"[red]damaged[/]: {escape(what)}")
+    if break_off is not None:
+        raise break_off
+
+
+@bag.command(name="import")
+def import_(
+    source: Annotated[str, typer.Argument(help="A video file, a folder of images, or a camera (0, /dev/video0).")],
+    out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
+    rate: Annotated[float, typer.Option(help="Images a second, for a folder.")] = 10.0,
+    start: Annotated[float, typer.Option(help="Stamp of the first picture, in seconds; not for a camera.")] = 1.0,
+    hfov: Annotated[float, typer.Option(help="What the camera sees from left to right, in degrees.")] = 60.0,
+    quality: Annotated[int, typer.Option(help="JPEG quality, 1 to 100.")] = 90,
+    width: Annotated[int | None, typer.Option(help="Make pictures this wide.")] = None,
+    topic: Annotated[str, typer.Option(help="The topic of the pictures.")] = "/camera/image_raw/compressed",
+    duration: Annotated[float | None, typer.Option(help="Take no more than this many seconds.")] = None,
+) -> None:
+    """Makes a bag of a video, a folder of images or a camera; a camera is recorded until Ctrl-C."""
+    from socialbot.bags.importing import import_bag
+
+    with Ending().on_signals() as ending, bar(f"writing {out}", "pictures") as advance:
+        made = import_bag(
+            source,
+            out,
+            rate_hz=rate,
+            start=round(start * SECOND),
+            hfov_deg=hfov,
+            jpeg_quality=quality,
+            topic=topic,
+            limit_s=duration,
+            width=width,
+            stopped=lambda: ending.asked,
+            advance=advance,
+        )
+    size = f"{made.width}x{made.height}"
+    Console().print(f"{made.images} pictures of {size}, {made.duration_s:.1f} s, in {made.path}", highlight=False)
+
+
+@bag.command()
+def record(
+    out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
+    topics: Annotated[list[str] | None, typer.Option(help="A topic; give it again for more. All by default.")] = None,
+    duration: Annotated[float | None, typer.Option(help="End after this many seconds.")] = None,
+    storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
+) -> None:
+    """Records what runs over ROS, until Ctrl-C or for a duration."""
+    from socialbot.bridge import recorder
+
+    console = Console()
+    with Ending().on_signals() as ending:
+        console.print(f"recording to {out}; Ctrl-C ends it", highlight=False)
+        made = recorder.record(
+            out, topics=topics or (), duration_s=duration, storage=storage, stopped=lambda: ending.asked
+        )
+    for topic, count in sorted(made.counts.items()):
+        console.print(f"{count:7d}  {topic}", highlight=False, markup=False)
+    for topic, why in made.refused.items():
+        console.print(f"[yellow]not recorded[/]: {escape(topic)}: {escape(why)}", highlight=False)
+    for topic in sorted({name.lstrip("/") for name in topics or ()} - {name.lstrip("/") for name in made.counts}):
+        console.print(f"[yellow]nothing came on[/] /{escape(topic)}", highlight=False)
+    console.print(f"{sum(made.counts.values())} messages in {made.duration_s:.1f} s", highlight=False)
+
+
+@bag.command()
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="BAG", help="A bag folder, or an .mcap, .db3 or ROS 1 .bag file.")],
+    out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
+    wire: Annotated[
+        Literal["json", "typed"], typer.Option(help="json: text in std_msgs/String; typed: socialbot_msgs.")
+    ],
+    storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
+) -> None:
+    """Writes a bag anew, with structured messages as JSON or as ROS types of their own; nothing is lost."""
+    from socialbot.bags.convert import convert_bag
+
+    console = Console(highlight=False)
+    with console.status(f"writing {out}"):
+        made = convert_bag(source, out, wire, storage=storage)
+    for topic, kept in sorted(made.kept.items()):
+        console.print(f"[yellow]as before[/]: {escape(topic)}: {kept.count}, first: {escape(kept.first)}")
+    for topic, skipped in sorted(made.skipped.items()):
+        console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, left out, first: {escape(skipped.first)}")
+    console.print(f"{made.messages} messages in {made.path}, {made.converted} of them now {wire}")
+
+
+def _check(opened: Bag) -> BagError | None:
+    try:
+        opened.check()
+    except BagError as error:
+        return error
+    return None
+
+
+def _length(opened: Bag) -> str:
+    # Bags made of files begin at a time that means nothing.
+    began = datetime.fromtimestamp(opened.start / SECOND, timezone.utc)
+    since = f", from {began:%Y-%m-%d %H:%M:%S} UTC" if opened.start > _YEAR_2000 else ""
+    return f"{opened.duration_s:.1f} s, {sum(topic.count for topic in opened.topics)} messages{since}"
+
+
+def _table(opened: Bag, pictures: Mapping[str, str], *, checked: bool) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
+    table.add_column("topic", overflow="fold", style="bold")
+    table.add_column("type", overflow="fold")
+    for name in ("count", "Hz", "damaged") if checked else ("count", "Hz"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("picture", overflow="fold")
+    for topic in opened.topics:
+        cells = [topic.name, _type(topic), str(topic.count), _rate(opened, topic)]
+        if checked:
+            skipped = opened.skipped.get(topic.name)
+            cells.append(f"[red]{skipped.count}[/]" if skipped else "0")
+        table.add_row(*cells, escape(pictures.get(topic.name, "")))
+    return table
+
+
+def _type(topic: Topic) -> str:
+    # The whole name only where the short one would not do: a line has room for 80 characters.
+    return topic.type.rpartition("/")[2] if topic.type in codec.MESSAGE_TYPES else topic.type.replace("/msg/", "/")
+
+
+def _rate(opened: Bag, topic: Topic) -> str:
+    return f"{(topic.count - 1) / opened.duration_s:.1f}" if topic.count > 1 and opened.duration_s > 0 else ""
+
+
+def _picture(opened: Bag, topic: Topic) -> str:
+    """Size and encoding of the first picture that can be read."""
+    import cv2
+
+    try:
+        for _, message in opened.messages({topic.name: topic.name}):
+            if isinstance(message, Image):
+                return f"{message.width}x{message.height} {message.encoding}"
+            if isinstance(message, CompressedImage):
+                pixels = cv2.imdecode(message.data, cv2.IMREAD_UNCHANGED) if message.data.size else None
+                size = "unreadable" if pixels is None else f"{pixels.shape[1]}x{pixels.shape[0]}"
+                return f"{size} {_format(message.format)}"
+    except BagError:
+        return ""
+    return ""
+
+
+def _format(name: str) -> str:
+    """What the drivers call ``jpeg`` or ``bgr8; jpeg compressed bgr8``."""
+    return next((kind for kind in ("jpeg", "png") if kind in name or kind.replace("e", "") in name), name)

@@ -1,0 +1,239 @@
+"""``socialbot up --machine``, ``socialbot systemd`` and ``socialbot down``; see docs/deploy.md."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from socialbot.cli.completion import graph_names
+from socialbot.cli.inspect import PORT, watched
+from socialbot.core.errors import GraphError, ParameterError
+from socialbot.core.messages import UpStatus
+from socialbot.core.process import Ending
+from socialbot.graph.status import printable
+
+if TYPE_CHECKING:
+    from socialbot.bridge.run_announcer import Runs
+    from socialbot.runtime.deployment import Deployment
+
+
+def up_machine(
+    file: str,
+    machine: str | None,
+    changes: list[str],
+    out: Path,
+    minds: Path | None = None,
+    page: typer.Context | None = None,
+    port: int = PORT,
+    *,
+    room: int,
+) -> None:
+    """Brings up the nodes of ``machine``, by default the one this runs on, until Ctrl-C.
+
+    ``changes`` are those of ``--set``; ``out`` takes the record of the run, whose journals have ``room`` (bytes) each.
+    Agents go on with what they had in ``minds``, by default in the folder that the deployment names. For a command of
+    which ``page`` is the context, the inspector shows what this machine hears.
+    """
+    from socialbot.cli.main import with_changes
+    from socialbot.runs.record import RunTrace
+    from socialbot.runtime.deployment import load_deployment
+    from socialbot.runtime.machine import enter, run_machine
+
+    deployment = load_deployment(Path(file))
+    machine = machine or deployment.this_machine()
+    nodes = ", ".join(placement.name for placement in deployment.half(machine))
+    graph = with_changes(deployment.graph, changes)
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"{graph.name} on {machine}: {nodes or 'no node'}", markup=False)
+    console.print(f"Ctrl-C ends it; its record: {out}", markup=False)
+    with RunTrace(out, room=room) as record:
+        if page is not None:
+            enter(deployment, machine)
+            page.with_resource(watched(record, graph, console, port, over_ros=True, stays=False))
+        run_machine(deployment, machine, record, Console(highlight=False), graph, minds)
+
+
+def systemd(
+    file: Annotated[Path, typer.Argument(help="The deployment file.")],
+    machine: Annotated[str, typer.Option(help="The machine that the unit is for.")],
+    out: Annotated[Path | None, typer.Option(help="The folder to write the unit into; default: print it.")] = None,
+) -> None:
+    """Make the systemd unit by which a machine of a deployment starts its nodes when it starts itself."""
+    from socialbot.runtime.deployment import load_deployment
+    from socialbot.runtime.launching import unit, unit_name
+
+    load_deployment(file).address(machine)
+    text = unit(file, machine)
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    path = out / unit_name(machine)
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ParameterError(
+            f"cannot be written: {error.strerror}", where=str(path), remedy="name another --out"
+        ) from error
+    typer.echo(f"{path}\nsudo cp {path} /etc/systemd/system/ && sudo systemctl enable --now {path.name}")
+
+
+NOT_ENDED = 10
+"""The exit code when something was not heard, or has not ended in time."""
+
+LISTEN_S = 5.0
+"""So long another machine is listened for that nobody knows anything of; who is up says so each second."""
+
+SLOW = {
+    "up": "no answer; with keys it obeys known senders only",
+    "ending": "it is about to",
+    "ended": "its nodes are, but its process is still there",
+}
+"""What a run that has not ended in time said last, in words."""
+
+ASK_EVERY_S = 0.5
+LOOK_AGAIN_S = 0.05
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is to end: runs that are ``wanted``, one on each of ``machines``; this is the machine ``own`` of them."""
+
+    wanted: Callable[[UpStatus], bool]
+    machines: tuple[str, ...] = ()
+    own: str = ""
+
+    @property
+    def here(self) -> bool:
+        """Whether runs on this computer are meant."""
+        return not self.machines or self.own in self.machines
+
+
+def down(
+    file: Annotated[
+        str | None,
+        typer.Argument(
+            help="A deployment file or a graph; default: all that is up on this machine.", autocompletion=graph_names
+        ),
+    ] = None,
+    machine: Annotated[str | None, typer.Option(help="Of a deployment: end only what runs there.")] = None,
+    timeout: Annotated[float, typer.Option(min=0.0, help="How long (s) all may take to end.")] = 20.0,
+) -> None:
+    """End what "socialbot up" has started, as Ctrl-C there would, and wait until it has. Exit code 10 when it has not.
+
+    With keys only who has one can do that.
+    """
+    target = _enter(file, machine)
+    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.run_announcer import Runs, shown
+
+    with Ending().on_signals() as ending, spinning_node("down") as ros:
+        runs = Runs(ros)
+        found = heard(runs, target, ending, timeout)
+        for one in found:
+            typer.echo(f"{_named(one)}: asked to end")
+        left = end(runs, found, ending, timeout)
+        silent = [pid for run, pid in shown().items() if target.here and run not in runs.heard]
+        refused = runs.refused
+    unheard = [name for name in target.machines if name not in {one.machine for one in found}]
+    for name in (name for name in unheard if not silent or name != target.own):
+        # What is up on this machine would be heard.
+        what = "nothing is up" if name == target.own else "nothing is heard of it; what is up there stays up"
+        typer.echo(f"{name}: {what}", err=name != target.own)
+    for pid in silent:
+        why = "is not to be believed by the keys here" if refused else "is not heard"
+        typer.echo(f"process {pid}: something is up here, and {why}; end it by: kill -INT {pid}", err=True)
+    if not (found or silent or target.machines):
+        typer.echo(f"nothing is up here in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}")
+    for one in left:
+        typer.echo(f"{_named(one)}: not ended after {timeout:g} s: {SLOW[one.state]}", err=True)
+    if left or silent or set(unheard) - {target.own}:
+        raise typer.Exit(NOT_ENDED)
+
+
+def heard(runs: Runs, target: Target, ending: Ending, timeout_s: float) -> list[UpStatus]:
+    """Those of ``runs`` that are to end.
+
+    It listens until everything that is up on this computer has been heard, and all machines of ``target`` are among
+    those found: for ``timeout_s`` at most, and for `LISTEN_S` where nothing is known of who is missing.
+    """
+    from socialbot.bridge.run_announcer import shown
+
+    begun = time.monotonic()
+    while True:
+        found = [one for one in tuple(runs.heard.values()) if one.state != "ended" and target.wanted(one)]
+        others = set(target.machines) - {one.machine for one in found} - {target.own}
+        here = not target.here or shown().keys() <= runs.heard.keys()
+        passed = time.monotonic() - begun
+        known = not here or (others and runs.unheard)
+        if (here and not others) or ending.asked or passed > (max(timeout_s, LISTEN_S) if known else LISTEN_S):
+            return found
+        time.sleep(LOOK_AGAIN_S)
+
+
+def end(runs: Runs, found: Sequence[UpStatus], ending: Ending, timeout_s: float) -> list[UpStatus]:
+    """Asks ``found`` to end, and tells of each that has. Returns those that have not after ``timeout_s``."""
+    from socialbot.bridge.run_announcer import is_gone, shown
+
+    here = shown().keys()
+    begun = time.monotonic()
+    asked_at = -ASK_EVERY_S
+    left = [one.run for one in found]
+    while left and not ending.asked and time.monotonic() < begun + timeout_s:
+        if time.monotonic() >= asked_at + ASK_EVERY_S:
+            asked_at = time.monotonic()
+            for run in left:
+                if runs.heard[run].state == "up":
+                    runs.ask_to_end(run)
+        vanished = here - shown().keys()
+        for run in [run for run in left if is_gone(runs.heard[run], vanished=run in vanished)]:
+            left.remove(run)
+            last = runs.heard[run]
+            error = f", with an error: {printable(last.reason)}" if last.reason else ""
+            typer.echo(f"{_named(last)}: ended after {time.monotonic() - begun:.1f} s{error}")
+        time.sleep(LOOK_AGAIN_S)
+    return [runs.heard[run] for run in left]
+
+
+def _enter(file: str | None, machine: str | None) -> Target:
+    """Joins the graph of ``file``, and says what of it is to end."""
+    from socialbot.runtime.deployment import is_deployment, load_deployment
+
+    if file is not None and is_deployment(file):
+        from socialbot.runtime.machine import enter
+
+        deployment = load_deployment(Path(file))
+        if machine is not None:
+            deployment.address(machine)
+        own = _own(deployment, machine)
+        enter(deployment, own)
+        machines = tuple(name for name in deployment.machines if machine in (None, name) and deployment.half(name))
+        graph = deployment.graph.name
+        return Target(lambda one: one.graph == graph and one.machine in machines, machines, own)
+    if machine is not None:
+        raise ParameterError("without a deployment there are no machines", where="--machine", remedy="give its file")
+    from socialbot.bridge.run_announcer import is_here
+    from socialbot.graph.files import load_graph
+
+    name = None if file is None else load_graph(file).name
+    return Target(lambda one: is_here(one) and name in (None, one.graph))
+
+
+def _own(deployment: Deployment, machine: str | None) -> str:
+    """The machine that this is; ``machine`` where its addresses do not tell."""
+    try:
+        return deployment.this_machine()
+    except GraphError:
+        if machine is None:
+            raise
+        return machine
+
+
+def _named(one: UpStatus) -> str:
+    return printable(f"{one.graph} on {one.machine}")

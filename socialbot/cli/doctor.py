@@ -1,0 +1,244 @@
+"""``socialbot doctor``: check the installation and say how to fix it."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import sys
+import textwrap
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from socialbot.bridge.ros_checks import Check, Finding
+from socialbot.core.errors import InstallationError, SocialbotError
+
+OLDEST, NEWEST = (3, 10), (3, 14)
+"""The versions of Python for which there are ROS wheels."""
+
+GB = 1_000_000_000
+ROOM_BYTES = 1 * GB
+OPENCV = "opencv-python-headless"
+_OPENCV_WHEELS = (OPENCV, "opencv-python", "opencv-contrib-python", "opencv-contrib-python-headless")
+_PACKAGES = ("msgspec", "numpy", "rich", "rosbags", "ruamel.yaml", "typer")
+
+
+def examine(*, quick: bool = False) -> Iterator[Finding]:
+    """Makes all the checks; ``quick`` leaves out the round trip over DDS, which takes seconds."""
+    from socialbot.bridge import ros_checks
+
+    for check in (*FIRST_CHECKS, *ros_checks.CHECKS, *LAST_CHECKS):
+        if quick and check is ros_checks.round_trip:
+            continue
+        finding = _made(check)
+        if finding is not None:
+            yield finding
+
+
+def _made(check: Check) -> Finding | None:
+    name = getattr(check, "__name__", "check").replace("_", " ")
+    try:
+        return check()
+    except SocialbotError as error:
+        return Finding(name, "error", error.what, error.remedy or "")
+    except Exception as error:  # noqa: BLE001 - whatever is broken here, the other checks still help
+        return Finding(name, "error", f"cannot be checked: {type(error).__name__}: {error}")
+
+
+def python() -> Finding:
+    """Whether this Python is one that the ROS wheels are made for."""
+    text = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    if not OLDEST <= sys.version_info[:2] <= NEWEST:
+        wanted = f"{'.'.join(map(str, OLDEST))} to {'.'.join(map(str, NEWEST))}"
+        return Finding("Python", "error", text, f"make a venv with Python {wanted}")
+    return Finding("Python", "ok", text)
+
+
+def packages() -> Finding:
+    """Whether the packages that every command needs are installed, and none that gets in their way."""
+    name = "packages"
+    found = {package: _version(package) for package in _PACKAGES}
+    missing = [package for package, version in found.items() if version is None]
+    if missing:
+        return Finding(name, "error", f"not installed: {', '.join(missing)}", f"pip install {' '.join(missing)}")
+    if _version("lark") is not None and _version("lark-parser") is not None:
+        remedy = "pip uninstall lark lark-parser; pip install lark-parser"
+        return Finding(name, "warning", "lark stands beside the lark-parser of the ROS wheels", remedy)
+    return Finding(name, "ok", ", ".join(f"{package} {version}" for package, version in found.items()))
+
+
+def opencv() -> Finding:
+    """Whether OpenCV is there, has the HOG detector, and is there once only."""
+    name = "OpenCV"
+    remedy = f"pip install '{OPENCV}>=4.12,<5'"
+    try:
+        import cv2
+    except ImportError as error:
+        return Finding(name, "error", f"cannot be imported: {error}", remedy)
+    if int(cv2.__version__.split(".")[0]) >= 5 or not hasattr(cv2, "HOGDescriptor"):
+        return Finding(name, "error", f"{cv2.__version__} has no HOG detector for people", remedy)
+    installed = [wheel for wheel in _OPENCV_WHEELS if _version(wheel) is not None]
+    if len(installed) > 1:
+        others = " ".join(wheel for wheel in installed if wheel != OPENCV)
+        text = f"several wheels overwrite each other: {', '.join(installed)}"
+        return Finding(name, "warning", text, f"pip uninstall {others}; pip install --force-reinstall '{OPENCV}<5'")
+    return Finding(name, "ok", f"{cv2.__version__}, with the HOG detector")
+
+
+def network() -> Finding:
+    """Whether the neural network that finds people runs."""
+    name = "person detector"
+    try:
+        from socialbot.vision.network_detector import nanodet
+
+        nanodet(0.5)
+    except SocialbotError as error:
+        return Finding(name, "error", error.what, f"{error.remedy}; or set person_detector.detector=hog")
+    return Finding(name, "ok", f"NanoDet runs on onnxruntime {_version('onnxruntime')}")
+
+
+def speech() -> Finding:
+    """Whether espeak-ng makes a sound of a word."""
+    name = "speech"
+    try:
+        from socialbot.speech.synthesis import Synthesizer
+
+        sound = Synthesizer().say("hello")
+    except SocialbotError as error:
+        return Finding(name, "warning", f"the robot is mute: {error.what}", error.remedy or "")
+    return Finding(name, "ok", f"espeak-ng says 'hello' in {sound.duration_s:.2f} s of sound")
+
+
+def sound_device() -> Finding:
+    """Whether there is something to play sounds on."""
+    from socialbot.speech.playback import find_player
+
+    name = "sound device"
+    if _version("miniaudio") is None:
+        return Finding(
+            name, "warning", "miniaudio is not installed; nothing is played", "pip install socialbot[speech]"
+        )
+    if find_player() is None:
+        return Finding(
+            name,
+            "warning",
+            "none; what is said is kept as .wav files of the run",
+            "connect a loudspeaker; in a container: docker run --device /dev/snd; add yourself to the group 'audio'",
+        )
+    return Finding(name, "ok", "opens")
+
+
+def cameras(folder: Path = Path("/dev")) -> Finding | None:
+    """Whether there is a camera, and one that can be opened."""
+    name = "cameras"
+    if sys.platform != "linux":
+        return None
+    devices = sorted(folder.glob("video*"))
+    if not devices:
+        remedy = "connect one; in a container: docker run --device /dev/video0; or use --camera FILE, or replay a bag"
+        return Finding(name, "warning", "none", remedy)
+    sizes = {device.name: size for device in devices if (size := _picture_size(device)) is not None}
+    if not sizes:
+        locked = any(not os.access(device, os.R_OK | os.W_OK) for device in devices)
+        remedy = "sudo usermod -aG video $USER, then log in again" if locked else "is another program using it?"
+        return Finding(name, "warning", f"none of {', '.join(device.name for device in devices)} can be opened", remedy)
+    return Finding(name, "ok", ", ".join(f"{device} ({w}x{h})" for device, (w, h) in sizes.items()))
+
+
+def runs_folder(folder: Path = Path("runs")) -> Finding:
+    """Whether the records of runs can be written, and have room."""
+    name = "runs folder"
+    existing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+        remedy = "change to a folder of your own, or name one with --out"
+        return Finding(name, "error", f"{existing} cannot be written", remedy)
+    free = shutil.disk_usage(existing).free
+    if free < ROOM_BYTES:
+        text = (
+            f"{free / GB:.2f} GB free in {existing}; a minute of video takes some 10 MB, a bag of raw pictures 1.6 GB"
+        )
+        return Finding(name, "warning", text, "make room, or name another folder with --out")
+    return Finding(name, "ok", f"{folder}/ can be written, {free / GB:,.0f} GB free")
+
+
+FIRST_CHECKS: tuple[Check, ...] = (python, packages)
+LAST_CHECKS: tuple[Check, ...] = (opencv, network, speech, sound_device, cameras, runs_folder)
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _picture_size(device: Path) -> tuple[int, int] | None:
+    from socialbot.core.errors import DeviceError
+    from socialbot.vision.cameras import open_frames
+
+    if not os.access(device, os.R_OK | os.W_OK):
+        return None
+    try:
+        frames = open_frames(str(device))
+    except DeviceError:
+        return None
+    try:
+        return frames.size
+    finally:
+        frames.close()
+
+
+STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
+NAME_COLUMNS = 14
+INDENT = " " * (len("warning ") + NAME_COLUMNS + 1)
+WIDEST = 100
+
+
+def doctor(
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Leave out sending pictures over DDS.")] = False,
+) -> None:
+    """Examine the installation; say how to mend what is missing. Exit code 5 when something is."""
+    console = Console(highlight=False)
+    findings: list[Finding] = []
+    with console.status("examining"):
+        for finding in examine(quick=quick):
+            findings.append(finding)
+            if not as_json:
+                console.print(_paragraph(finding, min(console.width, WIDEST)), soft_wrap=True)
+    count = Counter(finding.state for finding in findings)
+    if as_json:
+        report = {"schema": "socialbot/doctor", "version": 1, "findings": [asdict(each) for each in findings]}
+        typer.echo(json.dumps(report, indent=2))
+    else:
+        console.print(f"\n{count['ok']} ok, {_many(count['warning'], 'warning')}, {_many(count['error'], 'error')}")
+    if count["error"]:
+        raise typer.Exit(InstallationError.exit_code)
+
+
+def _paragraph(finding: Finding, width: int) -> Text:
+    head = f"{finding.state:7} {finding.name:{NAME_COLUMNS}} "
+    text = Text(_wrapped(head + finding.text, width))
+    text.stylize(STYLES[finding.state], 0, len(finding.state))
+    text.stylize("bold", len("warning "), len(head))
+    if finding.remedy:
+        text.append("\n" + _wrapped(INDENT + f"remedy: {finding.remedy}", width), style="cyan")
+    return text
+
+
+def _many(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def _wrapped(text: str, width: int) -> str:
+    # Long words are commands and paths to be copied; they stay whole.
+    return textwrap.fill(text, width, subsequent_indent=INDENT, break_long_words=False, break_on_hyphens=False)

@@ -1,0 +1,209 @@
+"""``socialbot evaluate``: how well people are seen, by distance, beside the paper's tables."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from socialbot.core.errors import ParameterError
+
+if TYPE_CHECKING:
+    from socialbot.vision.metrics.evaluation import Evaluation, Plan
+    from socialbot.vision.metrics.frames import Source
+    from socialbot.vision.metrics.pipeline import PipelineSettings
+
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+PAGE_WIDTH = 150
+"""Columns where the output is no terminal."""
+
+
+def evaluate(
+    bags: Annotated[list[Path] | None, typer.Argument(metavar="BAG...", help="Bags with ground truth.")] = None,
+    images: Annotated[Path | None, typer.Option(metavar="DIR", help="A folder of labelled pictures.")] = None,
+    truth: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Their labels; default: persons.json in the folder.")
+    ] = None,
+    detector: Annotated[
+        list[str] | None,
+        typer.Option(help="Which to judge; may be repeated, or several with commas. Default: all but onnx."),
+    ] = None,
+    bands: Annotated[str, typer.Option(help="Distances, m.")] = "0-2,2-10,10-20",
+    split: Annotated[
+        Literal["held-back", "tune"] | None, typer.Option(help="Only bags that say they are for this.")
+    ] = None,
+    iou: Annotated[float, typer.Option(min=0.05, max=0.95, help="From this overlap on a person is found.")] = 0.5,
+    presence: Annotated[
+        bool, typer.Option("--presence", help="Judge only whether somebody is there, in each frame and band.")
+    ] = False,
+    raw: Annotated[bool, typer.Option("--raw", help="Judge the detector without tracking.")] = False,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="[DETECTOR.]NAME=VALUE",
+            help="Change a parameter of the node person_detector; may be repeated.",
+        ),
+    ] = None,
+    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the figures as JSON.")] = None,
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with curves and frames.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write both, and the tables as Markdown with curves as SVG.")
+    ] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Processes that work side by side; default: cores.")] = None,
+    threads: Annotated[int, typer.Option(min=1, max=64, help="Processor threads while the speed is measured.")] = min(
+        2, CORES
+    ),
+    speed: Annotated[bool, typer.Option(help="Measure how many frames a second go through.")] = True,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Work on the Dask cluster of this scheduler.")
+    ] = None,
+) -> None:
+    """Judge detectors by ground truth: precision, recall and F1 by scene and distance, and what Waldo makes of it.
+
+    Tracking and all: what is judged is what runs on the robot. docs/evaluation.md explains every figure.
+    """
+    from socialbot.runs.evaluation_figures import write_json
+    from socialbot.runs.evaluation_markdown import write_markdown
+    from socialbot.runs.evaluation_page import page
+    from socialbot.runs.evaluation_tables import show
+    from socialbot.vision.metrics.evaluation import Plan
+    from socialbot.vision.metrics.evaluation import evaluate as carry_out
+    from socialbot.vision.metrics.matches import Rules, parse_bands
+
+    errors = Console(stderr=True, highlight=False)
+    rules = Rules(parse_bands(bands), iou, presence)
+    pipelines = _pipelines(detector or [], changes or [], raw=raw)
+    sources = _sources(bags or [], images, truth, split, errors)
+    plan = Plan(sources, pipelines, rules, jobs or CORES, threads if speed else 0, scheduler)
+    figures = [path for path in (json, out and out / "evaluation.json") if path is not None]
+    pages = [path for path in (html, out and out / "index.html") if path is not None]
+    documents = [out / "evaluation.md", out / "curves.svg"] if out is not None else []
+    for path in (*figures, *pages, *documents):
+        _expect_writable(path)
+    with _Progress(plan, errors) as progress:
+        evaluation = carry_out(plan, progress.advance, progress.say)
+    _report_missing(evaluation, errors)
+    console = Console(highlight=False)
+    show(evaluation, console if console.is_terminal else Console(highlight=False, width=PAGE_WIDTH))
+    for path in figures:
+        write_json(evaluation, path)
+    if out is not None:
+        write_markdown(evaluation, out)
+    for path in pages:
+        page(evaluation).write(path)
+        console.print(f"\nThe page: {path}", soft_wrap=True, markup=False)
+
+
+def _pipelines(detectors: list[str], changes: list[str], *, raw: bool) -> tuple[PipelineSettings, ...]:
+    from socialbot.vision.detectors import DETECTORS
+    from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
+
+    names = [name.strip() for word in detectors for name in word.split(",")]
+    names = names or [name for name in DETECTORS if name != "onnx"]
+    pipelines = []
+    for name in dict.fromkeys(names):
+        plain = PipelineSettings(name)
+        plain.spec  # noqa: B018 - raises for an unknown name
+        pipeline = with_changes(plain, changes)
+        pipelines.append(with_changes(pipeline, ["tracker=none"]) if raw else pipeline)
+    return tuple(pipelines)
+
+
+def _sources(
+    bags: list[Path], images: Path | None, truth: Path | None, split: str | None, errors: Console
+) -> tuple[Source, ...]:
+    from socialbot.vision.metrics.frames import bag_source, picture_sources
+
+    if truth is not None and images is None:
+        raise ParameterError("labels without pictures", where="--truth", remedy="name their folder by --images")
+    if not bags and images is None:
+        raise ParameterError("nothing to evaluate", where="evaluate", remedy="name bags, or pictures by --images")
+    known = [bag_source(path) for path in bags]
+    sources = [source for source in known if split is None or source.split == split]
+    for source in known:
+        if source not in sources:
+            errors.print(
+                f"{source.name} is left out: it is for {source.split or 'no split'}", style="dim", markup=False
+            )
+    if images is not None:
+        sources += picture_sources(images, truth)
+    names = [source.name for source in sources]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ParameterError(f"two sources are called {twice}", where="evaluate", remedy="give each its own name")
+    if not sources:
+        raise ParameterError(f"no bag is for {split}", where="--split", remedy="leave it out, or name other bags")
+    return tuple(sources)
+
+
+def _expect_writable(path: Path) -> None:
+    """Makes the folder of ``path``. Raises ParameterError when nothing can be written there: better now than later."""
+    there = path.exists() or path.is_symlink()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("ab").close()
+        if not there:
+            path.unlink()
+    except OSError as error:
+        raise ParameterError(
+            f"cannot be written: {error.strerror}", where=str(path), remedy="choose another place for the results"
+        ) from error
+
+
+def _report_missing(evaluation: Evaluation, errors: Console) -> None:
+    """Says which frames could not be judged; that is the same for every detector."""
+    first = next(iter(evaluation.detectors.values()))
+    for clip in (clip for scene in first.scenes.values() for clip in scene.clips):
+        if clip.missing_frames or clip.damaged:
+            what = f"{clip.source.name}: {clip.missing_frames} of {len(clip.source.frames)} frames have no picture"
+            damage = f"; {clip.damaged} pictures are damaged, the first: {clip.first_damage}" if clip.damaged else ""
+            errors.print(f"[yellow]warning[/] {escape(what + damage)}", soft_wrap=True)
+
+
+class _Progress:
+    """A bar for the frames of all jobs, and how many clips are done."""
+
+    def __init__(self, plan: Plan, console: Console) -> None:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._totals = [len(source.frames) for _ in plan.pipelines for source in plan.sources]
+        self._done = [0] * len(self._totals)
+        self._lock = threading.Lock()
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("frames"),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+        )
+        self._task = self._progress.add_task("", total=sum(self._totals))
+
+    def __enter__(self) -> _Progress:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self._progress.stop()
+
+    def say(self, what: str) -> None:
+        """Tells what is going on."""
+        self._progress.update(self._task, description=what)
+
+    def advance(self, job: int, frames: int) -> None:
+        """Hears that ``frames`` of a job are done."""
+        with self._lock:
+            self._done[job] = max(self._done[job], min(frames, self._totals[job]))
+            whole = sum(done == total for done, total in zip(self._done, self._totals, strict=True))
+            self._progress.update(
+                self._task,
+                completed=sum(self._done),
+                description=f"looking for people: {whole}/{len(self._totals)} clips",
+            )

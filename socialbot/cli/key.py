@@ -1,0 +1,63 @@
+"""The commands ``socialbot key``: keys by which machines know each other; see docs/security.md."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+key = typer.Typer(help="Keys by which machines know each other's messages.", no_args_is_help=True)
+
+FolderOption = Annotated[
+    Path | None, typer.Option(help="The folder of keys; default: that of SOCIALBOT_KEYS, else ./keys.")
+]
+
+
+@key.command()
+def new(name: Annotated[str, typer.Argument(help="Such as the machine's.")], folder: FolderOption = None) -> None:
+    """Make a key. The .key stays where it is, the .pub goes to every machine that is to believe it."""
+    from socialbot.bridge.security import fingerprint, load_keys, new_key
+
+    chosen = _folder(folder)
+    secret, public = new_key(name, chosen)
+    told = Console(highlight=False, soft_wrap=True)
+    told.print(f"private: {secret}  keep it on this machine", markup=False)
+    told.print(f"public:  {public}  copy it to all machines", markup=False)
+    told.print(f"fingerprint: {fingerprint(load_keys(chosen, name).trusted[name])}", markup=False)
+
+
+@key.command(name="list")
+def list_keys(folder: FolderOption = None) -> None:
+    """Show whose messages are believed, by name and fingerprint."""
+    from socialbot.bridge.security import fingerprint, load_public_keys, private_names
+
+    chosen = _folder(folder)
+    private = private_names(chosen)
+    table = Table("name", "fingerprint", "", box=None, pad_edge=False, header_style="dim")
+    for name, public in load_public_keys(chosen).items():
+        table.add_row(name, fingerprint(public), "its private key is here" if name in private else "")
+    Console(highlight=False).print(table if table.row_count else f"no keys in {chosen}")
+
+
+@key.command()
+def check(
+    name: Annotated[str, typer.Argument(help="One's own key, where there are several.")] = "",
+    folder: FolderOption = None,
+) -> None:
+    """See whether the keys can be used; exit code 4 when they cannot."""
+    from socialbot.bridge.security import load_keys
+
+    chosen = _folder(folder)
+    keys = load_keys(chosen, name)
+    others = ", ".join(sorted(set(keys.trusted) - {keys.name})) or "nobody else"
+    Console(highlight=False, soft_wrap=True).print(f"{chosen}: speaks as {keys.name}, believes {others}", markup=False)
+
+
+def _folder(given: Path | None) -> Path:
+    from socialbot.bridge.transport import KEYS_VARIABLE, split_keys
+
+    return given or Path(split_keys(os.environ.get(KEYS_VARIABLE, ""))[0] or "keys")

@@ -1,0 +1,161 @@
+"""``socialbot plan``: makes plans from PDDL files, and checks them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from socialbot.core.errors import PlanningError
+from socialbot.core.progress import waiting
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from socialbot.planning.pddl.domain import Domain, Plan, Problem
+    from socialbot.planning.planners.planner import Answer
+
+IMPOSSIBLE = 10
+"""Exit code: it is proved that there is no plan."""
+GAVE_UP = 11
+"""Exit code: no plan was found within the limits."""
+NOT_VALID = 12
+"""Exit code: the plan that was to be checked does not do what is asked for."""
+
+
+def plan(
+    domain: Annotated[Path, typer.Argument(metavar="DOMAIN", help="PDDL: what can be done.")],
+    problem: Annotated[Path, typer.Argument(metavar="PROBLEM", help="PDDL: what is, and what is wanted.")],
+    planner: Annotated[str, typer.Option(metavar="NAME", help="kairos, popf, popf:PATH or up:ENGINE.")] = "kairos",
+    timeout: Annotated[float, typer.Option(min=0.1, metavar="SECONDS", help="End the search after so long.")] = 5.0,
+    memory: Annotated[int, typer.Option(min=16, metavar="MB", help="What the planner may use.")] = 512,
+    deadline: Annotated[
+        float | None, typer.Option(min=0.0, metavar="SECONDS", help="How long the plan may last at most.")
+    ] = None,
+    validate: Annotated[
+        Path | None, typer.Option(metavar="PLAN", help="Do not plan: check the plan in this file.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write the answer as JSON.")] = False,
+) -> None:
+    """Find a plan: a table on a terminal, lines as all planners write them into a file or pipe.
+
+    Exit codes beside the usual ones: 10 there is no plan, 11 none was found in time, 12 the plan is not valid.
+    """
+    from socialbot.planning.pddl.reader import read_domain, read_problem
+
+    known = read_domain(_read(domain), where=str(domain))
+    asked = read_problem(_read(problem), known, where=str(problem))
+    if validate is not None:
+        _validate(known, asked, validate, deadline, as_json)
+        return
+    from socialbot.planning.planners.engines import make_planner
+    from socialbot.planning.planners.planner import Limits
+
+    with waiting(f"{planner} looks for a plan"):
+        answer = make_planner(planner).solve(known, asked, Limits(timeout, memory, makespan_s=deadline))
+    _show(answer, planner, as_json)
+    raise typer.Exit(_exit_code(answer))
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "is no UTF-8 text"
+        raise PlanningError(f"cannot be read: {reason}", where=str(file)) from problem
+
+
+def _exit_code(answer: Answer) -> int:
+    from socialbot.core.errors import NodeError
+    from socialbot.planning.planners.planner import Verdict
+
+    return {
+        Verdict.SOLVED: 0,
+        Verdict.IMPOSSIBLE: IMPOSSIBLE,
+        Verdict.GAVE_UP: GAVE_UP,
+        Verdict.REFUSED: PlanningError.exit_code,
+    }.get(answer.verdict, NodeError.exit_code)
+
+
+# What came of planning
+
+
+def _show(answer: Answer, planner: str, as_json: bool) -> None:
+    if as_json:
+        typer.echo(json.dumps(_as_data(answer, planner), indent=2))
+        return
+    if answer.plan is None:
+        Console(stderr=True, highlight=False).print(
+            Text.assemble((f"{answer.verdict.value}: ", "bold red"), answer.message or planner), soft_wrap=True
+        )
+        return
+    summary = f"{len(answer.plan.steps)} steps, makespan {answer.plan.makespan_s:.3f} s; {answer.verdict.value} by "
+    summary += f"{planner} in {answer.seconds:.2f} s"
+    console = Console(highlight=False)
+    if console.is_terminal:
+        console.print(_table(answer.plan))
+        console.print(summary, markup=False)
+    else:
+        typer.echo(f"; {summary}\n{answer.plan}", nl=False)
+
+
+def _table(shown: Plan) -> Table:
+    table = Table("action", "objects")
+    table.add_column("start, s", justify="right")
+    table.add_column("end, s", justify="right")
+    for step in shown.steps:
+        table.add_row(step.action, " ".join(step.args), f"{step.start_s:.3f}", f"{step.end_s:.3f}")
+    return table
+
+
+def _as_data(answer: Answer, planner: str) -> dict[str, Any]:
+    return {
+        "planner": planner,
+        "verdict": answer.verdict.value,
+        "message": answer.message,
+        "seconds": round(answer.seconds, 4),
+        "makespan_s": None if answer.plan is None else answer.plan.makespan_s,
+        "steps": None if answer.plan is None else _steps(answer.plan),
+    }
+
+
+def _steps(shown: Plan) -> list[dict[str, Any]]:
+    return [
+        {"start_s": step.start_s, "action": step.action, "args": step.args, "duration_s": step.duration_s}
+        for step in shown.steps
+    ]
+
+
+# Checking a plan
+
+
+def _validate(domain: Domain, problem: Problem, file: Path, deadline: float | None, as_json: bool) -> None:
+    from socialbot.planning.pddl.domain import in_time, parse_plan
+    from socialbot.planning.pddl.validation import faults
+
+    if problem.goal is None:
+        raise PlanningError("the problem has no goal", where=problem.where)
+    checked = parse_plan(_read(file), where=str(file))
+    found = [str(fault) for fault in faults(domain, problem, checked)]
+    if deadline is not None and not in_time(checked, deadline):
+        found.append(f"the plan lasts {checked.makespan_s:g} s, longer than {deadline:g} s")
+    _show_check(checked, found, as_json)
+    raise typer.Exit(NOT_VALID if found else 0)
+
+
+def _show_check(checked: Plan, found: Sequence[str], as_json: bool) -> None:
+    if as_json:
+        data = {"valid": not found, "faults": list(found), "makespan_s": checked.makespan_s}
+        typer.echo(json.dumps(data, indent=2))
+        return
+    if not found:
+        typer.echo(f"valid: {len(checked.steps)} steps, makespan {checked.makespan_s:.3f} s")
+        return
+    errors = Console(stderr=True, highlight=False)
+    for fault in found:
+        errors.print(Text.assemble(("not valid: ", "bold red"), fault), soft_wrap=True)

@@ -1,0 +1,171 @@
+"""The commands ``socialbot topic``: which topics there are, what comes on them, how often; and a word of one's own."""
+
+from __future__ import annotations
+
+import time
+from contextlib import closing
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from socialbot.bags.codec import STRING
+from socialbot.bridge.topics import Arrivals, Rate
+from socialbot.core.errors import MessageError
+from socialbot.core.process import Ending
+
+if TYPE_CHECKING:
+    from socialbot.bridge.transport import Receiver
+
+topic = typer.Typer(help="Looks into the topics of a running graph, and speaks there.", no_args_is_help=True)
+
+TopicArgument = Annotated[str, typer.Argument(metavar="TOPIC", help="Such as /speech/say.")]
+TimeoutOption = Annotated[float, typer.Option(min=0.0, help="How long to wait for the topic, in seconds.")]
+DurationOption = Annotated[float | None, typer.Option(min=0.0, help="End this many seconds after the topic is there.")]
+
+REPORT_S = 1.0
+
+
+@topic.command(name="list")
+def list_topics(
+    show_all: Annotated[bool, typer.Option("--all", "-a", help="Also /rosout and other topics of ROS itself.")] = False,
+) -> None:
+    """Show the topics, their types, and how many nodes publish and subscribe to each."""
+    from socialbot.bridge.topics import onlooker, settled_topics
+
+    with Ending().on_signals() as ending, onlooker() as ros:
+        topics = [each for each in settled_topics(ros, lambda: ending.asked) if show_all or not each.hidden]
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    table.add_column("topic", overflow="fold", style="bold")
+    table.add_column("type", overflow="fold")
+    for heading in ("pubs", "subs"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for each in topics:
+        types = ", ".join(name.replace("/msg/", "/") for name in each.types)
+        table.add_row(each.name, types, str(each.publishers), str(each.subscribers))
+    Console(highlight=False).print(table if topics else "no topics")
+
+
+@topic.command()
+def echo(
+    name: TopicArgument,
+    count: Annotated[int | None, typer.Option(min=1, help="End after this many messages.")] = None,
+    duration: DurationOption = None,
+    raw: Annotated[bool, typer.Option("--raw", help="Long arrays in full, and text as it is on the wire.")] = False,
+    timeout: TimeoutOption = 10.0,
+) -> None:
+    """Print each message of a topic, until Ctrl-C."""
+    from socialbot.bridge.topics import message_text, messages, onlooker
+    from socialbot.bridge.transport import message_class, wire
+
+    shown = 0
+    inlet = wire().inlet(_absolute(name), latched=True)
+    deadline = _Deadline(duration)
+    with (
+        Ending().on_signals() as ending,
+        onlooker() as ros,
+        closing(messages(ros, _absolute(name), timeout_s=timeout, ended=lambda: ending.asked)) as coming,
+    ):
+        for message in coming:
+            if isinstance(message, message_class(STRING)) and not raw:
+                message = _opened(inlet, message)
+            if message is not None:
+                typer.echo(f"{message_text(message, raw=raw)}\n---")
+                shown += 1
+            if shown == count or deadline.passed():
+                return
+
+
+@topic.command()
+def hz(
+    name: TopicArgument,
+    window: Annotated[int, typer.Option(min=2, help="Over how many of the last messages to reckon.")] = 1000,
+    duration: DurationOption = None,
+    timeout: TimeoutOption = 10.0,
+) -> None:
+    """Show how often messages come on a topic, and how much; a line a second, until Ctrl-C."""
+    from socialbot.bridge.topics import messages, onlooker
+
+    arrivals = Arrivals(window)
+    new = 0
+    deadline, report = _Deadline(duration), _Deadline(REPORT_S)
+    with (
+        Ending().on_signals() as ending,
+        onlooker() as ros,
+        closing(messages(ros, _absolute(name), timeout_s=timeout, raw=True, ended=lambda: ending.asked)) as coming,
+    ):
+        for message in coming:
+            if message is not None:
+                arrivals.note(time.monotonic(), len(message))
+                new += 1
+            over = deadline.passed()
+            if report.passed() or over:
+                typer.echo(rate_line(arrivals.rate()) if new else "nothing came")
+                report, new = _Deadline(REPORT_S), 0
+            if over:
+                return
+
+
+@topic.command()
+def pub(
+    name: TopicArgument,
+    schema: Annotated[str, typer.Argument(metavar="SCHEMA", help="Such as DesireItem: a name in docs/schemas.")],
+    fields: Annotated[str, typer.Argument(metavar="FIELDS", help="Its fields as YAML or JSON.")],
+    timeout: TimeoutOption = 10.0,
+) -> None:
+    """Send one message, and wait until it has arrived.
+
+    socialbot topic pub /gripper_a/del_desire DesireItem '{desire: {name: sort_boxes}}'
+    """
+    from socialbot.bridge.publish_once import message_from, send
+    from socialbot.bridge.topics import onlooker
+
+    message = message_from(schema, fields, stamp=time.time_ns())
+    with Ending().on_signals() as ending, onlooker() as ros:
+        send(ros, _absolute(name), message, timeout_s=timeout, ended=lambda: ending.asked)
+
+
+def _opened(inlet: Receiver, message: Any) -> Any | None:
+    """``message`` without its seal; None, and a word on stderr, when that is not to be believed."""
+    try:
+        return inlet.open(message)
+    except MessageError as error:
+        typer.echo(f"refused, {error}", err=True)
+        return None
+
+
+def rate_line(rate: Rate | None) -> str:
+    """``rate`` in a line of at most 80 columns."""
+    if rate is None:
+        return "one message"
+    periods = f"{1e3 * rate.min_s:.1f} to {1e3 * rate.max_s:.1f} ms (std dev {1e3 * rate.deviation_s:.1f})"
+    return f"{rate.hz:8.2f} Hz  {periods:<36}  {_amount(rate.bytes_per_s)}/s  {rate.messages:4d} msgs"
+
+
+def _amount(count: float) -> str:
+    for unit in ("B ", "kB", "MB"):
+        if count < 999.5:
+            return f"{count:5.1f} {unit}"
+        count /= 1000
+    return f"{count:5.1f} GB"
+
+
+def _absolute(name: str) -> str:
+    return f"/{name.lstrip('/')}"
+
+
+class _Deadline:
+    """A time ``seconds`` after it is first asked for; it never passes when that is None."""
+
+    def __init__(self, seconds: float | None) -> None:
+        self._seconds = seconds
+        self._end: float | None = None
+
+    def passed(self) -> bool:
+        """Whether that time has come."""
+        if self._seconds is None:
+            return False
+        if self._end is None:
+            self._end = time.monotonic() + self._seconds
+        return time.monotonic() >= self._end

@@ -1,1 +1,0 @@
-"""The commands of ``socialbot``, one a module; `socialbot.cli` puts them together."""

@@ -1,0 +1,1 @@
+"""Clock, errors, messages, YAML and paths: what every other package builds on."""

@@ -1,0 +1,186 @@
+"""Graph files: a YAML page that names nodes, their types, parameters and remapped topics.
+
+::
+
+    name: waldo
+    inputs: [/camera/image_raw]          # topics that come from outside
+    paced_by: /humans/bodies/detections  # the answer to each frame that a replay waits for
+    wire: json                           # or typed: messages as socialbot_msgs rather than JSON
+    nodes:
+      person_detector:
+        type: person_detector            # a name of `NODE_TYPES`, or package.module:Class
+        parameters: {threshold: 0.4}
+        remap: {image: /camera/image_color}
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.resources
+import io
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+from ruamel.yaml import YAML
+
+from socialbot.core import paths
+from socialbot.core.errors import GraphError
+from socialbot.core.yaml import Section, plain, read_page
+from socialbot.graph.node import Graph, Node, NodeConfig, suggestion
+
+NODE_TYPES: Mapping[str, str] = {
+    "camera": "socialbot.vision.cameras:Camera",
+    "carrier": "socialbot.agents.warehouse.carrier:Carrier",
+    "cleaner": "socialbot.agents.cleaner.cleaner:Cleaner",
+    "gripper": "socialbot.agents.warehouse.gripper:Gripper",
+    "head": "socialbot.agents.waldo.head:Head",
+    "hospital_coordinator": "socialbot.agents.hospital.coordinator:HospitalCoordinator",
+    "hospital_world": "socialbot.agents.hospital.ward.world_node:HospitalWorld",
+    "image_converter": "socialbot.vision.images:ImageConverter",
+    "listener": "socialbot.agents.waldo.nodes:Listener",
+    "nurse": "socialbot.agents.hospital.robot_node:Nurse",
+    "person_detector": "socialbot.vision.person_detector:PersonDetector",
+    "picture_receiver": "socialbot.vision.image_transport:PictureReceiver",
+    "picture_sender": "socialbot.vision.image_transport:PictureSender",
+    "speaker": "socialbot.speech.speaker:Speaker",
+    "spot": "socialbot.agents.hospital.robot_node:Spot",
+    "sweeper": "socialbot.agents.cleaner.cleaner:Sweeper",
+    "team_cleaner": "socialbot.agents.cleaner.cleaner:TeamCleaner",
+    "uvd": "socialbot.agents.hospital.robot_node:Uvd",
+    "waldo": "socialbot.agents.waldo.nodes:WaldoNode",
+    "warehouse_world": "socialbot.agents.warehouse.world_node:World",
+}
+"""The nodes that come with socialbot."""
+
+GRAPHS: Mapping[str, str] = {
+    "cleaner": "agents/cleaner/graph.yaml",
+    "cleaner-sweeper": "agents/cleaner/pair.yaml",
+    "hospital": "agents/hospital/graph.yaml",
+    "waldo": "agents/waldo/graph.yaml",
+    "warehouse": "agents/warehouse/graph.yaml",
+}
+"""The graphs that come with socialbot."""
+
+
+def load_graph(name: str) -> Graph:
+    """The graph called ``name``, one of `GRAPHS` or a file.
+
+    Node types of its own may stand in modules beside the file, and files that nodes read or write. Raises GraphError
+    with file and line.
+    """
+    if name in GRAPHS:
+        text = importlib.resources.files("socialbot").joinpath(GRAPHS[name]).read_text("utf-8")
+        return parse_graph(text, where=name)
+    path = Path(name)
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise GraphError(f"cannot read the graph: {error}", where=name, remedy=suggestion(name, GRAPHS)) from error
+    folder = path.resolve().parent
+    paths.allow(folder)
+    _look_in(folder)
+    return parse_graph(text, where=str(path))
+
+
+def parse_graph(text: str, *, where: str) -> Graph:
+    """The graph that the YAML ``text`` describes; ``where`` is named in errors."""
+    root = read_page(text, where=where)
+    root.only("name", "inputs", "paced_by", "wire", "nodes")
+    nodes = root.section("nodes")
+    placements = tuple(_placement(str(node), nodes.section(node), nodes.line(node)) for node in nodes.page)
+    graph = Graph(name=root.text("name"), placements=placements, inputs=frozenset(root.texts("inputs")))
+    for key in ("paced_by", "wire"):
+        try:
+            graph = replace(graph, **{key: root.text(key, getattr(graph, key))})
+        except GraphError as error:
+            raise GraphError(error.what, where=root.line(key), remedy=error.remedy) from error
+    return graph
+
+
+def dump_graph(graph: Graph) -> str:
+    """The YAML text that `parse_graph` makes ``graph`` of."""
+    page = {
+        "name": graph.name,
+        "inputs": sorted(graph.inputs),
+        "paced_by": graph.paced_by,
+        "wire": graph.wire,
+        "nodes": {
+            placement.name: {
+                "type": f"{placement.type.__module__}:{placement.type.__qualname__}",
+                "parameters": dict(placement.parameters),
+                "remap": dict(placement.remap),
+            }
+            for placement in graph.placements
+        },
+    }
+    text = io.StringIO()
+    YAML(typ="rt").dump(page, text)
+    return text.getvalue()
+
+
+def node_type(name: str, *, where: str = "") -> type[Node]:
+    """The node class called ``name``: one of `NODE_TYPES` or package.module:Class. Raises GraphError."""
+    path = NODE_TYPES.get(name, name)
+    module, _, attribute = path.partition(":")
+    if not attribute:
+        raise GraphError(
+            f"unknown node type {name!r}",
+            where=where,
+            remedy=f"{suggestion(name, NODE_TYPES)}; or package.module:Class of your own",
+        )
+    found = _found(name, module, attribute, where)
+    if not (isinstance(found, type) and issubclass(found, Node)):
+        raise GraphError(f"{name!r} is no node", where=where, remedy="give a subclass of socialbot.graph.node.Node")
+    return found
+
+
+def _found(name: str, module: str, attribute: str, where: str) -> object:
+    """What is called ``attribute`` in a module that is installed, beside the graph file or in the working directory.
+
+    Those that are installed come first, so that nothing in a folder takes their place.
+    """
+    if module.partition(".")[0] != "socialbot":
+        _look_in(Path.cwd())
+    what = f"cannot load node type {name!r}"
+    try:
+        loaded = importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+            remedy = f"install {error.name}, which {module} imports, where socialbot is installed"
+            raise GraphError(f"{what}: {error}", where=where, remedy=remedy) from error
+        remedy = "it has to be installed, or stand beside the graph file or in the working directory"
+        raise GraphError(f"{what}: there is no module {error.name!r}", where=where, remedy=remedy) from error
+    except Exception as error:
+        mistake = f"{what}: {type(error).__name__}: {error}"
+        raise GraphError(mistake, where=where, remedy=f"mend the module {module}") from error
+    if not hasattr(loaded, attribute):
+        remedy = suggestion(attribute, _nodes_of(loaded))
+        raise GraphError(f"{what}: {module} has no {attribute!r}", where=where, remedy=remedy)
+    return getattr(loaded, attribute)
+
+
+def _nodes_of(module: ModuleType) -> list[str]:
+    """The node classes that are written in a module."""
+    classes = [value for value in vars(module).values() if isinstance(value, type) and issubclass(value, Node)]
+    return [one.__name__ for one in classes if one.__module__ == module.__name__]
+
+
+def _look_in(folder: Path) -> None:
+    """Lets modules of one's own stand in ``folder``."""
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))
+
+
+def _placement(name: str, section: Section, where: str) -> NodeConfig:
+    section.only("type", "parameters", "remap")
+    remap = section.section("remap", {})
+    return NodeConfig(
+        name=name,
+        type=node_type(section.text("type"), where=section.line("type")),
+        parameters={str(key): plain(value) for key, value in section.section("parameters", {}).page.items()},
+        remap={str(port): remap.text(port) for port in remap.page},
+        where=where,
+    )

@@ -1,0 +1,284 @@
+"""The inline runner: a whole graph in one thread, in the order of stamps, in simulated time.
+
+What goes in decides what comes out, byte for byte: no wall clock, no threads, no dropped messages.
+"""
+
+from __future__ import annotations
+
+import functools
+import heapq
+import itertools
+import logging
+import queue
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from socialbot.core.clock import ManualClock, nanoseconds
+from socialbot.core.errors import NodeError, SocialbotError
+from socialbot.core.messages import Health, Message
+from socialbot.graph.health import HEALTH_TOPIC, HealthMonitor, ended, own_health_topic
+from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output, outcome
+
+log = logging.getLogger("socialbot.graph.inline")
+
+R = TypeVar("R")
+
+Tap = Callable[[str, Message], None]
+
+
+@dataclass
+class Faults:
+    """How often a node was called, how often that failed, and how it failed first."""
+
+    calls: int = 0
+    failures: int = 0
+    first: str = ""
+
+    def count(self, error: Exception) -> None:
+        """Notes one failure."""
+        self.failures += 1
+        self.first = self.first or f"{type(error).__name__}: {error}"
+
+
+class _Timer:
+    def __init__(self, callback: Callable[[], None]) -> None:
+        self.callback: Callable[[], None] | None = callback
+
+    def cancel(self) -> None:
+        self.callback = None
+
+
+class _Context:
+    """The inline runner as one node sees it, as long as the node lives."""
+
+    def __init__(self, runner: InlineRunner, placement: NodeConfig) -> None:
+        self.name = placement.name
+        self.alive = True
+        self.watched = False
+        self._runner = runner
+        self.vitals = HealthMonitor(placement, runner.clock, self._publish_health)
+        self._topics = {port.name: topic for topic, port in placement.publications}
+        self._own_health = own_health_topic(placement.name)
+        self._last = placement.type.is_simulator
+
+    @property
+    def clock(self) -> ManualClock:
+        return self._runner.clock
+
+    def publish(self, port: Output[Any], message: Message) -> None:
+        if self.alive:
+            self._runner.take(self._topics[port.name], message, port.delivery)
+
+    def call_at(self, time: int, callback: Callable[[], None]) -> _Timer:
+        return self._runner.call_at(time, self._guarded(callback), last=self._last)
+
+    def begin_vitals(self, node: Node) -> None:
+        """Begins to say how the node is, where anybody hears it, and to watch its inputs."""
+        self.vitals.begin(node, self._call_beat)
+        self.watch()
+
+    def watch(self) -> None:
+        """Tells the node what there is to tell of its inputs, and sees to it that this is done again when it is due."""
+        while self.alive and self.vitals.pending:
+            self._runner.attempt(self, self.vitals.look)
+        due = self.vitals.due()
+        if due is not None and not self.watched:
+            self.watched = True
+            self._runner.schedule(due, self._watch_again)
+
+    def _watch_again(self) -> None:
+        self.watched = False
+        if self.alive:
+            self.watch()
+
+    def _call_beat(self, time: int, beat: Callable[[], None]) -> None:
+        if self._heard_health_topics():
+            self._runner.schedule(time, lambda: beat() if self.alive else None)
+
+    def _publish_health(self, health: Health) -> None:
+        for topic in self._heard_health_topics() if self.alive else ():
+            self._runner.enqueue(topic, health)
+
+    def _heard_health_topics(self) -> list[str]:
+        """Where somebody listens to how the node is; if nobody does, it does not say it."""
+        return [topic for topic in (HEALTH_TOPIC, self._own_health) if self._runner.hears(topic)]
+
+    def call_soon(self, callback: Callable[[], None]) -> None:
+        self._runner.posted.put(self._guarded(callback))
+
+    def aside(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
+        self.call_soon(functools.partial(then, outcome(work)))
+
+    def _guarded(self, callback: Callable[[], None]) -> Callable[[], None]:
+        return lambda: self._runner.guard(self, callback)
+
+
+class InlineRunner:
+    """Runs ``graph`` in simulated time that begins at ``start`` (ns).
+
+    A node that raises is logged for the first time, and counted in ``faults``; the stream goes on.
+    """
+
+    def __init__(self, graph: Graph, *, start: int = 0) -> None:
+        self.clock = ManualClock(start)
+        self.nodes: dict[str, Node] = {}
+        self.faults: dict[str, Faults] = {}
+        self.posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._placements = {placement.name: placement for placement in graph.placements}
+        self._contexts: dict[str, _Context] = {}
+        self._listeners: dict[str, list[tuple[str, Input[Any]]]] = {}
+        self._latched: dict[str, Message] = {}
+        self._taps: dict[str, list[Tap]] = {}
+        self._queue: deque[tuple[str, Message]] = deque()
+        self._timers: list[tuple[int, bool, int, _Timer]] = []
+        self._sequence = itertools.count()
+        for placement in graph.placements:
+            self._make(placement)
+            self.faults[placement.name] = Faults()
+            for topic, port in placement.subscriptions:
+                self._listeners.setdefault(topic, []).append((placement.name, port))
+
+    def start(self) -> None:
+        """Starts the nodes, and lets what they send at once arrive. Raises NodeError, or the node's own error."""
+        for node in self.nodes.values():
+            _start(node)
+        for name, node in self.nodes.items():
+            self._contexts[name].begin_vitals(node)
+        self._drain()
+
+    def kill(self, name: str) -> None:
+        """Ends a node as the end of its process would: it is not told, what it waits for comes no more."""
+        self._contexts.pop(name).alive = False
+        del self.nodes[name]
+
+    def restart(self, name: str) -> None:
+        """Makes and starts a node anew after `kill`. Raises what `start` does."""
+        placement = self._placements[name]
+        node = self._make(placement)
+        _start(node)
+        self._contexts[name].begin_vitals(node)
+        for topic, port in placement.subscriptions:
+            if port.delivery is Delivery.LATCHED and topic in self._latched:
+                self.guard(self._contexts[name], functools.partial(port.deliver, node, self._latched[topic]))
+        self._drain()
+
+    def close(self) -> None:
+        """Stops the nodes."""
+        for name, node in self.nodes.items():
+            try:
+                node.stop()
+            except Exception as error:  # noqa: BLE001 - one that cannot stop keeps no other from stopping
+                self.faults[name].count(error)
+                log.warning("%s: cannot stop: %s: %s", name, type(error).__name__, error)
+
+    def hears(self, topic: str) -> bool:
+        """Whether anybody listens to ``topic``."""
+        return topic in self._listeners or topic in self._taps
+
+    def tap(self, topic: str, callback: Tap) -> None:
+        """Shows every message on ``topic`` to ``callback`` before the nodes get it."""
+        self._taps.setdefault(topic, []).append(callback)
+
+    def feed(self, topic: str, message: Message, *, time: int | None = None) -> None:
+        """Moves to ``time`` (the message's stamp if not given) and delivers ``message`` and all that follows."""
+        self._feed(message.stamp if time is None else time, [(topic, message)])
+
+    def run(self, messages: Iterable[tuple[str, Message]], *, tail_s: float = 0.0) -> None:
+        """Feeds all ``messages``, those of one moment at once, and lets ``tail_s`` seconds pass afterwards.
+
+        That nothing comes in that time is no silence that anybody should wonder about.
+        """
+        topics: dict[str, None] = {}
+        for stamp, together in itertools.groupby(messages, key=lambda each: each[1].stamp):
+            moment = list(together)
+            topics.update(dict.fromkeys(topic for topic, _ in moment))
+            self._feed(stamp, moment)
+        if self.hears(HEALTH_TOPIC):
+            self.enqueue(HEALTH_TOPIC, ended("bag", tuple(topics), self.clock.now()))
+        self.advance(self.clock.now() + nanoseconds(tail_s))
+
+    def _feed(self, time: int, messages: Iterable[tuple[str, Message]]) -> None:
+        self.advance(max(time, self.clock.now()))
+        self._queue.extend(messages)
+        self._drain()
+
+    def advance(self, time: int) -> None:
+        """Lets time pass until ``time`` (ns); timers fire at their own moments on the way."""
+        self._drain()
+        while self._timers and self._timers[0][0] <= time:
+            due, _, _, timer = heapq.heappop(self._timers)
+            if timer.callback is not None:
+                self.clock.set(max(due, self.clock.now()))
+                timer.callback()
+                self._drain()
+        self.clock.set(time)
+
+    def call_at(self, time: int, callback: Callable[[], None], *, last: bool = False) -> _Timer:
+        """Calls back when simulated time reaches ``time``; timers of one moment fire in order of creation.
+
+        Those of the world come ``last``, as what a bag tells of a moment does: `run` lets time pass before it feeds.
+        """
+        return self.schedule(time, callback, last=last)
+
+    def schedule(self, time: int, callback: Callable[[], None], *, last: bool = False) -> _Timer:
+        """As `call_at`, for the runner's own purposes."""
+        timer = _Timer(callback)
+        heapq.heappush(self._timers, (time, last, next(self._sequence), timer))
+        return timer
+
+    def enqueue(self, topic: str, message: Message) -> None:
+        """Puts ``message`` in line for everybody who listens to ``topic``."""
+        self._queue.append((topic, message))
+
+    def take(self, topic: str, message: Message, delivery: Delivery) -> None:
+        """Takes ``message`` from a node; one that is latched also reaches those who start later."""
+        if delivery is Delivery.LATCHED:
+            self._latched[topic] = message
+        self.enqueue(topic, message)
+
+    def guard(self, context: _Context, callback: Callable[[], None]) -> None:
+        """Calls into a node while it lives, and counts that."""
+        if context.alive:
+            self.faults[context.name].calls += 1
+            self.attempt(context, callback)
+
+    def attempt(self, context: _Context, callback: Callable[[], None]) -> None:
+        """Calls into a node; its exceptions are counted and logged, and end nothing."""
+        faults = self.faults[context.name]
+        try:
+            callback()
+        except Exception as error:  # noqa: BLE001 - whatever a node raises, the graph goes on
+            faults.count(error)
+            if faults.failures == 1:
+                log.warning("%s: %s: %s", context.name, type(error).__name__, error)
+
+    def _make(self, placement: NodeConfig) -> Node:
+        context = self._contexts[placement.name] = _Context(self, placement)
+        node = self.nodes[placement.name] = placement.type(placement.name, context, placement.parameters)
+        return node
+
+    def _drain(self) -> None:
+        while self._queue or not self.posted.empty():
+            while not self.posted.empty():
+                self.posted.get()()
+            if self._queue:
+                topic, message = self._queue.popleft()
+                for tap in self._taps.get(topic, ()):
+                    tap(topic, message)
+                for name, port in self._listeners.get(topic, ()):
+                    context = self._contexts.get(name)
+                    if context is not None:
+                        if context.vitals.came(port, message):
+                            context.watch()
+                        self.guard(context, functools.partial(port.deliver, self.nodes[name], message))
+
+
+def _start(node: Node) -> None:
+    try:
+        node.start()
+    except SocialbotError:
+        raise
+    except Exception as error:
+        raise NodeError(f"cannot start: {type(error).__name__}: {error}", where=node.name) from error

@@ -1,0 +1,244 @@
+"""How every node of a running graph fares, as the nodes and their supervisors tell it on /diagnostics and /health."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from socialbot.core.messages import Health
+
+SILENT_S = 3.0
+"""Who is alive says something on /diagnostics each second."""
+
+LIFELESS_S = 2.0
+"""Who is active gives a sign of life on /health several times a second, from the thread that it works in."""
+
+MOST_NODES = 1000
+"""So many nodes are noted; a stranger may make up any number."""
+
+LONGEST_TEXT = 500
+
+LASTING = {"machine", "state", "restarts", "last_error", "failures", "first_failure"}
+"""What is still true of a node that is not heard any more; its figures are not."""
+
+ACTIVE = "active"
+PAUSED = "paused"
+CONDITIONS = {"failed": "failed", "degraded": "input silent", "waiting": "no input yet", "paused": PAUSED}
+"""What a node that is active is called when it says of its health something else than that all is well."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Mean and 99th percentile of the last durations (ms)."""
+
+    mean_ms: float
+    p99_ms: float
+
+
+@dataclass(frozen=True)
+class NodeStatus:
+    """One node: what it is doing, how fast, and what is wrong with it.
+
+    ``state`` is that of the lifecycle, or of a dead node ``waiting``, ``given up`` or ``ended``; empty before it was
+    heard. ``heard_s`` is how long ago (s) it was heard, None when it never was; ``lifeless`` says that it is active but
+    gives no sign of life, ``twin`` where another node of its name runs. Figures that nobody has told are None. ``call``
+    is how long it takes to handle something, ``age`` how old messages are when that is done: since their stamp. Nodes
+    in the same process, those of ``shares`` too, have its processor time (percent of one core) and memory in common.
+    """
+
+    name: str
+    machine: str = ""
+    state: str = ""
+    heard_s: float | None = None
+    lifeless: bool = False
+    twin: str = ""
+    health: str = ""
+    reason: str = ""
+    silent: tuple[str, ...] = ()
+    lacks: str = ""
+    handled_hz: float | None = None
+    published_hz: float | None = None
+    call: Spread | None = None
+    age: Spread | None = None
+    cpu_percent: float | None = None
+    memory_mb: float | None = None
+    pid: int | None = None
+    shares: tuple[str, ...] = ()
+    restarts: int = 0
+    last_error: str = ""
+    failures: int = 0
+    first_failure: str = ""
+    refused: int = 0
+    refusals: str = ""
+
+    @property
+    def condition(self) -> str:
+        """How it is in a few words; `ACTIVE` when all is well."""
+        if self.heard_s is None:
+            return "not heard"
+        if self.heard_s > SILENT_S:
+            return f"not heard for {self.heard_s:.0f} s"
+        if self.twin:
+            return "runs twice"
+        if self.state != ACTIVE:
+            return self.state or "unknown"
+        if self.lifeless:
+            return "no sign of life"
+        return CONDITIONS.get(self.health, ACTIVE)
+
+    @property
+    def is_well(self) -> bool:
+        """Whether it is heard and active, and neither says nor shows that something is wrong; a person may pause it."""
+        return self.condition in (ACTIVE, PAUSED)
+
+
+@dataclass
+class _Heard:
+    """What one node has told of itself, and when (s)."""
+
+    values: Mapping[str, str] = field(default_factory=dict)
+    first: float = 0.0
+    last: float | None = None
+    health: Health | None = None
+    health_at: float = -math.inf
+    speakers: deque[str] = field(default_factory=lambda: deque(maxlen=3))
+    """Who has spoken last by its name, each once in a row."""
+    twin: str = ""
+    twin_at: float = -math.inf
+
+    def note_speaker(self, speaker: str, now: float) -> None:
+        """Notes who speaks; who speaks again after another is no predecessor of it: there are two."""
+        if self.speakers and self.speakers[-1] == speaker:
+            return
+        self.speakers.append(speaker)
+        if len(self.speakers) == self.speakers.maxlen and self.speakers[0] == speaker:
+            self.twin, self.twin_at = self.speakers[1], now
+
+
+class RollCall:
+    """Takes what nodes tell. ``expected`` are the nodes there should be and their machines, in order.
+
+    Where nobody is expected, all are of interest. Times are those of a clock that only goes forward, in s. One thread
+    may note while another asks. Where nobody's health is ever heard, as without the keys, nobody's is missed.
+    """
+
+    def __init__(self, expected: Mapping[str, str] | None = None) -> None:
+        self._hears_health = False
+        self._expected = dict(expected or {})
+        self._heard: dict[str, _Heard] = {name: _Heard() for name in self._expected}
+
+    def note(self, name: str, values: Mapping[str, str], now: float) -> None:
+        """Takes the values that somebody tells on /diagnostics; others than nodes of socialbot may speak there, too."""
+        if "state" not in values or "machine" not in values or (one := self._of(name)) is None:
+            return
+        if one.last is None or now - one.last > SILENT_S:
+            one.first = now
+        one.values, one.last = values, now
+        if "pid" in values:
+            one.note_speaker(f"process {_text(values, 'pid')} on {_text(values, 'machine')}", now)
+
+    def note_health(self, health: Health, now: float) -> None:
+        """Takes what a node says on /health; a player of recordings may speak there, too."""
+        self._hears_health = True
+        if health.node in self._heard and (one := self._of(health.node)) is not None:
+            one.health, one.health_at = health, now
+
+    @property
+    def expects(self) -> bool:
+        """Whether it knows who there should be."""
+        return bool(self._expected)
+
+    @property
+    def complete(self) -> bool:
+        """Whether everybody who is expected has been heard, with health where it is active."""
+        return bool(self._expected) and all(
+            one.last is not None and (one.health is not None or one.values["state"] != ACTIVE)
+            for one in tuple(self._heard.values())
+        )
+
+    def statuses(self, now: float) -> list[NodeStatus]:
+        """The status of every node: those expected in their order, or those heard by machine and name."""
+        found = [self._status(name, one, now) for name, one in tuple(self._heard.items())]
+        return found if self._expected else sorted(found, key=lambda one: (one.machine, one.name))
+
+    def _of(self, name: str) -> _Heard | None:
+        if name in self._heard:
+            return self._heard[name]
+        if self._expected or len(self._heard) >= MOST_NODES:
+            return None
+        return self._heard.setdefault(name, _Heard())
+
+    def _status(self, name: str, one: _Heard, now: float) -> NodeStatus:
+        if one.last is None:
+            return NodeStatus(name, self._expected.get(name, ""))
+        gone = now - one.last > SILENT_S
+        values = {key: one.values[key] for key in LASTING & one.values.keys()} if gone else one.values
+        state, pid = _text(values, "state"), _number(values, "pid")
+        health = one.health if state == ACTIVE else None
+        sign_of_life = max(one.health_at, one.first)
+        return NodeStatus(
+            name=name,
+            machine=_text(values, "machine"),
+            state=state,
+            heard_s=now - one.last,
+            twin=one.twin if now - one.twin_at <= SILENT_S else "",
+            lifeless=state == ACTIVE and self._hears_health and now - sign_of_life > LIFELESS_S,
+            health=health.state if health else "",
+            reason=printable(health.reason) if health else "",
+            silent=tuple(map(printable, health.silent)) if health else (),
+            lacks=_text(values, "unconnected") if state == ACTIVE else "",
+            handled_hz=_number(values, "call_hz"),
+            published_hz=_number(values, "publish_hz"),
+            call=_spread(values, "call"),
+            age=_spread(values, "age"),
+            cpu_percent=_number(values, "cpu_percent"),
+            memory_mb=_number(values, "rss_mb"),
+            pid=None if pid is None else int(pid),
+            shares=self._sharing(name, values),
+            restarts=int(_number(values, "restarts") or 0),
+            last_error=_text(values, "last_error"),
+            failures=int(_number(values, "failures") or 0),
+            first_failure=_text(values, "first_failure"),
+            refused=int(_number(values, "refused") or 0),
+            refusals=_text(values, "refusals"),
+        )
+
+    def _sharing(self, name: str, values: Mapping[str, str]) -> tuple[str, ...]:
+        def process(values: Mapping[str, str]) -> tuple[str | None, str | None]:
+            return values.get("machine"), values.get("pid")
+
+        if "pid" not in values:
+            return ()
+        others = (other for other, one in tuple(self._heard.items()) if process(one.values) == process(values))
+        return tuple(other for other in others if other != name)
+
+
+def all_well(statuses: Sequence[NodeStatus]) -> bool:
+    """Whether there are nodes, and every one is well."""
+    return bool(statuses) and all(one.is_well for one in statuses)
+
+
+def printable(text: str) -> str:
+    """``text`` in one line that does nothing to a terminal: what comes from the network may hold anything."""
+    flat = " ".join(text.split())[:LONGEST_TEXT]
+    return "".join(letter if letter.isprintable() else "?" for letter in flat)
+
+
+def _text(values: Mapping[str, str], key: str) -> str:
+    return printable(values.get(key, ""))
+
+
+def _number(values: Mapping[str, str], key: str) -> float | None:
+    try:
+        number = float(values[key])
+    except (KeyError, ValueError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _spread(values: Mapping[str, str], name: str) -> Spread | None:
+    mean, p99 = _number(values, f"{name}_mean_ms"), _number(values, f"{name}_p99_ms")
+    # Without anything handled both are zero.
+    return None if mean is None or p99 is None or not p99 else Spread(mean, p99)

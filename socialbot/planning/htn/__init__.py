@@ -1,0 +1,1 @@
+"""Task networks: methods in Python, task trees, and repair."""

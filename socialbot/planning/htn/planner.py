@@ -1,0 +1,249 @@
+"""The task planner: plans, and repairs of plans that failed or no longer fit the world."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+
+from socialbot.planning.htn.domain import Item, State, TaskDomain
+from socialbot.planning.htn.search import Cancelled, DomainFault, LimitReached, Otherwise, Place, Search, Trail, back
+from socialbot.planning.htn.tree import Fault, Node, Status, TaskAnswer, TaskLimits, TaskTree, TaskVerdict
+
+
+def progressed(tree: TaskTree, reached: Node, status: Status) -> TaskTree:
+    """``tree`` after all that is planned before the action ``reached`` was done; that one has ``status``."""
+    nodes = dict(tree.nodes)
+    for node in tree.plan:
+        if node.id == reached.id:
+            break
+        nodes[node.id] = replace(node, status="done")
+    if status != "failed" or reached.parent is not None:
+        nodes[reached.id] = replace(reached, status=status)
+        return replace(tree, nodes=nodes)
+    # No task is above it, so its own node has to tell both that it failed and that it is tried once more.
+    nodes[tree.next_id] = replace(reached, id=tree.next_id, parent=reached.id, former=(), status="failed")
+    nodes[reached.id] = replace(reached, former=(*reached.former, tree.next_id))
+    return replace(tree, nodes=nodes, next_id=tree.next_id + 1)
+
+
+def grown(tree: TaskTree, tops: Iterable[Place], trail: Trail | None, redone: int | None = None) -> TaskTree:
+    """``tree`` with ``tops`` done as ``trail`` tells; those that stand at no node become new roots.
+
+    A task that is done by the same method and leads to the same as before keeps the ids below it, except for
+    ``redone``: what was done and what failed below that becomes former, the rest is left out.
+    """
+    methods: dict[Place, str | None] = {}
+    below: dict[Place, list[Place]] = {}
+    for entry in reversed(list(back(trail))):
+        place: Place = entry.what
+        methods[place] = entry.method
+        if place.above is not None:
+            below.setdefault(place.above, []).append(place)
+
+    nodes, roots, next_id = dict(tree.nodes), list(tree.roots), tree.next_id
+    waiting: list[tuple[Place, Node]] = []
+    for top in tops:
+        if (at := top.node) is None:
+            waiting.append((top, Node(next_id, top.item)))
+            roots.append(next_id)
+            next_id += 1
+        else:
+            waiting.append((top, tree.nodes[at]))
+            for gone in tree.walk(at):
+                del nodes[gone.id]
+    if redone is not None:
+        nodes.update((node.id, node) for node in _remains(tree, redone))
+    waiting.reverse()
+    while waiting:
+        place, node = waiting.pop()
+        children = below.get(place, [])
+        if node.id == redone:
+            node = replace(nodes[node.id], children=())
+        same = [child.item for child in children] == [tree.nodes[id].item for id in node.children]
+        if same and node.method == methods[place]:
+            nearer = [(child, tree.nodes[id]) for child, id in zip(children, node.children, strict=True)]
+        else:
+            nearer = [(child, Node(id, child.item, node.id)) for id, child in enumerate(children, next_id)]
+            next_id += len(children)
+            node = replace(node, children=tuple(new.id for _, new in nearer))
+        waiting += reversed(nearer)
+        method = methods[place]
+        nodes[node.id] = replace(node, method=method, status="planned" if method is None else None)
+    return TaskTree(nodes, tuple(roots), next_id)
+
+
+def _remains(tree: TaskTree, redone: int) -> Iterator[Node]:
+    """What is left of the nodes at and below ``redone``: what was done, what failed, and the tasks for that."""
+    left = {redone: tree.nodes[redone]}
+    for node in tree.walk(redone):
+        if node.status in ("done", "failed"):
+            above: int | None = node.id
+            while above is not None and above not in left:
+                left[above] = tree.nodes[above]
+                above = tree.nodes[above].parent
+    for node in left.values():
+        former = tuple(id for id in node.former if id in left)
+        children = tuple(id for id in node.children if id in left)
+        if node.id == redone:
+            yield replace(node, former=former + children, children=())
+        else:
+            yield replace(node, former=former, children=children)
+
+
+LIMITS = TaskLimits()
+
+
+class TaskPlanner:
+    """Plans tasks of one domain. It keeps nothing between calls, and any number of threads can call it.
+
+    GTPyhop searches; trees, their re-entry, the blacklist and the limits are our own. It raises nothing: what goes
+    wrong is in the answer. Setting ``cancelled`` ends a call at its next attempt of an action or method, and so does
+    the timeout: one that never returns cannot be ended. Blacklisted actions, as ``("a_open_door", "spot1", "room1")``,
+    are not planned.
+    """
+
+    def __init__(self, domain: TaskDomain) -> None:
+        self.domain = domain
+
+    def plan(
+        self,
+        state: State,
+        tasks: Iterable[Item],
+        limits: TaskLimits = LIMITS,
+        *,
+        blacklist: Iterable[Item] = (),
+        cancelled: threading.Event | None = None,
+    ) -> TaskAnswer:
+        """How ``tasks`` can be done one after the other, beginning in ``state``, which is left as it is."""
+
+        def work(search: Search) -> TaskAnswer:
+            asked = list(tasks)
+            for item in asked:
+                search.check(item, "what was asked for")
+            tops = [Place(tuple(item)) for item in asked]
+            found = search.run(state, tops)
+            if found is None:
+                return _impossible(search)
+            return TaskAnswer(TaskVerdict.PLAN, grown(TaskTree(), tops, found.trail))
+
+        return self._answer(work, limits, blacklist, cancelled)
+
+    def replan(
+        self,
+        state: State,
+        tree: TaskTree,
+        failed: int,
+        limits: TaskLimits = LIMITS,
+        *,
+        blacklist: Iterable[Item] = (),
+        cancelled: threading.Event | None = None,
+    ) -> TaskAnswer:
+        """How to go on from ``state`` after the action at the node ``failed``, and those before it have been done.
+
+        The nearest task that the action was for is done anew, with what comes after it; if that cannot be, the next
+        one above it. A way that does not lead to the same action once more is preferred. What was done stays in the
+        tree. What comes later and stays as it was keeps its ids.
+        """
+
+        def work(search: Search) -> TaskAnswer:
+            path = _path(tree, failed)
+            old = progressed(tree, path[0], "failed")
+            for node in path[1:] or path:
+                for again in (False, True):
+                    answer = _redo(search, state, old, node, failed, again=again)
+                    if answer is not None:
+                        return answer
+            return _impossible(search)
+
+        return self._answer(work, limits, blacklist, cancelled)
+
+    def revise(
+        self,
+        state: State,
+        tree: TaskTree,
+        next_node: int,
+        limits: TaskLimits = LIMITS,
+        *,
+        blacklist: Iterable[Item] = (),
+        cancelled: threading.Event | None = None,
+    ) -> TaskAnswer:
+        """How to go on from ``state`` when the action at ``next_node`` comes next and the world has changed.
+
+        Tasks that have begun go on as they are and all others are planned anew; a begun task is done in another way
+        only if it has to be. The tree stays equal, but for what was done, if the plan is still right.
+        """
+
+        def work(search: Search) -> TaskAnswer:
+            path = _path(tree, next_node)
+            old = progressed(tree, path[0], "planned")
+            for node in path:
+                answer = _redo(search, state, old, node, None, again=True)
+                if answer is not None:
+                    return answer
+            return _impossible(search)
+
+        return self._answer(work, limits, blacklist, cancelled)
+
+    def _answer(
+        self,
+        work: Callable[[Search], TaskAnswer],
+        limits: TaskLimits,
+        blacklist: Iterable[Item],
+        cancelled: threading.Event | None,
+    ) -> TaskAnswer:
+        begin = time.monotonic()
+        end = time.thread_time() + limits.timeout_s
+        search = Search(self.domain, limits, [tuple(item) for item in blacklist], cancelled, end)
+        try:
+            for item in search.blacklist:
+                search.check(item, "the blacklist")
+            answer = work(search)
+        except LimitReached:
+            answer = TaskAnswer(
+                TaskVerdict.TIMEOUT, message=f"no plan within {limits.timeout_s:g} s and {limits.steps} attempts"
+            )
+        except Cancelled:
+            answer = TaskAnswer(TaskVerdict.CANCELLED, message="cancelled")
+        except DomainFault as problem:
+            answer = TaskAnswer(TaskVerdict.ERROR, message=str(problem), fault=problem.fault)
+        return replace(answer, seconds=time.monotonic() - begin)
+
+
+def _impossible(search: Search) -> TaskAnswer:
+    return TaskAnswer(TaskVerdict.IMPOSSIBLE, message=f"no plan: {search.obstacle}")
+
+
+def _path(tree: TaskTree, id: int) -> list[Node]:
+    if id not in tree.nodes or tree.nodes[id].status != "planned":
+        raise DomainFault(
+            Fault.UNKNOWN,
+            f"the tree has no planned action at node {id}",
+            remedy="give the id of a node of the plan",
+        )
+    return tree.path(id)
+
+
+def _redo(
+    search: Search, state: State, tree: TaskTree, node: Node, failed: int | None, *, again: bool
+) -> TaskAnswer | None:
+    """What becomes of ``tree`` when ``node`` is done from ``state``, and then all that comes later; None if it cannot.
+
+    Unless ``again``, it may not be done as it was when ``failed`` had failed.
+    """
+    top = Place(node.item, node=node.id)
+    later: list[int] = []
+    for above in tree.path(node.id):
+        later += tree.later(above)
+    tops = [top, *(Place(tree.nodes[id].item, node=id) for id in later)]
+    todo: list[Place | Otherwise] = [*tops]
+    if failed is not None and not again:
+        actions = [below for below in tree.walk(node.id, former=False) if below.method is None]
+        index = [action.id for action in actions].index(failed)
+        todo.insert(1, Otherwise(top, tuple(action.item for action in actions), index))
+    found = search.run(state, todo)
+    if found is None:
+        return None
+    redone = node.id if node.method is not None or failed is not None else None
+    return TaskAnswer(TaskVerdict.PLAN, grown(tree, tops, found.trail, redone), redone=redone)

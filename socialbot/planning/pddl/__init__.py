@@ -1,0 +1,1 @@
+"""PDDL 2.1: read, represent, simulate and validate."""

@@ -1,0 +1,264 @@
+"""Read S-expressions and the names a PDDL domain or problem declares, with line numbers for errors."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from socialbot.core.errors import PlanningError
+from socialbot.planning.pddl.domain import OBJECT, Domain, Signature
+from socialbot.planning.pddl.formulas import Terms, Typed
+
+DEPTH = 100
+"""How deep parentheses may be nested."""
+
+_TOKEN = re.compile(r"[()]|[^\s()]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """Anything without blanks and parentheses, in lower case."""
+
+    text: str
+    line: int
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """What stands between two parentheses; ``line`` is that of the first of them."""
+
+    items: tuple[Sexpression, ...]
+    line: int
+
+    @property
+    def head(self) -> str:
+        """The first word; empty if there is none."""
+        return self.items[0].text if self.items and isinstance(self.items[0], Word) else ""
+
+    @property
+    def rest(self) -> tuple[Sexpression, ...]:
+        """All but the first item."""
+        return self.items[1:]
+
+    def __str__(self) -> str:
+        return f"({' '.join(map(str, self.items))})"
+
+
+Sexpression = Word | Group
+
+
+def read_sexpression(text: str, *, where: str) -> Group:
+    """The one group that ``text`` consists of; comments begin with ``;``. Raises PlanningError with the line."""
+    whole: Group | None = None
+    end = nested = 0
+    open_groups: list[tuple[int, list[Sexpression]]] = []
+    for number, line in enumerate(text.lower().split("\n"), 1):
+        for token in _TOKEN.findall(line.partition(";")[0]):
+            if whole is not None:
+                raise PlanningError(
+                    f"there is more after the end: {token!r}",
+                    where=f"{where}:{number}",
+                    remedy=f"remove it, or the parenthesis too many before it; (define ends in line {end}",
+                )
+            if token == "(":
+                if len(open_groups) == DEPTH:
+                    raise PlanningError(f"more than {DEPTH} parentheses in each other", where=f"{where}:{number}")
+                open_groups.append((number, []))
+            elif not open_groups:
+                raise PlanningError(
+                    f"expected a parenthesis, found {token!r}",
+                    where=f"{where}:{number}",
+                    remedy="a file begins with (define (domain ...) or (define (problem ...)",
+                )
+            elif token == ")":
+                begin, items = open_groups.pop()
+                group = Group(tuple(items), begin)
+                if open_groups:
+                    open_groups[-1][1].append(group)
+                else:
+                    whole, end = group, number
+            else:
+                if token.startswith(":") and len(open_groups) > 2 and not open_groups[-1][1]:
+                    nested = nested or number
+                open_groups[-1][1].append(Word(token, number))
+    if open_groups:
+        remedy = f"add the missing ), perhaps before the section in line {nested}" if nested else "add the missing )"
+        raise PlanningError("this parenthesis is never closed", where=f"{where}:{open_groups[-1][0]}", remedy=remedy)
+    if whole is None:
+        raise PlanningError("there is nothing in it", where=where, remedy="a file begins with (define ...")
+    return whole
+
+
+RESERVED = frozenset({
+    "and", "or", "not", "imply", "forall", "exists", "when", "either", "object", "number", "assign", "increase",
+    "decrease", "scale-up", "scale-down",
+})  # fmt: skip
+_NAME = re.compile(r"[^\W\d][\w-]*")
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """The variables that a formula may use, with their types, and whether it may use ``?duration``."""
+
+    variables: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    duration: bool = False
+
+    def within(self, variables: Iterable[Typed]) -> Scope:
+        """The scope inside a quantifier or an action."""
+        return Scope({**self.variables, **{typed.name: typed.types for typed in variables}}, self.duration)
+
+
+@dataclass
+class Vocabulary:
+    """The names that are known so far. ``objects`` are all that can be named: constants, in problems objects too."""
+
+    where: str
+    domain: Domain
+    objects: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def error(self, what: str, at: Sexpression, remedy: str | None = None) -> PlanningError:
+        """An error with the file and the line of ``at``."""
+        return PlanningError(what, where=f"{self.where}:{at.line}", remedy=remedy)
+
+    def unsupported(self, what: str, at: Sexpression) -> PlanningError:
+        """An error for what PDDL knows and socialbot does not."""
+        return self.error(f"not supported by socialbot: {what}", at)
+
+    def unknown(self, kind: str, name: str, known: Iterable[str], at: Sexpression) -> PlanningError:
+        """An error for a name that is not declared, with the nearest one that is."""
+        near = difflib.get_close_matches(name, list(known), n=1)
+        return self.error(
+            f"unknown {kind} {name!r}", at, f"did you mean {near[0]!r}?" if near else f"declare the {kind}"
+        )
+
+    def group(self, item: Sexpression, what: str) -> Group:
+        """``item`` if it is a group."""
+        if isinstance(item, Word):
+            raise self.error(f"expected {what} in parentheses, found {item}", item)
+        return item
+
+    def word(self, items: Sequence[Sexpression], index: int, what: str, of: Sexpression) -> Word:
+        """The word at ``index``."""
+        if index >= len(items):
+            raise self.error(f"{what} is missing", of)
+        item = items[index]
+        if isinstance(item, Group):
+            raise self.error(f"expected {what}, found {item}", item)
+        return item
+
+    def new_name(self, word: Word, what: str) -> str:
+        """The name that ``word`` gives to something."""
+        if word.text in RESERVED or not _NAME.fullmatch(word.text):
+            raise self.error(
+                f"{word.text!r} cannot be the name of {what}",
+                word,
+                "names begin with a letter and consist of letters, digits, - and _"
+                if word.text not in RESERVED
+                else "the word means something in PDDL; choose another",
+            )
+        return word.text
+
+    # Lists with types
+
+    def typed_list(self, items: Sequence[Sexpression]) -> list[tuple[Word, tuple[str, ...]]]:
+        """Words with their types, as in ``a b - box c``; the types are not looked up."""
+        found: list[tuple[Word, tuple[str, ...]]] = []
+        waiting: list[Word] = []
+        rest = _parted(items)
+        for item in rest:
+            if isinstance(item, Group):
+                raise self.error(f"expected a name, found {item}", item)
+            if item.text != "-":
+                waiting.append(item)
+                continue
+            kind = next(rest, None)
+            if kind is None or not waiting:
+                raise self.error("a name belongs before -, and a type after it", item)
+            types = self._types(kind)
+            found += ((word, types) for word in waiting)
+            waiting.clear()
+        return found + [(word, (OBJECT,)) for word in waiting]
+
+    def _types(self, item: Sexpression) -> tuple[str, ...]:
+        if isinstance(item, Word):
+            return (item.text,)
+        if item.head != "either" or not item.rest:
+            raise self.error(f"expected a type, found {item}", item, "several types are written (either a b)")
+        return tuple(dict.fromkeys(self.word(item.items, n, "a type", item).text for n in range(1, len(item.items))))
+
+    def known_types(self, types: tuple[str, ...], at: Sexpression) -> tuple[str, ...]:
+        """``types`` if all are declared."""
+        for name in types:
+            if name not in self.domain.types:
+                raise self.unknown("type", name, self.domain.types, at)
+        return types
+
+    def variables(self, items: Sequence[Sexpression]) -> tuple[Typed, ...]:
+        """The variables that a list declares."""
+        found: dict[str, Typed] = {}
+        for word, types in self.typed_list(items):
+            if not word.text.startswith("?") or not _NAME.fullmatch(word.text[1:]):
+                raise self.error(f"expected a variable, found {word}", word, "variables begin with ?: ?box")
+            if word.text == "?duration":
+                raise self.error("?duration is the duration of an action and cannot be declared", word)
+            if word.text in found:
+                raise self.error(f"the variable {word} is declared twice", word)
+            found[word.text] = Typed(word.text, self.known_types(types, word))
+        return tuple(found.values())
+
+    def signature(self, item: Sexpression, what: str) -> Signature:
+        """The signature of a predicate or function."""
+        group = self.group(item, what)
+        name = self.new_name(self.word(group.items, 0, f"the name of {what}", group), what)
+        return Signature(name, self.variables(group.rest))
+
+    # Uses of what was declared
+
+    def terms(self, signature: Signature, group: Group, scope: Scope, kind: str) -> Terms:
+        """The terms that a predicate or function is given, if they fit it."""
+        if len(group.rest) != len(signature.parameters):
+            raise self.error(
+                f"{signature.name} takes {len(signature.parameters)} terms, not {len(group.rest)}: {group}",
+                group,
+                f"it is declared as {signature}",
+            )
+        terms = tuple(self.term(item, scope) for item in group.rest)
+        for item, term, parameter in zip(group.rest, terms, signature.parameters, strict=True):
+            types = scope.variables[term] if term.startswith("?") else self.objects[term]
+            if not self.domain.fits(types, parameter.types):
+                raise self.error(
+                    f"{term} is {_either(types)}, but the {kind} {signature.name} takes {_either(parameter.types)}",
+                    item,
+                    f"it is declared as {signature}",
+                )
+        return terms
+
+    def term(self, item: Sexpression, scope: Scope) -> str:
+        """The name of an object or variable that is declared."""
+        if isinstance(item, Group):
+            raise self.error(f"expected an object or a variable, found {item}", item)
+        if item.text.startswith("?"):
+            if item.text not in scope.variables:
+                raise self.unknown("variable", item.text, scope.variables, item)
+        elif item.text not in self.objects:
+            raise self.unknown("object", item.text, self.objects, item)
+        return item.text
+
+
+def _parted(items: Sequence[Sexpression]) -> Iterator[Sexpression]:
+    """The items of a list with types; ``-box`` is ``- box``, as many write it."""
+    for item in items:
+        if isinstance(item, Word) and len(item.text) > 1 and item.text.startswith("-"):
+            yield Word("-", item.line)
+            yield Word(item.text[1:], item.line)
+        else:
+            yield item
+
+
+def _either(types: tuple[str, ...]) -> str:
+    return f"a {' or '.join(types)}"

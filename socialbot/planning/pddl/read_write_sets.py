@@ -1,0 +1,282 @@
+"""The timeline of a plan, and what its actions read and write when."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+from socialbot.planning.pddl.domain import Domain, Plan
+from socialbot.planning.pddl.formulas import (
+    Add,
+    And,
+    Change,
+    Comparison,
+    Delete,
+    Effect,
+    Fluent,
+    ForEach,
+    Formula,
+    Not,
+    Or,
+    Predicate,
+    Quantified,
+    Same,
+    When,
+)
+from socialbot.planning.pddl.semantics import (
+    Binding,
+    GroundAction,
+    bindings,
+    bound,
+    decided,
+    fluents,
+    substitute,
+    triggered,
+)
+from socialbot.planning.pddl.state import State
+
+EPSILON_S = 0.0005
+"""What happens nearer than this is simultaneous, s."""
+
+Edge = Literal["start", "end"]
+
+
+class Happening(NamedTuple):
+    """The start or the end of a step, which is given by its index; all there is of an instantaneous one is a start."""
+
+    step: int
+    edge: Edge
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What happens at once, in the order of the steps, ends first."""
+
+    time_s: float
+    happenings: tuple[Happening, ...]
+
+
+def moments(plan: Plan, actions: Sequence[GroundAction], running: Collection[int] = ()) -> list[Moment]:
+    """All moments of ``plan``, whose steps do ``actions``.
+
+    The steps ``running`` have started before; they end first of all, one after the other in the order of their ends.
+    """
+    ends = sorted(running, key=lambda index: (plan.steps[index].end_s, index))
+    found = [Moment(0.0, (Happening(index, "end"),)) for index in ends]
+    times: list[tuple[float, Happening]] = []
+    for index, (step, action) in enumerate(zip(plan.steps, actions, strict=True)):
+        if index in running:
+            continue
+        times.append((step.start_s, Happening(index, "start")))
+        if action.duration is not None:
+            times.append((step.end_s, Happening(index, "end")))
+    times.sort(key=lambda timed: timed[0])
+    together: list[Happening] = []
+    begin = 0.0
+    for time_s, happening in times:
+        if together and time_s - begin >= EPSILON_S:
+            found.append(Moment(begin, _in_order(together)))
+            together = []
+        if not together:
+            begin = time_s
+        together.append(happening)
+    return [*found, Moment(begin, _in_order(together))] if together else found
+
+
+def _in_order(together: list[Happening]) -> tuple[Happening, ...]:
+    return tuple(sorted(together, key=lambda one: (one.edge == "start", one.step)))
+
+
+Key = Predicate | Fluent
+"""What can be read or written; derived predicates are read by way of what they follow from."""
+
+
+@dataclass
+class Reading:
+    """What a condition reads: predicates that have to be true or false, and groups of what it reads otherwise."""
+
+    literals: dict[Predicate, bool] = field(default_factory=dict)
+    groups: list[frozenset[Key]] = field(default_factory=list)
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """All that is read."""
+        return frozenset(self.literals).union(*self.groups)
+
+
+@dataclass
+class Writing:
+    """What effects write. What is both ``added`` and ``deleted`` is true in the end.
+
+    Functions that are only increased or decreased are ``moved``; those that are changed otherwise are ``assigned``.
+    """
+
+    added: set[Predicate] = field(default_factory=set)
+    deleted: set[Predicate] = field(default_factory=set)
+    moved: set[Fluent] = field(default_factory=set)
+    assigned: set[Fluent] = field(default_factory=set)
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """All that is written, and the names of it."""
+        return frozenset((*self.added, *self.deleted, *self.moved, *self.assigned))
+
+
+@dataclass
+class ReadWriteSets:
+    """What a start or an end reads and writes."""
+
+    reading: Reading
+    writing: Writing
+
+    def clash(self, other: ReadWriteSets) -> str | None:
+        """What cannot happen at once here and there: what one changes and the other reads, or changes otherwise."""
+        mine, theirs = self.writing, other.writing
+        found = (
+            (self.reading.keys & theirs.keys)
+            | (other.reading.keys & mine.keys)
+            | (mine.added & theirs.deleted)
+            | (mine.deleted & theirs.added)
+            | (mine.assigned & (theirs.assigned | theirs.moved))
+            | (mine.moved & theirs.assigned)
+        )
+        return min(map(str, found), default=None)
+
+
+class Footprints:
+    """Takes the footprints of the actions of a domain."""
+
+    def __init__(self, domain: Domain) -> None:
+        self._domain = domain
+        effects = (one.effect for action in domain.actions.values() for one in action.effects)
+        self._changing = frozenset(_changing(effects))
+
+    def of(self, action: GroundAction, edge: Edge, state: State) -> ReadWriteSets:
+        """The footprint of the start or end of ``action`` in ``state``."""
+        reading = self.reading(action.conditions_at(edge), state)
+        effects = action.effects_at(edge)
+        self._read_by_effects(effects, state, {}, reading)
+        if edge == "start" and action.duration is not None:
+            bounds = (action.duration.least, action.duration.most)
+            read = frozenset(fluent for one in bounds if one is not None for fluent in fluents(one))
+            if read:
+                reading.groups.append(read)
+        return ReadWriteSets(reading, _writing(effects, state))
+
+    def reading(self, formulas: Iterable[Formula], state: State) -> Reading:
+        """What ``formulas`` read in ``state``."""
+        reading = Reading()
+        for formula in formulas:
+            self._read(formula, True, state, {}, reading)
+        return reading
+
+    def _read(self, formula: Formula, wanted: bool, state: State, binding: Binding, into: Reading) -> None:
+        match formula:
+            case Predicate(name):
+                if name in self._domain.derived:
+                    into.groups.append(state.derivation.bases(bound(formula, binding), state))
+                else:
+                    into.literals[bound(formula, binding)] = wanted
+            case Not(part):
+                self._read(part, not wanted, state, binding, into)
+            case Comparison(_, left, right):
+                into.groups.append(frozenset((*fluents(left, binding), *fluents(right, binding))))
+            case Same():
+                pass
+            case _:
+                parts = list(_parts(formula, state, binding))
+                disjunctive = isinstance(formula, Or) or (
+                    isinstance(formula, Quantified) and formula.quantifier == "exists"
+                )
+                if disjunctive == wanted:
+                    self._read_any(parts, wanted, state, into)
+                else:
+                    for part, inner in parts:
+                        self._read(part, wanted, state, inner, into)
+
+    def _read_any(self, parts: list[tuple[Formula, Binding]], wanted: bool, state: State, into: Reading) -> None:
+        """Reads parts of which one has to be as ``wanted``; those that nothing can change may settle it."""
+        settled = [self._settled(part, state, inner) for part, inner in parts]
+        if wanted in settled:
+            return
+        parts = [part for part, known in zip(parts, settled, strict=True) if known is None]
+        inside = into if len(parts) == 1 else Reading()
+        for part, inner in parts:
+            self._read(part, wanted, state, inner, inside)
+        if inside is not into and inside.keys:
+            into.groups.append(inside.keys)
+
+    def _settled(self, formula: Formula, state: State, binding: Binding) -> bool | None:
+        """Whether ``formula`` is true or false for ever; None if actions can change that."""
+        match formula:
+            case Predicate(name):
+                changing = name in self._domain.derived or name in self._changing
+                return None if changing else state.holds(bound(formula, binding))
+            case Same(left, right):
+                return binding.get(left, left) == binding.get(right, right)
+            case Not(part):
+                known = self._settled(part, state, binding)
+                return None if known is None else not known
+            case Comparison():
+                return None
+            case _:
+                decisive = isinstance(formula, Or) or (
+                    isinstance(formula, Quantified) and formula.quantifier == "exists"
+                )
+                parts = _parts(formula, state, binding)
+                return decided((self._settled(part, state, inner) for part, inner in parts), decisive)
+
+    def _read_by_effects(self, effects: Iterable[Effect], state: State, binding: Binding, into: Reading) -> None:
+        """Reads the amounts, and the conditions as a whole: it matters which way they turn out."""
+        for effect in effects:
+            match effect:
+                case ForEach(variables, inside):
+                    for inner in bindings(variables, state, binding):
+                        self._read_by_effects(inside, state, inner, into)
+                case When(condition, inside):
+                    if self._settled(condition, state, binding) is None:
+                        read = self.reading((substitute(condition, binding),), state).keys
+                        into.groups.append(read)
+                    self._read_by_effects(inside, state, binding, into)
+                case Change(_, _, amount):
+                    read = frozenset(fluents(amount, binding))
+                    if read:
+                        into.groups.append(read)
+                case _:
+                    pass
+
+
+def _parts(formula: And | Or | Quantified, state: State, binding: Binding) -> Iterator[tuple[Formula, Binding]]:
+    match formula:
+        case Quantified(_, variables, part):
+            return ((part, inner) for inner in bindings(variables, state, binding))
+        case _:
+            return ((part, binding) for part in formula.parts)
+
+
+def _writing(effects: Iterable[Effect], state: State) -> Writing:
+    writing = Writing()
+    for effect, binding in triggered(effects, state):
+        match effect:
+            case Add(predicate):
+                writing.added.add(bound(predicate, binding))
+            case Delete(predicate):
+                writing.deleted.add(bound(predicate, binding))
+            case Change(operator, fluent, _):
+                target = writing.moved if operator in ("increase", "decrease") else writing.assigned
+                target.add(bound(fluent, binding))
+    writing.moved -= writing.assigned
+    return writing
+
+
+def _changing(effects: Iterable[Effect]) -> Iterator[str]:
+    """The names of the predicates that some effect may change."""
+    for effect in effects:
+        match effect:
+            case Add(predicate) | Delete(predicate):
+                yield predicate.name
+            case ForEach(_, inside) | When(_, inside):
+                yield from _changing(inside)
+            case _:
+                pass

@@ -1,0 +1,167 @@
+"""A mutable PDDL state and its derived predicates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from socialbot.planning.pddl.domain import Domain, Problem
+from socialbot.planning.pddl.formulas import Add, And, Delete, Fluent, Formula, Not, Or, Predicate, Quantified, World
+from socialbot.planning.pddl.semantics import GroundChange, atoms, bindings, holds
+
+
+class Derivation:
+    """Finds what the derived predicates of a domain are in a world.
+
+    ``circle`` names a predicate that depends on its own opposite; there is none in a domain that was read.
+    """
+
+    def __init__(self, domain: Domain) -> None:
+        self._rules = domain.derived
+        self.circle: str | None = None
+        self._levels = self._by_level()
+        self._bases: dict[Predicate, frozenset[Predicate | Fluent]] = {}
+
+    def derived(self, world: World) -> frozenset[Predicate]:
+        """All that is derived in ``world``, which is asked for other predicates only."""
+        overlay = _Overlay(world, self._rules)
+        for level in self._levels:
+            before = -1
+            while len(overlay.found) > before:
+                before = len(overlay.found)
+                for name in level:
+                    parameters, formula = self._rules[name]
+                    for binding in bindings(parameters, world):
+                        predicate = Predicate(name, tuple(binding[typed.name] for typed in parameters))
+                        if predicate not in overlay.found and holds(formula, overlay, binding):
+                            overlay.found.add(predicate)
+        return frozenset(overlay.found)
+
+    def bases(self, predicate: Predicate, world: World) -> frozenset[Predicate | Fluent]:
+        """All that the derived ``predicate`` may follow from in the end, with the objects of ``world``."""
+        if predicate not in self._bases:
+            seen = {predicate}
+            waiting = [predicate]
+            found: set[Predicate | Fluent] = set()
+            while waiting:
+                parameters, formula = self._rules[waiting[-1].name]
+                binding = {typed.name: name for typed, name in zip(parameters, waiting.pop().terms, strict=True)}
+                for one in atoms(formula, world, binding):
+                    if isinstance(one, Fluent) or one.name not in self._rules:
+                        found.add(one)
+                    elif one not in seen:
+                        seen.add(one)
+                        waiting.append(one)
+            self._bases[predicate] = frozenset(found)
+        return self._bases[predicate]
+
+    def _by_level(self) -> list[list[str]]:
+        """The derived predicates, each after all that it needs the opposite of."""
+        levels = dict.fromkeys(self._rules, 0)
+        changed = True
+        while changed:
+            changed = False
+            for name, (_, formula) in self._rules.items():
+                for read, positive in _read(formula, True):
+                    least = levels.get(read, -1) + (0 if positive else 1)
+                    if levels[name] < least:
+                        levels[name], changed = least, True
+                if levels[name] > len(levels):
+                    self.circle = name
+                    return []
+        return [[name for name in levels if levels[name] == level] for level in sorted(set(levels.values()))]
+
+
+class _Overlay:
+    """A world with what was derived so far."""
+
+    def __init__(self, world: World, rules: Iterable[str]) -> None:
+        self._world = world
+        self._rules = rules
+        self.found: set[Predicate] = set()
+
+    def holds(self, predicate: Predicate) -> bool:
+        return predicate in self.found if predicate.name in self._rules else self._world.holds(predicate)
+
+    def value(self, fluent: Fluent) -> float | None:
+        return self._world.value(fluent)
+
+    def objects(self, types: tuple[str, ...]) -> Iterable[str]:
+        return self._world.objects(types)
+
+
+def _read(formula: Formula, positive: bool) -> Iterator[tuple[str, bool]]:
+    """The names of the predicates that ``formula`` reads, and whether it wants them to be true."""
+    match formula:
+        case Predicate(name):
+            yield name, positive
+        case Not(part):
+            yield from _read(part, not positive)
+        case And(parts) | Or(parts):
+            for part in parts:
+                yield from _read(part, positive)
+        case Quantified(_, _, part):
+            yield from _read(part, positive)
+        case _:
+            return
+
+
+class State:
+    """The facts and values of a moment; a `World` that formulas can be asked about."""
+
+    def __init__(
+        self,
+        domain: Domain,
+        objects: Mapping[str, tuple[str, ...]],
+        facts: Iterable[Predicate] = (),
+        values: Mapping[Fluent, float] | None = None,
+    ) -> None:
+        self.domain = domain
+        self.types: Mapping[str, tuple[str, ...]] = {**domain.constants, **objects}
+        """The types of each object, constants of the domain first."""
+        self.facts = set(facts)
+        self.values = dict(values or {})
+        self.derivation = Derivation(domain)
+        self._derived: frozenset[Predicate] | None = None
+        self._of_types: dict[tuple[str, ...], tuple[str, ...]] = {}
+
+    @classmethod
+    def of(cls, problem: Problem, domain: Domain) -> State:
+        """The state that ``problem`` begins with."""
+        return cls(domain, problem.objects, problem.facts, problem.values)
+
+    def copy(self) -> State:
+        """A state of its own with the same facts and values."""
+        return State(self.domain, self.types, self.facts, self.values)
+
+    def problem(self, goal: Formula | None, *, name: str = "now") -> Problem:
+        """How to reach ``goal`` from here."""
+        return Problem(name, self.domain.name, self.types, frozenset(self.facts), dict(self.values), goal)
+
+    def holds(self, predicate: Predicate) -> bool:
+        if predicate.name not in self.domain.derived:
+            return predicate in self.facts
+        if self._derived is None:
+            self._derived = self.derivation.derived(self)
+        return predicate in self._derived
+
+    def value(self, fluent: Fluent) -> float | None:
+        return self.values.get(fluent)
+
+    def objects(self, types: tuple[str, ...]) -> tuple[str, ...]:
+        found = self._of_types.get(types)
+        if found is None:
+            found = tuple(name for name, kinds in self.types.items() if self.domain.fits(kinds, types))
+            self._of_types[types] = found
+        return found
+
+    def apply(self, changes: Iterable[GroundChange]) -> None:
+        """Carries out changes in their order."""
+        self._derived = None
+        for change in changes:
+            match change:
+                case Add(predicate):
+                    self.facts.add(predicate)
+                case Delete(predicate):
+                    self.facts.discard(predicate)
+                case _:
+                    self.values[change.fluent] = change.value

@@ -1,0 +1,167 @@
+"""The validation of plans: each is carried out on paper, by the rules of PDDL 2.1."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from socialbot.core.errors import PlanningError
+from socialbot.planning.pddl.domain import Domain, Plan, Problem, Step
+from socialbot.planning.pddl.formulas import Formula
+from socialbot.planning.pddl.read_write_sets import EPSILON_S, Footprints, Happening, Key, Moment, moments
+from socialbot.planning.pddl.semantics import TOLERANCE, GroundAction, SetValue, changes, evaluate, ground, unmet
+from socialbot.planning.pddl.state import State
+
+DURATION_S = 0.001
+"""How exactly a duration has to be met, s: plans are printed with three decimals."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What is wrong with a plan; ``condition`` is what does not hold, ``step`` the index of the step, if one is it."""
+
+    message: str
+    time_s: float = 0.0
+    step: int | None = None
+    condition: Formula | None = None
+
+    def __str__(self) -> str:
+        return f"{self.time_s:.3f} s: {self.message}"
+
+
+def faults(domain: Domain, problem: Problem, plan: Plan, running: Collection[int] = ()) -> tuple[Fault, ...]:
+    """All that is wrong with ``plan`` in the order of time; empty for a plan that is valid.
+
+    The steps whose indexes are ``running`` started before ``problem`` was seen, and end before all others begin.
+    Without a goal in ``problem`` any end will do.
+    """
+    state = State.of(problem, domain)
+    wrong = [
+        Fault(message, step.start_s, index)
+        for index, step in enumerate(plan.steps)
+        if (message := unfit(domain, state, step, index in running)) is not None
+    ]
+    if wrong:
+        return tuple(wrong)
+    actions = [ground(domain.actions[step.action], step.args) for step in plan.steps]
+    return tuple(_Simulation(domain, state, plan, actions, running).run(problem.goal))
+
+
+def unfit(domain: Domain, state: State, step: Step, running: bool = False) -> str | None:
+    """Why ``step`` makes no sense, whatever is the case: an unknown action or object, a wrong type or time."""
+    action = domain.actions.get(step.action)
+    if action is None:
+        return f"{step.call}: the domain has no action {step.action}"
+    if len(step.args) != len(action.parameters):
+        return f"{step.call}: {step.action} takes {len(action.parameters)} objects, not {len(step.args)}"
+    for name, parameter in zip(step.args, action.parameters, strict=True):
+        types = state.types.get(name)
+        if types is None:
+            return f"{step.call}: there is no object {name}"
+        if not domain.fits(types, parameter.types):
+            return f"{step.call}: {name} is a {' or '.join(types)}, no {' or '.join(parameter.types)}"
+    if not (math.isfinite(step.start_s) and math.isfinite(step.duration_s)):
+        return f"{step.call}: it has no proper time"
+    if running:
+        return None if action.duration is not None else f"{step.call}: it is instantaneous and cannot be running"
+    if step.start_s < -EPSILON_S:
+        return f"{step.call} starts before the plan does"
+    if action.duration is None and step.duration_s > DURATION_S:
+        return f"{step.call} is instantaneous and cannot last {step.duration_s:g} s"
+    if action.duration is not None and step.duration_s < EPSILON_S:
+        return f"{step.call} lasts no time at all"
+    return None
+
+
+class _Simulation:
+    def __init__(
+        self, domain: Domain, state: State, plan: Plan, actions: Sequence[GroundAction], running: Collection[int]
+    ) -> None:
+        self._state = state
+        self._steps = plan.steps
+        self._actions = actions
+        self._running = running
+        self._footprints = Footprints(domain)
+        self._moments = moments(plan, actions, running)
+        self._lasting: dict[int, frozenset[Key]] = {}
+        """What the conditions over all of the steps that go on read."""
+
+    def run(self, goal: Formula | None) -> Iterator[Fault]:
+        time_s = 0.0
+        yield from self._begun(self._running, time_s)
+        for moment in self._moments:
+            time_s = moment.time_s
+            yield from self._clashes(moment)
+            for happening in moment.happenings:
+                yield from self._unready(happening, time_s)
+            for happening in moment.happenings:
+                if happening.edge == "end":
+                    self._lasting.pop(happening.step, None)
+            changed: set[Key] = set()
+            for happening in moment.happenings:
+                yield from self._carried_out(happening, time_s, changed)
+            for index in [index for index, read in self._lasting.items() if not read.isdisjoint(changed)]:
+                yield from self._interrupted(index, time_s)
+            starts = (one.step for one in moment.happenings if one.edge == "start")
+            yield from self._begun((index for index in starts if self._actions[index].duration is not None), time_s)
+        for formula in unmet(() if goal is None else (goal,), self._state):
+            yield Fault(f"the goal is not reached: {formula} does not hold", time_s, None, formula)
+
+    def _begun(self, indexes: Iterable[int], time_s: float) -> Iterator[Fault]:
+        for index in indexes:
+            formulas = self._actions[index].conditions_at("over all")
+            if formulas:
+                self._lasting[index] = self._footprints.reading(formulas, self._state).keys
+                yield from self._interrupted(index, time_s)
+
+    def _interrupted(self, index: int, time_s: float) -> Iterator[Fault]:
+        call = self._steps[index].call
+        for formula in unmet(self._actions[index].conditions_at("over all"), self._state):
+            yield Fault(f"{call} cannot go on: {formula} does not hold", time_s, index, formula)
+
+    def _unready(self, happening: Happening, time_s: float) -> Iterator[Fault]:
+        index, edge = happening
+        step = self._steps[index]
+        for formula in unmet(self._actions[index].conditions_at(edge), self._state):
+            yield Fault(f"{step.call} cannot {edge}: {formula} does not hold", time_s, index, formula)
+        bounds = self._actions[index].duration
+        if edge == "end" or bounds is None:
+            return
+        least = None if bounds.least is None else evaluate(bounds.least, self._state)
+        most = None if bounds.most is None else evaluate(bounds.most, self._state)
+        if (bounds.least is not None and least is None) or (bounds.most is not None and most is None):
+            yield Fault(f"{step.call}: its duration has no value", time_s, index)
+        elif least is not None and step.duration_s < least - DURATION_S - TOLERANCE:
+            yield Fault(f"{step.call} lasts {step.duration_s:g} s, less than {least:g} s", time_s, index)
+        elif most is not None and step.duration_s > most + DURATION_S + TOLERANCE:
+            yield Fault(f"{step.call} lasts {step.duration_s:g} s, more than {most:g} s", time_s, index)
+
+    def _carried_out(self, happening: Happening, time_s: float, changed: set[Key]) -> Iterator[Fault]:
+        step = self._steps[happening.step]
+        effects = self._actions[happening.step].effects_at(happening.edge)
+        try:
+            made = changes(effects, self._state, duration=step.duration_s)
+        except PlanningError as error:
+            yield Fault(f"{step.call}: {error.what}", time_s, happening.step)
+            return
+        self._state.apply(made)
+        changed.update(one.fluent if isinstance(one, SetValue) else one.predicate for one in made)
+
+    def _clashes(self, moment: Moment) -> Iterator[Fault]:
+        """What cannot be at once."""
+        if len(moment.happenings) < 2:
+            return
+        prints = [
+            (one, self._footprints.of(self._actions[one.step], one.edge, self._state)) for one in moment.happenings
+        ]
+        for (one, mine), (other, theirs) in itertools.combinations(prints, 2):
+            what = mine.clash(theirs)
+            if what is not None:
+                first, second = self._steps[one.step].call, self._steps[other.step].call
+                yield Fault(
+                    f"{first} cannot {one.edge} at the moment that {second} {other.edge}s: both need {what}",
+                    moment.time_s,
+                    other.step,
+                )

@@ -1,0 +1,1 @@
+"""Temporal planners in child processes with limits."""

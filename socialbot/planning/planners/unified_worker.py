@@ -1,0 +1,86 @@
+"""What runs in the process of `socialbot.planning.planners.engines`: an engine of unified-planning, asked once.
+
+``python -m socialbot.planning.planners.unified_worker ENGINE DOMAIN PROBLEM TIMEOUT_S ANSWER``. The file ANSWER then
+holds the name of a verdict, a message, and the steps of the plan if there is one. This is where the library is imported.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from socialbot.planning.planners.planner import Verdict
+
+INSTANT_S = 0.001
+"""How far apart actions without duration are put when a plan only says their order."""
+
+_VERDICTS = {
+    "SOLVED_SATISFICING": Verdict.SOLVED,
+    "SOLVED_OPTIMALLY": Verdict.SOLVED,
+    "INTERMEDIATE": Verdict.SOLVED,
+    "UNSOLVABLE_PROVEN": Verdict.IMPOSSIBLE,
+    "UNSOLVABLE_INCOMPLETELY": Verdict.GAVE_UP,
+    "TIMEOUT": Verdict.GAVE_UP,
+    "MEMOUT": Verdict.GAVE_UP,
+    "UNSUPPORTED_PROBLEM": Verdict.REFUSED,
+}
+
+
+def main() -> None:
+    """Does what the module says."""
+    engine, domain, problem, timeout_s, answer = sys.argv[1:6]
+    verdict, message, steps = _ask(engine, domain, problem, float(timeout_s))
+    written = {"verdict": verdict.value, "message": message, "steps": steps}
+    Path(answer).write_text(json.dumps(written), "utf-8")
+
+
+def _ask(engine: str, domain: str, problem: str, timeout_s: float) -> tuple[Verdict, str, list]:
+    shortcuts: Any = importlib.import_module("unified_planning.shortcuts")
+    reading: Any = importlib.import_module("unified_planning.io")
+    exceptions: Any = importlib.import_module("unified_planning.exceptions")
+    environment = shortcuts.get_environment()
+    environment.credits_stream = None
+    with suppress(ModuleNotFoundError):
+        importlib.import_module("up_kairos").register()
+    if engine not in environment.factory.engines:
+        return Verdict.FAILED, f"unified-planning has no engine {engine!r} here: pip install up-{engine}", []
+    try:
+        asked = reading.PDDLReader().parse_problem(domain, problem)
+    except Exception as error:  # noqa: BLE001 - the reader raises whatever its grammar meets
+        return Verdict.REFUSED, f"unified-planning cannot read the domain or problem: {_first_line(error)}", []
+    try:
+        with shortcuts.OneshotPlanner(name=engine) as planner:
+            result = planner.solve(asked, timeout=timeout_s)
+    except (exceptions.UPUsageError, exceptions.UPUnsupportedProblemTypeError) as error:
+        return Verdict.REFUSED, _first_line(error), []
+    verdict = _VERDICTS.get(result.status.name, Verdict.FAILED)
+    said = result.status.name.lower().replace("_", " ")
+    return verdict, said, list(_steps(result.plan)) if verdict is Verdict.SOLVED else []
+
+
+def _steps(plan: Any) -> Iterator[tuple[float, str, list[str], float]]:
+    """When each action starts, its name and objects, and how long it lasts, s."""
+    if hasattr(plan, "timed_actions"):
+        for start, action, duration in plan.timed_actions:
+            yield float(start), *_call(action), float(duration or 0)
+    else:
+        for number, action in enumerate(plan.actions):
+            yield number * INSTANT_S, *_call(action), 0.0
+
+
+def _call(action: Any) -> tuple[str, list[str]]:
+    return action.action.name, [str(parameter) for parameter in action.actual_parameters]
+
+
+def _first_line(error: Exception) -> str:
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return lines[0] if lines else type(error).__name__
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Records of runs: read, explain, compare, show in a page, export."""

@@ -1,0 +1,231 @@
+"""A recorded run: what its folder holds, read once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from socialbot.agents.base.agent_node import AgentNode
+from socialbot.agents.base.deliberating import Deliberating
+from socialbot.agents.hospital.event_log import PHRASES
+from socialbot.core.bounded_log import is_whole, parts
+from socialbot.core.errors import RunError, SocialbotError
+from socialbot.core.messages import Health, Message, TraceRecord
+from socialbot.graph.files import parse_graph
+from socialbot.graph.node import Graph
+from socialbot.graph.status import NodeStatus
+from socialbot.runs.history import History
+from socialbot.runs.names import Wording
+from socialbot.runs.nodes import NodesThen
+from socialbot.runs.plan_trees import Tree, trees_at
+from socialbot.runs.record import DIAGNOSTICS, SCORED, SEEN, TRACE, NodeTold
+from socialbot.runs.report_worlds import World, world_of
+from socialbot.runs.run import GraphView, Picture, Pictures, graph_view
+from socialbot.runs.state_index import Course
+from socialbot.runs.timeline import Timeline, timeline_of
+from socialbot.vision.metrics.scores import ScoredFrame
+
+T = TypeVar("T")
+RUNS = Path("runs")
+"""Where runs are kept that are not told otherwise."""
+
+
+class RecordedRun:
+    """A run that was recorded in ``folder``. ``damage`` says what of it could not be read."""
+
+    live = False
+
+    def __init__(self, folder: Path, pictures: Pictures | None = None) -> None:
+        """Raises RunError when the folder holds no run."""
+        self.folder = folder
+        self.damage: list[str] = []
+        self.results: Mapping[str, Any] = self._results()
+        self._graph = self._load_graph()
+        self._pictures = pictures
+        start = self.results.get("bag", {}).get("start")
+        self.history = History(self._records(folder / TRACE), start=start if isinstance(start, int) else None)
+        self.wording = wording_of(self._graph)
+        self._world: World | None = None if self._graph is None else world_of(self._graph)
+        self._nodes = NodesThen([each.name for each in self._graph.placements] if self._graph else [])
+        self._read_seen()
+        path = folder / SCORED
+        self.scored: list[ScoredFrame] = list(self._lines(path, ScoredFrame)) if path.is_file() else []
+        """What became of the people in each frame, where the truth is known."""
+
+    @property
+    def title(self) -> str:
+        """The name of the graph, and of the bag that was replayed, or of the folder."""
+        bag = self.results.get("bag", {}).get("path")
+        graph = str(self.results.get("graph") or (self._graph.name if self._graph else ""))
+        return ": ".join(filter(None, (graph.capitalize(), Path(bag).name if bag else self.folder.resolve().name)))
+
+    @property
+    def end(self) -> int:
+        """The stamp (ns) of the last record."""
+        return self.history.end
+
+    @property
+    def described(self) -> Graph | None:
+        """The graph that ran, where the record tells."""
+        return self._graph
+
+    @property
+    def stage(self) -> World | None:
+        """The world of the agents, as far as it was seen; None where there is none to tell of."""
+        return self._world
+
+    @property
+    def health(self) -> list[tuple[float, Health]]:
+        """What nodes said of their health, each time it changed, and when (s from the start)."""
+        return self._nodes.health
+
+    @property
+    def told(self) -> Mapping[str, Sequence[tuple[float, NodeTold]]]:
+        """What each node told of itself on /diagnostics, and when (s from the start), in order."""
+        return self._nodes.told
+
+    @property
+    def sees(self) -> bool:
+        """Whether its pictures are at hand."""
+        return self._pictures is not None
+
+    @property
+    def course(self) -> Course:
+        """What held when."""
+        return self._course
+
+    @cached_property
+    def _course(self) -> Course:
+        course = Course(self.history, self.wording)
+        course.prepare()
+        return course
+
+    @property
+    def timeline(self) -> Timeline:
+        """Everything as bars."""
+        return self._timeline
+
+    @cached_property
+    def _timeline(self) -> Timeline:
+        return timeline_of(self.history, self.wording)
+
+    def picture(self, stamp: int) -> Picture | None:
+        """What the camera saw at ``stamp`` (ns), where its pictures are at hand."""
+        return None if self._pictures is None else self._pictures.at(stamp)
+
+    def world(self, stamp: int) -> str | None:
+        """The floor or the ward at ``stamp`` (ns) as SVG."""
+        return self._world.picture(stamp, "") if self._world else None
+
+    def trees(self, stamp: int) -> tuple[Tree, ...]:
+        """The plans of the agents at ``stamp`` (ns)."""
+        return trees_at(self.history, stamp, self.wording)
+
+    def nodes(self, stamp: int) -> tuple[NodeStatus, ...]:
+        """How the nodes were at ``stamp`` (ns), as far as the record tells."""
+        fates: Mapping[str, Any] = self.results.get("nodes", {})
+        return () if self._graph is None else self._nodes.at(self.history.seconds(stamp), fates)
+
+    def graph(self) -> GraphView:
+        """The nodes, and how they are connected; empty where the record does not tell."""
+        return GraphView() if self._graph is None else graph_view(self._graph, self._nodes.machines)
+
+    # What is read
+
+    def _results(self) -> Mapping[str, Any]:
+        path = self.folder / "results.json"
+        if not path.exists():
+            self.damage.append("results.json is missing: the run has not ended, or was broken off")
+            return {}
+        try:
+            return msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+        except (OSError, msgspec.MsgspecError) as error:
+            self.damage.append(f"results.json cannot be read: {error}")
+            return {}
+
+    def _load_graph(self) -> Graph | None:
+        path = self.folder / "graph.yaml"
+        if not path.exists():
+            return None
+        try:
+            return parse_graph(path.read_text("utf-8"), where=str(path))
+        except (OSError, UnicodeDecodeError, SocialbotError) as error:
+            self.damage.append(f"graph.yaml cannot be used: {error}")
+            return None
+
+    def _records(self, path: Path) -> list[TraceRecord]:
+        if not path.is_file():
+            remedy = "give a folder with a trace.jsonl, such as runs/TIME, which every run leaves"
+            raise RunError("there is no run", where=str(self.folder), remedy=remedy)
+        if not is_whole(path):
+            self.damage.append(f"{path.name}: the beginning is gone: of a long run the newest is kept (up --keep)")
+        return list(self._lines(path, TraceRecord))
+
+    def _read_seen(self) -> None:
+        path = self.folder / SEEN
+        if self._graph is None or not path.is_file():
+            return
+        kinds = {**self._graph.topics(), DIAGNOSTICS: NodeTold}
+        for line in self._lines(path, _Line):
+            kind = kinds.get(line.topic)
+            if kind is not None:
+                self._see(msgspec.json.decode(line.message, type=kind))
+
+    def _see(self, message: Message | NodeTold) -> None:
+        if isinstance(message, NodeTold | Health):
+            self._nodes.take(self.history.seconds(message.stamp), message)
+        elif self._world is not None:
+            self._world.take(message)
+
+    def _lines(self, path: Path, kind: type[T]) -> Iterator[T]:
+        """The lines of a file and its older parts; one that cannot be read is noted, but for one that was cut off."""
+        decoder = msgspec.json.Decoder(kind)
+        for part in parts(path):
+            try:
+                lines = part.read_bytes().split(b"\n")
+            except OSError as error:
+                raise RunError(f"cannot be read: {error.strerror}", where=str(part)) from error
+            for number, line in enumerate(lines, 1):
+                try:
+                    if line:
+                        yield decoder.decode(line)
+                except msgspec.MsgspecError as error:
+                    if number < len(lines):
+                        self.damage.append(f"{part.name}:{number}: {error}")
+
+
+class _Line(msgspec.Struct):
+    topic: str
+    message: msgspec.Raw
+
+
+def wording_of(graph: Graph | None) -> Wording:
+    """How a run of ``graph`` calls things: an agent as people call it, unless several are called so."""
+    placements = graph.placements if graph is not None else ()
+    deliberating = [placement.type for placement in placements if issubclass(placement.type, Deliberating)]
+    phrases = {action: said for kind in deliberating for action, said in kind.phrases.items()}
+    called = {each.name: each.type.called for each in placements if issubclass(each.type, AgentNode)}
+    count = Counter(called.values())
+    names = {name: people_say for name, people_say in called.items() if people_say and count[people_say] == 1}
+    return Wording(names, {**PHRASES, **phrases})
+
+
+def open_run(folder: Path, pictures: Pictures | None = None) -> RecordedRun:
+    """The run that was recorded in ``folder``; its ``pictures`` are handed in by who can read its bag.
+
+    Raises RunError when there is none. What is damaged is left out, and said in ``damage``.
+    """
+    return RecordedRun(folder, pictures)
+
+
+def newest_run(folder: Path = RUNS) -> Path:
+    """The folder of the run below ``folder`` that was written to last. Raises RunError when there is none."""
+    found = list(folder.glob(f"*/{TRACE}"))
+    if not found:
+        raise RunError("there is no run yet", where=str(folder), remedy="give the folder of a run")
+    return max(found, key=lambda path: (path.stat().st_mtime_ns, path)).parent

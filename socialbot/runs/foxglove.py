@@ -1,0 +1,219 @@
+"""A run as an .mcap file that Foxglove shows: pictures with boxes, people, minds, the log, the head, diagnostics.
+
+All topics are ROS 2 messages with their definitions inside, so other tools that read bags take the file, too.
+"""
+
+from __future__ import annotations
+
+import heapq
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+from socialbot.bags.reader import Bag, BagWriter, RosbagsTypes
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import BagError
+from socialbot.core.messages import CompressedImage, Image, Message, PersonDetections
+from socialbot.graph.status import NodeStatus
+from socialbot.runs.folder import RecordedRun
+from socialbot.runs.standard_messages import (
+    AHEAD,
+    HEAD_HZ,
+    HeadCourse,
+    Mounting,
+    Neck,
+    StandardMessages,
+    mounting_of,
+    neck_of,
+)
+from socialbot.runs.streams import Sentence, beats, detections_of, minds_of, poses_of, sentences_of
+
+ANNOTATIONS = "/humans/bodies/image_annotations"
+DETECTIONS = "/humans/bodies/detections"
+MARKERS = "/humans/bodies/markers"
+JOINTS = "/joint_states"
+USUAL_NECK = Neck("head_pan_joint", "head_tilt_joint")
+DIAGNOSTICS_EVERY = SECOND
+_LINE_LOOP = 2
+_INFO, _WARN = 20, 30
+_OK, _WARNING, _ERROR = 0, 1, 2
+_LEVELS = {"ok": _OK, "": _OK, "paused": _WARNING, "waiting": _WARNING, "degraded": _WARNING, "ended": _WARNING}
+
+Item = tuple[int, str, Any]
+"""A time (ns), a topic and a ROS message or one of socialbot."""
+
+
+def export_foxglove(run: RecordedRun, bag: Bag | None, out: Path) -> dict[str, int]:
+    """Writes ``run``, with the pictures of its ``bag``, to the new file ``out``; returns the messages by topic.
+
+    Raises BagError when the file exists or cannot be written, or the bag is broken.
+    """
+    if out.exists():
+        raise BagError("already exists", where=str(out), remedy="give another name, or remove it first")
+    show = _Show(run, "" if bag is None else _picture_frame(bag))
+    streams = [
+        sorted(stream, key=itemgetter(0))
+        for stream in (show.people(), show.log(), show.minds(), show.head(), show.diagnostics())
+    ]
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=out.parent) as folder:
+            with BagWriter(Path(folder) / "bag") as writer:
+                pictures = _pictures(bag) if bag is not None else iter(())
+                for time, topic, message in heapq.merge(*streams, pictures, key=itemgetter(0)):
+                    if isinstance(message, Message):
+                        writer.write(topic, message, time, "typed")
+                    else:
+                        data = show.types.serialize(message)
+                        writer.write_raw(topic, message.__msgtype__, data, time, latched=topic == "/tf_static")
+            next((Path(folder) / "bag").glob("*.mcap")).replace(out)
+    except OSError as error:
+        raise BagError(f"cannot be written: {error.strerror}", where=str(out)) from error
+    return writer.counts
+
+
+def _pictures(bag: Bag) -> Iterator[Item]:
+    topics = {topic.name: topic.name for topic in bag.image_topics}
+    infos = [bag.camera_info_topic_for(name) for name in topics]
+    topics |= {info.name: info.name for info in infos if info is not None}
+    for topic, message in bag.messages(topics):
+        yield message.stamp, topic, message
+
+
+def _picture_frame(bag: Bag) -> str:
+    """The frame that the pictures are in; empty when there are none."""
+    (topic, *_) = bag.image_topics
+    for _, picture in bag.messages({topic.name: topic.name}):
+        assert isinstance(picture, CompressedImage | Image)
+        return picture.frame_id
+    return ""
+
+
+class _Show:
+    """Makes the messages of ``run``, with pictures in ``frame`` (empty: what the graph says)."""
+
+    def __init__(self, run: RecordedRun, frame: str) -> None:
+        self.types = RosbagsTypes()
+        self._standard = StandardMessages(self.types)
+        self._run = run
+        mounting = mounting_of(run.described) if run.described else Mounting()
+        self._mounting = replace(mounting, optical=frame or mounting.optical)
+        poses = list(poses_of(run))
+        self._course = HeadCourse(poses)
+        self._neck = neck_of(run.described) if run.described else USUAL_NECK if poses else None
+
+    def people(self) -> Iterator[Item]:
+        for found in detections_of(self._run, self._mounting.optical):
+            head = self._course.at(found.stamp) if self._mounting.on_head else AHEAD
+            yield found.stamp, DETECTIONS, found
+            yield found.stamp, ANNOTATIONS, self._annotations(found)
+            yield found.stamp, MARKERS, self._standard.markers(found, head)
+            if found.persons:
+                yield found.stamp, "/tf", self._standard.bodies(found, head)
+
+    def log(self) -> Iterator[Item]:
+        for record in self._run.history:
+            yield record.stamp, "/trace", record
+        for sentence in sentences_of(self._run):
+            yield sentence.stamp, "/rosout", self._log(sentence)
+
+    def minds(self) -> Iterator[Item]:
+        for mind in minds_of(self._run):
+            yield mind.stamp, f"/{mind.agent}/mind", mind
+
+    def head(self) -> Iterator[Item]:
+        start = self._run.history.start
+        yield start, "/tf_static", self._standard.camera(start, self._mounting)
+        if self._neck is None:
+            return
+        for stamp in beats(self._run, nanoseconds(1 / HEAD_HZ)):
+            pose = self._course.at(stamp)
+            yield stamp, "/tf", self._standard.head(stamp, pose, self._mounting.height_m)
+            yield stamp, JOINTS, self._standard.joints(stamp, (self._neck.pan, self._neck.tilt), pose)
+
+    def diagnostics(self) -> Iterator[Item]:
+        for stamp in beats(self._run, DIAGNOSTICS_EVERY):
+            nodes = self._run.nodes(stamp)
+            if nodes:
+                status = [self._status(node) for node in nodes]
+                header = self._standard.header(stamp)
+                yield (
+                    stamp,
+                    "/diagnostics",
+                    self.types.make("diagnostic_msgs/msg/DiagnosticArray", header=header, status=status),
+                )
+
+    def _colour(self, red: float, green: float, blue: float, alpha: float) -> Any:
+        return self.types.make("foxglove_msgs/msg/Color", r=red, g=green, b=blue, a=alpha)
+
+    def _annotations(self, found: PersonDetections) -> Any:
+        make, time = self.types.make, self._standard.time(found.stamp)
+        outline, clear = self._colour(0.1, 0.8, 0.3, 1.0), self._colour(0.0, 0.0, 0.0, 0.0)
+        boxes, texts = [], []
+        for person in found.persons:
+            right, bottom = person.x + person.w, person.y + person.h
+            corners = ((person.x, person.y), (right, person.y), (right, bottom), (person.x, bottom))
+            boxes.append(
+                make(
+                    "foxglove_msgs/msg/PointsAnnotation",
+                    timestamp=time,
+                    type=_LINE_LOOP,
+                    points=[make("foxglove_msgs/msg/Point2", x=x, y=y) for x, y in corners],
+                    outline_color=outline,
+                    outline_colors=[],
+                    fill_color=clear,
+                    thickness=2.0,
+                    metadata=[],
+                )
+            )
+            away = "" if person.distance_m is None else f" {person.distance_m:.1f} m"
+            texts.append(
+                make(
+                    "foxglove_msgs/msg/TextAnnotation",
+                    timestamp=time,
+                    position=make("foxglove_msgs/msg/Point2", x=person.x, y=person.y),
+                    text=f"{person.track_id or 'person'}{away}",
+                    font_size=14.0,
+                    text_color=self._colour(1.0, 1.0, 1.0, 1.0),
+                    background_color=self._colour(0.05, 0.4, 0.15, 0.8),
+                    metadata=[],
+                )
+            )
+        # The stamp is what a picture without people is known by.
+        return make(
+            "foxglove_msgs/msg/ImageAnnotations", timestamp=time, circles=[], points=boxes, texts=texts, metadata=[]
+        )
+
+    def _log(self, sentence: Sentence) -> Any:
+        return self.types.make(
+            "rcl_interfaces/msg/Log",
+            stamp=self._standard.time(sentence.stamp),
+            level=_WARN if sentence.is_failure else _INFO,
+            name=sentence.source.strip("/"),
+            msg=sentence.text,
+            file="",
+            function="",
+            line=0,
+        )
+
+    def _status(self, node: NodeStatus) -> Any:
+        figures = {"machine": node.machine, "state": node.state, "handled_hz": node.handled_hz, "pid": node.pid}
+        figures |= {"cpu_percent": node.cpu_percent, "memory_mb": node.memory_mb, "restarts": node.restarts}
+        values = [
+            self.types.make("diagnostic_msgs/msg/KeyValue", key=key, value=str(value))
+            for key, value in figures.items()
+            if value not in (None, "")
+        ]
+        level = _LEVELS.get(node.health, _ERROR)
+        message = node.reason or node.health or node.state
+        return self.types.make(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=level,
+            name=node.name,
+            message=message,
+            hardware_id=node.machine,
+            values=values,
+        )

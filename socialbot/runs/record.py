@@ -1,0 +1,271 @@
+"""The record of a run: a folder with trace.jsonl, written as things happen, and results.json at the end.
+
+``graph.yaml`` says what ran, ``seen.jsonl`` what a world showed and how the nodes were; ``scored.jsonl``, where the
+truth is known, what became of the people in each frame. Of a run that lasts for long only the newest part is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, TypeVar
+
+import msgspec
+from msgspec.structs import replace
+
+from socialbot.core import paths
+from socialbot.core.bounded_log import BoundedLog
+from socialbot.core.errors import SocialbotError
+from socialbot.core.messages import (
+    ActionRequest,
+    HeadCommand,
+    Health,
+    JointTrajectory,
+    Message,
+    PersonDetections,
+    SpeechStatus,
+    TraceRecord,
+    Utterance,
+)
+from socialbot.graph.files import dump_graph
+from socialbot.graph.node import Graph
+from socialbot.vision.metrics.scores import ScoredFrame
+
+T = TypeVar("T", bound="RunTrace")
+
+RECORDED: tuple[type[Message], ...] = (
+    PersonDetections, TraceRecord, ActionRequest, Utterance, SpeechStatus, HeadCommand, JointTrajectory,
+)  # fmt: skip
+"""The messages that a run is made of."""
+
+WELL = "well"
+NOTHING_WANTED = "nobody wants anything more"
+NOTHING_SHOWN = "there is nothing more to see"
+TIME_UP = "the time was up"
+STOPPED = "stopped by a signal"
+"""Why a run ended, as results.json says under ``ended``; the last when somebody did not want to wait.
+
+Of a run that failed the error is there.
+"""
+
+TRACE, SEEN = "trace.jsonl", "seen.jsonl"
+
+SCORED = "scored.jsonl"
+"""The file that says whom the detector found and whom it missed, frame by frame, where the truth is known."""
+
+DIAGNOSTICS = "/diagnostics"
+"""The topic on which nodes tell how they fare."""
+
+
+class SeenLine(msgspec.Struct, frozen=True):
+    """A line of seen.jsonl: a message of a topic."""
+
+    topic: str
+    message: Any
+
+
+class NodeTold(msgspec.Struct, frozen=True):
+    """What a node tells of itself on /diagnostics at ``stamp`` (ns)."""
+
+    stamp: int
+    name: str
+    values: Mapping[str, str]
+
+
+class Listener(Protocol):
+    """Somebody who looks on while a run is recorded."""
+
+    def observe(self, topic: str, message: Message) -> None:
+        """Takes one message of the run."""
+        ...
+
+    def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None:
+        """Takes what a node tells on /diagnostics."""
+        ...
+
+
+class RunTrace:
+    """The trace of a run: takes its messages in order; each line is a TraceRecord as JSON.
+
+    Every line is on disk before the next message is looked at, so that nothing is lost when a run breaks off. Nodes may
+    keep files in its folder. With ``room`` (bytes) the trace keeps the newest that fits, and so does seen.jsonl.
+    """
+
+    def __init__(self, folder: Path, *, room: int | None = None) -> None:
+        """Raises SocialbotError when the folder cannot be made, or holds a run already."""
+        self.folder = folder
+        self._room = room
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._trace = BoundedLog(folder / TRACE, room)
+        except FileExistsError as error:
+            raise _unusable("holds a run already", folder, "give another folder with --out") from error
+        except OSError as error:
+            raise _unusable(f"cannot be written: {error.strerror}", folder, "give another --out") from error
+        paths.allow(folder)
+        self._encoder = msgspec.json.Encoder()
+        self._seen: BoundedLog | None = None
+        self._worldly: frozenset[str] = frozenset()
+        self._last: dict[tuple[str, str], Message] = {}
+        self._listeners: tuple[Listener, ...] = ()
+
+    def __enter__(self: T) -> T:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._trace.close()
+        if self._seen is not None:
+            self._seen.close()
+
+    @property
+    def size(self) -> int:
+        """So many bytes the trace has."""
+        return self._trace.size
+
+    def tell(self, listener: Listener) -> None:
+        """Lets ``listener`` look on from now on."""
+        self._listeners = (*self._listeners, listener)
+
+    def describe(self, graph: Graph) -> None:
+        """Keeps ``graph`` in graph.yaml, and from now on in seen.jsonl what its world shows and how its nodes are."""
+        worlds = (placement for placement in graph.placements if placement.type.is_simulator)
+        self._worldly = frozenset(topic for world in worlds for topic, _ in world.publications)
+        self._seen = BoundedLog(self.folder / SEEN, self._room, self._lasting)
+        (self.folder / "graph.yaml").write_text(dump_graph(graph), encoding="utf-8")
+
+    def observe(self, topic: str, message: Message) -> None:
+        """Takes one message."""
+        for listener in self._listeners:
+            listener.observe(topic, message)
+        record = trace_record(topic, message)
+        if record is not None:
+            self._trace.write(self._encoder.encode(record))
+        elif topic in self._worldly or isinstance(message, Health):
+            self._see(topic, message)
+
+    def write_results(self, results: dict[str, Any]) -> Path:
+        """Writes results.json."""
+        path = self.folder / "results.json"
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(results), indent=2) + b"\n")
+        return path
+
+    def write_scored(self, frames: Iterable[ScoredFrame]) -> None:
+        """Writes scored.jsonl: a line for each frame that the truth was known of."""
+        (self.folder / SCORED).write_bytes(self._encoder.encode_lines(frames))
+
+    def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None:
+        """Takes what a node tells on /diagnostics at ``stamp`` (ns)."""
+        for listener in self._listeners:
+            listener.note_node(stamp, name, values)
+        self._write_seen(DIAGNOSTICS, NodeTold(stamp, name, values))
+
+    def _see(self, topic: str, message: Message) -> None:
+        """Keeps a message that tells something new: worlds and nodes say the same again and again."""
+        sender = message.node if isinstance(message, Health) else ""
+        last = self._last.get((topic, sender))
+        if last is None or replace(last, stamp=message.stamp) != message:
+            self._last[topic, sender] = message
+            self._write_seen(topic, message)
+
+    def _lasting(self) -> Iterator[bytes]:
+        """The lines that still hold though they were written before."""
+        return (self._encoder.encode(SeenLine(topic, message)) for (topic, _), message in self._last.items())
+
+    def _write_seen(self, topic: str, message: Message | NodeTold) -> None:
+        if self._seen is not None:
+            self._seen.write(self._encoder.encode(SeenLine(topic, message)))
+
+
+class RunRecord(RunTrace):
+    """A trace, and what was seen, done and said, to be scored and shown at the end. For runs that do end."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.detections: list[PersonDetections] = []
+        self.actions: list[ActionRequest] = []
+        self.utterances: list[Utterance] = []
+
+    def observe(self, topic: str, message: Message) -> None:
+        """Takes one message."""
+        if isinstance(message, PersonDetections):
+            self.detections.append(message)
+        elif isinstance(message, ActionRequest):
+            self.actions.append(message)
+        elif isinstance(message, Utterance):
+            self.utterances.append(message)
+        super().observe(topic, message)
+
+
+def room_of(megabytes: float) -> int:
+    """The room (bytes) of each of the two journals of a run that may have so many ``megabytes``."""
+    return round(megabytes * 1_000_000 / 2)
+
+
+def trace_record(topic: str, message: Message) -> TraceRecord | None:
+    """``message`` as a record of the trace; None when the trace tells it already, or it is no step of a run."""
+    match message:
+        case TraceRecord():
+            return message
+        case PersonDetections():
+            persons = message.persons
+            return TraceRecord(
+                stamp=message.stamp,
+                id=message.id,
+                source=topic,
+                kind="detection",
+                what=f"{len(persons)} {'person' if len(persons) == 1 else 'persons'}",
+                cause=f"frame-{message.stamp}",
+                detail=_people(message) if persons else {},
+            )
+        case Utterance():
+            return TraceRecord(
+                stamp=message.stamp,
+                id=message.id,
+                source=topic,
+                kind="utterance",
+                what=message.text,
+                cause=message.cause,
+            )
+        case SpeechStatus():
+            return TraceRecord(
+                stamp=message.stamp,
+                id=f"{message.utterance_id}-{message.state}",
+                source=topic,
+                kind="speech",
+                what=message.state,
+                cause=message.utterance_id,
+                detail={"detail": message.detail} if message.detail else {},
+            )
+        case HeadCommand():
+            return TraceRecord(
+                stamp=message.stamp,
+                id=f"head-{message.cause}" if message.cause else f"head-{message.stamp}",
+                source=topic,
+                kind="head",
+                what=message.mode,
+                cause=message.cause,
+            )
+        case JointTrajectory():
+            return TraceRecord(
+                stamp=message.stamp,
+                id=f"motion-{message.stamp}",
+                source=topic,
+                kind="motion",
+                what=", ".join(
+                    f"{name} {position:.3f} rad"
+                    for name, position in zip(message.joint_names, message.positions, strict=True)
+                ),
+                detail={"duration_s": message.duration_s},
+            )
+    return None
+
+
+def _people(message: PersonDetections) -> dict[str, Any]:
+    return {"persons": msgspec.to_builtins(message.persons), "width": message.width, "height": message.height}
+
+
+def _unusable(what: str, folder: Path, remedy: str) -> SocialbotError:
+    error = SocialbotError(f"the folder of the run {what}", where=str(folder), remedy=remedy)
+    error.exit_code = 4
+    return error

@@ -1,0 +1,144 @@
+"""What the page of a run tells of the world in which its agents act: a film, figures, what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from socialbot.agents.hospital.result import MissionsTold, ward_in
+from socialbot.agents.hospital.ward.drawing import WardFilm
+from socialbot.agents.hospital.ward.ward import Ward
+from socialbot.agents.warehouse.drawing import Film
+from socialbot.agents.warehouse.gripper import GripperAgent
+from socialbot.agents.warehouse.scenario import GRIPPER, Cast
+from socialbot.core.messages import Message
+from socialbot.graph.node import Graph
+from socialbot.runs.report_deliberated import Scene
+from socialbot.runs.story import Story
+
+
+class World(Protocol):
+    """A world as its sensors told of it; its picture at the end is kept in a file of the name ``file``."""
+
+    file: str
+
+    def take(self, message: Message) -> None:
+        """Takes a message; those of other kinds are left alone."""
+        ...
+
+    def forget(self, stamp: int) -> None:
+        """Forgets what was to be seen before ``stamp`` (ns), but for how things were by then."""
+        ...
+
+    def __bool__(self) -> bool:
+        """Whether anything was seen."""
+        ...
+
+    def picture(self, stamp: int, title: str) -> str:
+        """The world at ``stamp`` (ns), as SVG."""
+        ...
+
+    def scene(self, story: Story, shots: Sequence[str]) -> Scene:
+        """The film of the run."""
+        ...
+
+    def tiles(self, story: Story) -> list[tuple[str, str]]:
+        """Figures, with what they count."""
+        ...
+
+    def results(self, story: Story) -> dict[str, Any]:
+        """What came of it, as plain data."""
+        ...
+
+
+def world_of(graph: Graph) -> World | None:
+    """What tells of the world of ``graph``, with all its nodes; None where nothing does. Raises ParameterError."""
+    for placement in graph.placements:
+        if issubclass(placement.type, GripperAgent):
+            return FloorTold(placement.type.cast)
+    ward = ward_in(graph)
+    return None if ward is None else WardTold(ward)
+
+
+class FloorTold:
+    """The floor of the warehouse."""
+
+    file = "floor.svg"
+
+    def __init__(self, cast: Cast) -> None:
+        self._film = Film(cast)
+
+    def take(self, message: Message) -> None:
+        self._film.take(message)
+
+    def forget(self, stamp: int) -> None:
+        self._film.forget(stamp)
+
+    def __bool__(self) -> bool:
+        return bool(self._film)
+
+    def picture(self, stamp: int, title: str) -> str:
+        return self._film.picture(stamp, title)
+
+    def scene(self, story: Story, shots: Sequence[str]) -> Scene:
+        film = self._film
+        return Scene(film.picture(story.start), film.tracks(story.start), GRIPPER, shots)
+
+    def tiles(self, story: Story) -> list[tuple[str, str]]:
+        holders = self.results(story)["boxes"].values()
+        stored = sum(holder.startswith("deposit") for holder in holders)
+        return [(f"{stored} of {len(holders)}", "boxes in their deposits")]
+
+    def results(self, story: Story) -> dict[str, Any]:
+        """``boxes`` says what bears each box at the end."""
+        return {"boxes": {box.name: box.holder for box in self._film.boxes(story.end)}}
+
+
+class WardTold:
+    """The ward of a hospital, and its missions."""
+
+    file = "ward.svg"
+
+    def __init__(self, ward: Ward) -> None:
+        self._film = WardFilm(ward)
+        self._told = MissionsTold()
+
+    def take(self, message: Message) -> None:
+        self._film.take(message)
+        self._told.take(message)
+
+    def forget(self, stamp: int) -> None:
+        self._film.forget(stamp)
+
+    def __bool__(self) -> bool:
+        return bool(self._film)
+
+    def picture(self, stamp: int, title: str) -> str:
+        return self._film.picture(stamp, title)
+
+    def scene(self, story: Story, shots: Sequence[str]) -> Scene:
+        film = self._film
+        stage = film.stage(story.start, "The ward")
+        return Scene(stage, film.tracks(story.start), shots=shots, shots_title="The ward at the turns")
+
+    def tiles(self, story: Story) -> list[tuple[str, str]]:
+        missions = list(self._told.missions.values())
+        finished = [mission for mission in missions if mission.finished]
+        met = [mission for mission in missions if mission.problems]
+        recovered = sum(mission.finished for mission in met)
+        seconds = sorted(mission.took_s for mission in finished if mission.took_s is not None)
+        tiles = [
+            (f"{len(finished)} of {len(missions)}", "missions done"),
+            (str(sum(len(mission.problems) for mission in missions)), "problems that agents told of"),
+            (f"{recovered} of {len(met)}" if met else "-", "missions with a problem that were done all the same"),
+            (str(sum(mission.view.revisions for mission in missions)), "plans revised before they met a problem"),
+        ]
+        return [*tiles, (f"{seconds[len(seconds) // 2]:.2f} s", "a mission takes (median)")] if seconds else tiles
+
+    def results(self, story: Story) -> dict[str, Any]:
+        """``missions`` says how each went, ``infected`` which rooms are still to be disinfected."""
+        rooms = self._film.state(story.end).rooms if self._film else ()
+        return {
+            "missions": [mission.results() for _, mission in sorted(self._told.missions.items())],
+            "infected": [room.name for room in rooms if room.infected],
+        }

@@ -1,0 +1,261 @@
+"""Export a run as an .rrd file for Rerun (needs the extra ``rerun``)."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from socialbot.bags.reader import Bag
+from socialbot.core.clock import nanoseconds
+from socialbot.core.errors import BagError, InstallationError
+from socialbot.core.messages import CameraInfo, CompressedImage, Image, Mind, PersonDetection, PersonDetections
+from socialbot.runs.folder import RecordedRun
+from socialbot.runs.standard_messages import AHEAD, HEAD_HZ, HeadCourse, HeadPose, Mounting, mounting_of, place_of
+from socialbot.runs.streams import beats, detections_of, minds_of, poses_of, sentences_of
+from socialbot.vision.images import as_jpeg
+
+WORLD = "base_link"
+CAMERA = f"{WORLD}/camera"
+PICTURE = f"{CAMERA}/picture"
+PEOPLE = f"{WORLD}/people"
+DISTANCES, HEAD, LOG, MINDS = "distance_m", "head", "log", "minds"
+"""Entities. What is below `WORLD` is in the frame of the robot's foot: x forward, y left, z up."""
+
+BEHIND_M, AHEAD_M = (-5.0, 3.0, 5.0), (4.0, 0.0, 0.8)
+"""From where the world is looked at, and at what."""
+
+
+def layout(run: RecordedRun, blueprint: Any) -> Any:
+    """The views of ``run``, made with the module ``rerun.blueprint``; those of people only where some were seen."""
+    sees = any(record.kind == "detection" for record in run.history)
+    turns = any(record.kind == "motion" for record in run.history)
+    # Sentences begin with who did it.
+    columns = blueprint.TextLogColumns(text_log_columns=["LogLevel", "Body"])
+    log = blueprint.TextLogView(origin=LOG, name="What happened, and why", columns=columns)
+    minds = blueprint.Tabs(
+        *(
+            blueprint.TextDocumentView(origin=f"{MINDS}/{agent}", name=f"Mind of {run.wording.name(agent)}")
+            for agent in run.history.agents
+        )
+    )
+    if not sees:
+        return _with_panels(blueprint, blueprint.Horizontal(log, minds, column_shares=[3, 2]))
+    curves = [blueprint.TimeSeriesView(origin=DISTANCES, name="How far people are, m")]
+    if turns:
+        curves.append(blueprint.TimeSeriesView(origin=HEAD, name="Where the head points, rad"))
+    eye = blueprint.EyeControls3D(position=BEHIND_M, look_target=AHEAD_M)
+    views = blueprint.Horizontal(
+        blueprint.Vertical(
+            blueprint.Spatial2DView(origin=PICTURE, name="Camera"),
+            blueprint.Spatial3DView(origin=WORLD, name="Around the robot", eye_controls=eye),
+            row_shares=[3, 2],
+        ),
+        blueprint.Vertical(log, minds, *curves, row_shares=[3, 2, *(2 for _ in curves)]),
+        column_shares=[1, 1],
+    )
+    return _with_panels(blueprint, views)
+
+
+def _with_panels(blueprint: Any, views: Any) -> Any:
+    return blueprint.Blueprint(
+        views,
+        blueprint.BlueprintPanel(state="collapsed"),
+        blueprint.SelectionPanel(state="collapsed"),
+        blueprint.TimePanel(state="collapsed", timeline="run"),
+    )
+
+
+RUN, STAMP = "run", "stamp"
+"""Timelines: seconds from the start of the run, and the time of the robot."""
+
+WIDEST = 65_535
+"""Pixels; no JPEG is wider, so that pictures keep the size that boxes are told in."""
+
+Colour = tuple[int, int, int]
+
+COLOURS: tuple[Colour, ...] = (
+    (76, 195, 138), (245, 166, 35), (91, 157, 255), (229, 100, 155), (181, 140, 255), (43, 196, 196), (255, 122, 89),
+)  # fmt: skip
+GREY: Colour = (154, 160, 166)
+GAZE: Colour = (255, 213, 74)
+
+BODY_M, SHOULDERS_M = 1.7, 0.22
+"""How tall people are drawn, and half as wide."""
+
+
+def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
+    """Writes ``run``, with the pictures of its ``bag``, to the new file ``out``.
+
+    Raises InstallationError when Rerun is not installed, BagError when the file exists or cannot be written.
+    """
+    if out.exists():
+        raise BagError("already exists", where=str(out), remedy="give another name, or remove it first")
+    try:
+        rerun: Any = importlib.import_module("rerun")
+    except ImportError as error:
+        raise InstallationError("Rerun is not installed", remedy="pip install 'socialbot[rerun]'") from error
+    recording = rerun.RecordingStream("socialbot")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        recording.save(out, default_blueprint=layout(run, importlib.import_module("rerun.blueprint")))
+    except (OSError, RuntimeError) as error:
+        raise BagError(f"cannot be written: {error}", where=str(out)) from error
+    recording.send_recording_name(run.title)
+    show = _Show(rerun, recording, run)
+    if bag is not None:
+        show.pictures(bag)
+    show.people()
+    show.head()
+    show.log()
+    show.minds()
+    recording.flush()
+    recording.disconnect()
+
+
+@dataclass
+class _Show:
+    """Logs what happened in ``run``."""
+
+    rerun: Any
+    recording: Any
+    run: RecordedRun
+
+    def __post_init__(self) -> None:
+        self._mounting = mounting_of(self.run.described) if self.run.described else Mounting()
+        self._poses = list(poses_of(self.run))
+        self._course = HeadCourse(self._poses)
+        self._colours: dict[str, Colour] = {}
+
+    def pictures(self, bag: Bag) -> None:
+        """What the camera saw, and how it looks at the world."""
+        (image, *_) = bag.image_topics
+        info = bag.camera_info_topic_for(image.name)
+        self._place_camera(AHEAD, static=True)
+        for _, message in bag.messages({topic.name: topic.name for topic in (image, info) if topic is not None}):
+            if isinstance(message, CameraInfo):
+                self._lens(message)
+            elif isinstance(message, CompressedImage | Image):
+                self._at(message.stamp)
+                jpeg = as_jpeg(message, WIDEST)
+                self._log(PICTURE, self.rerun.EncodedImage(contents=jpeg, media_type="image/jpeg"))
+
+    def people(self) -> None:
+        """Who was seen: boxes over the picture, bodies around the robot, and how far away they are."""
+        for found in detections_of(self.run):
+            self._at(found.stamp)
+            self._boxes(found)
+            self._bodies(found)
+            for person in found.persons:
+                if person.track_id and person.distance_m is not None:
+                    self._log(f"{DISTANCES}/{person.track_id}", self.rerun.Scalars(person.distance_m))
+        for track, colour in self._colours.items():
+            line = self.rerun.SeriesLines(names=track, colors=colour)
+            self._log(f"{DISTANCES}/{track}", line, static=True)
+
+    def head(self) -> None:
+        """Where the head points, if it was ever told to turn."""
+        if not self._poses:
+            return
+        for joint in HeadPose._fields:
+            self._log(f"{HEAD}/{joint}", self.rerun.SeriesLines(names=f"{joint}, rad"), static=True)
+        for stamp in beats(self.run, nanoseconds(1 / HEAD_HZ)):
+            pose = self._course.at(stamp)
+            self._at(stamp)
+            for joint, angle in zip(pose._fields, pose, strict=True):
+                self._log(f"{HEAD}/{joint}", self.rerun.Scalars(angle))
+            self._log(f"{WORLD}/head", self._gaze(pose))
+            if self._mounting.on_head:
+                self._place_camera(pose)
+
+    def log(self) -> None:
+        """What happened, in sentences."""
+        for sentence in sentences_of(self.run):
+            self._at(sentence.stamp)
+            level = self.rerun.TextLogLevel.WARN if sentence.is_failure else self.rerun.TextLogLevel.INFO
+            self._log(f"{LOG}/{sentence.source.strip('/')}", self.rerun.TextLog(sentence.text, level=level))
+
+    def minds(self) -> None:
+        """What agents had in mind, whenever it changed."""
+        for mind in minds_of(self.run):
+            self._at(mind.stamp)
+            self._log(f"{MINDS}/{mind.agent}", self.rerun.TextDocument(_document(mind), media_type="text/markdown"))
+
+    def _at(self, stamp: int) -> None:
+        self.recording.set_time(RUN, duration=self.run.history.seconds(stamp))
+        self.recording.set_time(STAMP, timestamp=stamp / 1e9)
+
+    def _log(self, entity: str, what: Any, *, static: bool = False) -> None:
+        self.recording.log(entity, what, static=static)
+
+    def _place_camera(self, head: HeadPose, *, static: bool = False) -> None:
+        """A camera on the head looks as ``head`` does; lens and picture look along x."""
+        tilt, pan = (head.tilt, head.pan) if self._mounting.on_head else (0.0, 0.0)
+        turned = _turned(pan, tilt - self._mounting.pitch_rad)
+        place = self.rerun.Transform3D(translation=(0.0, 0.0, self._mounting.height_m), quaternion=turned)
+        self._log(CAMERA, place, static=static and not self._mounting.on_head)
+
+    def _lens(self, info: CameraInfo) -> None:
+        matrix = [info.k[row : row + 3] for row in (0, 3, 6)]
+        lens = self.rerun.Pinhole(
+            image_from_camera=matrix,
+            resolution=(info.width, info.height),
+            camera_xyz=self.rerun.ViewCoordinates.FLU,
+            image_plane_distance=1.0,
+        )
+        self._log(PICTURE, lens, static=True)
+
+    def _boxes(self, found: PersonDetections) -> None:
+        boxes = self.rerun.Boxes2D(
+            array=[(person.x, person.y, person.w, person.h) for person in found.persons],
+            array_format=self.rerun.Box2DFormat.XYWH,
+            labels=[_label(person) for person in found.persons],
+            colors=[self._colour(person) for person in found.persons],
+        )
+        self._log(f"{PICTURE}/people", boxes)
+
+    def _bodies(self, found: PersonDetections) -> None:
+        head = self._course.at(found.stamp) if self._mounting.on_head else AHEAD
+        standing = [(person, place) for person in found.persons if (place := place_of(person, head)) is not None]
+        bodies = self.rerun.Capsules3D(
+            translations=[(x, y, SHOULDERS_M) for _, (x, y, _) in standing],
+            lengths=[BODY_M - 2 * SHOULDERS_M] * len(standing),
+            radii=[SHOULDERS_M] * len(standing),
+            labels=[_label(person) for person, _ in standing],
+            colors=[self._colour(person) for person, _ in standing],
+        )
+        self._log(PEOPLE, bodies)
+
+    def _gaze(self, pose: HeadPose) -> Any:
+        """An arrow from the head to where it looks."""
+        level = math.cos(pose.tilt)
+        ahead = (level * math.cos(pose.pan), level * math.sin(pose.pan), math.sin(pose.tilt))
+        return self.rerun.Arrows3D(origins=[(0.0, 0.0, self._mounting.height_m)], vectors=[ahead], colors=[GAZE])
+
+    def _colour(self, person: PersonDetection) -> Colour:
+        """Each track has its own, the same in every view."""
+        if not person.track_id:
+            return GREY
+        return self._colours.setdefault(person.track_id, COLOURS[len(self._colours) % len(COLOURS)])
+
+
+def _turned(pan: float, tilt: float) -> Any:
+    """The quaternion (x, y, z, w) of a turn to the left, then up."""
+    (sin_z, cos_z), (sin_y, cos_y) = ((math.sin(angle / 2), math.cos(angle / 2)) for angle in (pan, -tilt))
+    return (-sin_z * sin_y, cos_z * sin_y, sin_z * cos_y, cos_z * cos_y)
+
+
+def _label(person: PersonDetection) -> str:
+    away = "" if person.distance_m is None else f"{person.distance_m:.1f} m"
+    return f"{person.track_id} {away}".strip()
+
+
+def _document(mind: Mind) -> str:
+    parts = {
+        "Beliefs": [f"{belief.text} *({belief.source})*" for belief in mind.beliefs],
+        "Desires": mind.desires,
+        "Intentions": mind.intentions,
+    }
+    return "\n\n".join("\n".join((f"**{name}**\n", *(f"- {text}" for text in texts))) for name, texts in parts.items())

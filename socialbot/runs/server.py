@@ -1,0 +1,419 @@
+"""HTTP server of the run page: access control and the API."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+import ipaddress
+import logging
+import math
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager, suppress
+from http.cookies import SimpleCookie
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar
+from urllib.parse import urlencode, urlsplit
+
+import msgspec
+from starlette.applications import Starlette
+from starlette.datastructures import Headers, MutableHeaders, QueryParams
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response, StreamingResponse
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from socialbot.core.errors import RunError
+from socialbot.core.messages import Command
+from socialbot.runs.broadcast import Broadcast
+from socialbot.runs.commands import Office, Shut
+from socialbot.runs.overview import overview
+from socialbot.runs.run import Run, node_views
+from socialbot.runs.sentences import LogLine, told_between
+from socialbot.runs.why import explain, why_not
+
+JSON = "application/json"
+FRESH = {"Cache-Control": "no-store"}
+"""A moment that was asked for now is not to be taken from a cache later: another run may be shown by then."""
+
+
+def reply(content: Any, *, status: int = 200) -> Response:
+    """``content``, which may be made of structs, as JSON."""
+    return Response(msgspec.json.encode(content), status, FRESH, JSON)
+
+
+def reply_error(status: int, what: str) -> Response:
+    """What is wrong with a request."""
+    return reply({"error": what}, status=status)
+
+
+COOKIE = "socialbot_inspect"
+
+POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self'",
+        "img-src 'self' blob:",
+        "connect-src 'self'",
+        "manifest-src 'self'",
+        "base-uri 'none'",
+        "form-action 'none'",
+        "frame-ancestors 'none'",
+    )
+)
+HEADERS: Mapping[str, str] = {
+    "Content-Security-Policy": POLICY,
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+"""What every answer carries: a page that loads nothing but its own files, and is shown in no other page."""
+
+
+class Guard:
+    """Lets through to ``app`` what may pass, and answers all else itself.
+
+    The server is called by its address or the name of its machine only, so that no page of another site that has its
+    name point here can read it. With a ``token`` that has to be brought: as bearer, or once in the address of the page,
+    which leaves a cookie. What changes something has to come from the page itself, or from no page at all.
+    """
+
+    def __init__(self, app: ASGIApp, token: str = "") -> None:
+        self._app = app
+        self._token = token
+        self._pass = hashlib.sha256(f"cookie of {token}".encode()).hexdigest() if token else ""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        headers = Headers(scope=scope)
+        if not is_own_name(headers.get("host", "")):
+            await reply_error(421, "this server does not answer to that name")(scope, receive, send_with_headers)
+        elif self._token and await self._turned_away(scope, headers, receive, send_with_headers):
+            return
+        elif scope["method"] not in ("GET", "HEAD") and (fault := foreign(headers)):
+            await reply_error(403, fault)(scope, receive, send_with_headers)
+        else:
+            await self._app(scope, receive, send_with_headers)
+
+    async def _turned_away(self, scope: Scope, headers: Headers, receive: Receive, send: Send) -> bool:
+        """Answers a request that brings no token, and one that brings it in its address."""
+        query = QueryParams(scope["query_string"])
+        if "token" in query and _same(query["token"], self._token):
+            rest = urlencode([(name, value) for name, value in query.multi_items() if name != "token"])
+            place = scope["path"] + (f"?{rest}" if rest else "")
+            cookie = f"{COOKIE}={self._pass}; Path=/; HttpOnly; SameSite=Strict"
+            await send(
+                {
+                    "type": "http.response.start",
+                    "status": 303,
+                    "headers": [
+                        (b"location", place.encode("ascii", "ignore")),
+                        (b"set-cookie", cookie.encode()),
+                        (b"cache-control", b"no-store"),
+                    ],
+                }
+            )
+            await send({"type": "http.response.body"})
+            return True
+        scheme, _, given = headers.get("authorization", "").partition(" ")
+        cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        if scheme.lower() == "bearer" and _same(given.strip(), self._token):
+            return False
+        if cookie is not None and _same(cookie.value, self._pass):
+            return False
+        await reply_error(401, "the token is missing or wrong: open the address that was printed")(scope, receive, send)
+        return True
+
+
+def is_own_name(host: str) -> bool:
+    """Whether a Host header is an address, ``localhost``, or the name of this machine."""
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return False
+    if name in ("localhost", *_machine()):
+        return True
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def foreign(headers: Headers) -> str:
+    """Why a request that changes something is refused; empty when it is not."""
+    if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
+        return "only application/json is taken"
+    origin = headers.get("origin")
+    if origin is not None and urlsplit(origin).netloc != headers.get("host"):
+        return "that comes from another site"
+    if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+        return "that comes from another site"
+    return ""
+
+
+def _machine() -> tuple[str, str]:
+    name = socket.gethostname().lower()
+    return name, f"{name.partition('.')[0]}.local"
+
+
+def _same(one: str, other: str) -> bool:
+    return hmac.compare_digest(one.encode(), other.encode())
+
+
+T = TypeVar("T")
+
+log = logging.getLogger("socialbot.inspect")
+
+KEEP_UP_S = 2.0
+PAGE = Path(str(files("socialbot.inspect"))) / "page"
+MOST_LINES = 500
+"""So many lines of the log are given at once."""
+
+LARGEST_COMMAND = 65_536
+"""So many bytes somebody may ask for at once."""
+
+SMALLEST_PACKED = 2048
+"""Answers of fewer bytes are not worth packing."""
+
+DRAWING_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
+"""A drawing is styled in place and loads nothing."""
+
+
+class Asked(msgspec.Struct, frozen=True):
+    """What a person asks of an agent."""
+
+    agent: str
+    command: Command
+    text: str = ""
+
+
+class Server:
+    """Answers what the page asks of ``run``; ``office`` takes what people ask of agents.
+
+    The run is looked at in one thread of its own, in which alone a live one takes in what has happened, and pictures
+    are made in another; so neither waits for the other, nor the loop for any of them.
+    """
+
+    def __init__(self, run: Run, office: Office | None = None) -> None:
+        self.run = run
+        self.office: Office = office or Shut("this run is not live")
+        self._desk = ThreadPoolExecutor(1, "inspect")
+        self._darkroom = ThreadPoolExecutor(1, "pictures")
+        self._broadcast = Broadcast(lambda: self.run, lambda: self.office.shut, self._look)
+
+    def application(self, token: str = "") -> Starlette:
+        """The application; see `Guard` for the ``token``."""
+
+        @asynccontextmanager
+        async def lifespan(_: Starlette) -> AsyncIterator[None]:
+            keeping_up = asyncio.create_task(self._keep_up())
+            yield
+            keeping_up.cancel()
+            with suppress(asyncio.CancelledError):
+                await keeping_up
+            await self.close()
+            self._desk.shutdown(wait=False)
+            self._darkroom.shutdown(wait=False)
+
+        routes = [
+            Route("/", self._index),
+            Route("/favicon.ico", self._icon),
+            *(Route(f"/api/{name}", _answered(ask)) for name, ask in self._questions().items()),
+            Route("/api/live", self._live),
+            Route("/api/command", self._command, methods=["POST"]),
+            Mount("/page", StaticFiles(directory=PAGE, check_dir=False)),
+        ]
+        middleware = [
+            Middleware(Guard, token=token),
+            Middleware(GZipMiddleware, minimum_size=SMALLEST_PACKED, compresslevel=1),
+        ]
+        handlers: dict[Any, Any] = {HTTPException: _refused, RunError: _not_there}
+        return Starlette(routes=routes, middleware=middleware, exception_handlers=handlers, lifespan=lifespan)
+
+    async def show(self, run: Run, office: Office | None = None) -> None:
+        """From now on shows another run: what was live has ended."""
+        self.run, self.office = run, office or Shut("this run has ended")
+        self._broadcast.change()
+
+    async def close(self) -> None:
+        """Sends every page away that listens to what happens."""
+        await self._broadcast.close()
+
+    async def _keep_up(self) -> None:
+        """Has a live run take in what it has heard, also while nobody looks: who comes then need not wait for it."""
+        told = ""
+        while True:
+            await asyncio.sleep(KEEP_UP_S)
+            run = self.run
+            if not run.live:
+                continue
+            try:
+                await self._look(lambda: run.end)  # noqa: B023 - it is over before the next one
+            except Exception as error:  # what comes later is to be taken in all the same
+                if repr(error) != told:
+                    told = repr(error)
+                    log.exception("some of what was heard cannot be shown")
+
+    async def _look(self, look: Callable[[], T]) -> T:
+        return await asyncio.get_running_loop().run_in_executor(self._desk, look)
+
+    # The page
+
+    async def _index(self, request: Request) -> Response:
+        path = PAGE / "index.html"
+        if not path.is_file():
+            raise HTTPException(404, "the page is not installed: index.html is missing")
+        return FileResponse(path, headers={"Cache-Control": "no-cache"})
+
+    async def _icon(self, request: Request) -> Response:
+        path = PAGE / "icon.svg"
+        return FileResponse(path) if path.is_file() else Response(status_code=204)
+
+    # What can be asked
+
+    def _questions(self) -> dict[str, Callable[[Request], Awaitable[Response]]]:
+        return {
+            "run": self._overview,
+            "moment": self._moment,
+            "picture": self._picture,
+            "world": self._world,
+            "trees": self._trees,
+            "nodes": self._nodes,
+            "timeline": self._timeline,
+            "log": self._log,
+            "why": self._why,
+        }
+
+    async def _overview(self, request: Request) -> Response:
+        run, office = self.run, self.office
+        return reply(await self._look(lambda: overview(run, office)))
+
+    async def _moment(self, request: Request) -> Response:
+        run = self.run
+        return reply(await self._look(lambda: run.course.at(_stamp(request, run))))
+
+    async def _picture(self, request: Request) -> Response:
+        run = self.run
+        stamp = await self._look(lambda: _stamp(request, run))
+        picture = await asyncio.get_running_loop().run_in_executor(self._darkroom, run.picture, stamp)
+        if picture is None:
+            return Response(status_code=204, headers=FRESH)  # no fault: browsers put each of those on the console
+        at_s = await self._look(lambda: run.history.seconds(picture.stamp) if len(run.history) else 0.0)
+        headers = {**FRESH, "X-Time": f"{at_s:.6f}"}
+        return Response(picture.jpeg, headers=headers, media_type="image/jpeg")
+
+    async def _world(self, request: Request) -> Response:
+        run = self.run
+        drawing = await self._look(lambda: run.world(_stamp(request, run)))
+        if drawing is None:
+            raise HTTPException(404, "this run has no world to draw")
+        headers = {**FRESH, "Content-Security-Policy": DRAWING_POLICY}
+        return Response(drawing, headers=headers, media_type="image/svg+xml")
+
+    async def _trees(self, request: Request) -> Response:
+        run = self.run
+        return reply(await self._look(lambda: run.trees(_stamp(request, run))))
+
+    async def _nodes(self, request: Request) -> Response:
+        run = self.run
+        return reply(await self._look(lambda: node_views(run, _stamp(request, run))))
+
+    async def _timeline(self, request: Request) -> Response:
+        run = self.run
+        return reply({"lanes": await self._look(lambda: run.timeline.lanes())})
+
+    async def _log(self, request: Request) -> Response:
+        run = self.run
+
+        def lines() -> list[LogLine]:
+            return told_between(run, _stamp(request, run, "from", 0.0), _stamp(request, run, "to"), MOST_LINES)
+
+        return reply(await self._look(lines))
+
+    async def _why(self, request: Request) -> Response:
+        run = self.run
+        if plan := request.query_params.get("plan"):
+            return reply(await self._look(lambda: why_not(run.history, plan)))
+        name = request.query_params.get("id", "").rpartition("@")[2]
+        record = await self._look(lambda: run.history.find(name))
+        if record is None:
+            forgotten = ", or it is forgotten: the record on disk may have it" if run.history.forgotten else ""
+            raise HTTPException(404, f"there is no record {name!r}{forgotten}")
+        return reply(await self._look(lambda: explain(run.history, run.wording, record)))
+
+    async def _live(self, request: Request) -> Response:
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        return StreamingResponse(self._broadcast.listen(), media_type="text/event-stream", headers=headers)
+
+    # What people ask of agents
+
+    async def _command(self, request: Request) -> Response:
+        if self.office.shut:
+            raise HTTPException(403, self.office.shut)
+        body = b""
+        async for chunk in request.stream():
+            body += chunk
+            if len(body) > LARGEST_COMMAND:
+                raise HTTPException(413, "that is too long")
+        try:
+            asked = msgspec.json.decode(body, type=Asked)
+        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+            raise HTTPException(400, f"that cannot be read: {error}") from error
+        answer = await self.office.ask(asked.agent, asked.command, asked.text)
+        if answer is None:
+            raise HTTPException(504, f"{asked.agent} does not answer: it is not there, or does not know this key")
+        return reply({"accepted": answer.accepted, "reason": answer.reason})
+
+
+def _stamp(request: Request, run: Run, name: str = "t", default: float | None = None) -> int:
+    """A time of the query as a stamp (ns); by default the end."""
+    text = request.query_params.get(name)
+    if text is None:
+        return run.end if default is None else run.history.stamp(default)
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not math.isfinite(seconds) or abs(seconds) > 1e9:
+        raise HTTPException(400, f"{name} is to be a time in seconds")
+    stamp = run.history.stamp(seconds)
+    history = run.history
+    return max(stamp, history.since) if history.since > history.start else stamp
+
+
+def _answered(ask: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+    """``ask`` as an endpoint of Starlette, which takes functions."""
+
+    async def answer(request: Request) -> Response:
+        return await ask(request)
+
+    return answer
+
+
+async def _refused(request: Request, error: HTTPException) -> Response:
+    return reply_error(error.status_code, str(error.detail))
+
+
+async def _not_there(request: Request, error: RunError) -> Response:
+    return reply_error(404, f"{error.what}: {error.remedy}" if error.remedy else error.what)

@@ -1,0 +1,159 @@
+"""The server where it can be reached: an address, a port, a token, and a thread that serves."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import logging
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import uvicorn
+
+from socialbot.core.errors import ParameterError
+from socialbot.runs.commands import Office
+from socialbot.runs.run import Run
+from socialbot.runs.server import Server
+
+TOKEN_VARIABLE = "SOCIALBOT_TOKEN"
+HOST = "127.0.0.1"
+PORT = 8765
+
+STARTED_WITHIN_S = 10.0
+ENDED_WITHIN_S = 3.0
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where to serve, and the token that who asks has to bring; without one only this machine may ask.
+
+    Port 0 means any that is free.
+    """
+
+    host: str = HOST
+    port: int = PORT
+    token: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.token and not is_loopback(self.host):
+            raise ParameterError(
+                "whoever reaches that address could command the agents",
+                where=f"--host {self.host}",
+                remedy=f"give --token, or set {TOKEN_VARIABLE}",
+            )
+
+    def url(self, port: int) -> str:
+        """What to open in a browser; the token is in it."""
+        host = HOST if self.host in ("0.0.0.0", "::", "") else self.host
+        shown = f"[{host}]" if ":" in host else host
+        return f"http://{shown}:{port}/" + (f"?token={self.token}" if self.token else "")
+
+
+def token_given(token: str | None) -> str:
+    """The token of the command line, or of the environment. Raises ParameterError for one that does not do."""
+    found = os.environ.get(TOKEN_VARIABLE, "") if token is None else token
+    if found and not (len(found) >= 8 and found.isascii() and found.replace("-", "").replace("_", "").isalnum()):
+        remedy = "take 8 or more letters, digits, - and _"
+        raise ParameterError("the token will not do", where="--token", remedy=remedy)
+    return found
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches ``host``."""
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+class Serving:
+    """A server that serves. ``url`` is where."""
+
+    def __init__(self, server: Server, url: str, loop: asyncio.AbstractEventLoop) -> None:
+        self.url = url
+        self._server = server
+        self._loop = loop
+
+    def show(self, run: Run, office: Office | None = None) -> None:
+        """From now on shows another run: what was live has ended."""
+        asyncio.run_coroutine_threadsafe(self._server.show(run, office), self._loop).result()
+
+
+@contextmanager
+def serving(run: Run, address: Address, office: Office | None = None) -> Iterator[Serving]:
+    """Serves ``run`` from a thread as long as the block lasts. Raises ParameterError when the address cannot be had."""
+    with _listening(address) as ear:
+        server = Server(run, office)
+        loop = asyncio.new_event_loop()
+        served = _Uvicorn(
+            uvicorn.Config(
+                server.application(address.token),
+                access_log=False,
+                log_config=None,
+                server_header=False,
+                timeout_graceful_shutdown=1,
+                ws="none",
+            )
+        )
+        thread = threading.Thread(target=_serve, args=(loop, served, ear), name="inspect", daemon=True)
+        thread.start()
+        try:
+            if not served.stands.wait(STARTED_WITHIN_S):
+                raise ParameterError("the server does not start", where=address.host)
+            yield Serving(server, address.url(ear.getsockname()[1]), loop)
+        finally:
+            if thread.is_alive():
+                asyncio.run_coroutine_threadsafe(server.close(), loop).result(ENDED_WITHIN_S)
+            served.should_exit = True
+            thread.join(ENDED_WITHIN_S)
+
+
+class _Uvicorn(uvicorn.Server):
+    """Leaves signals alone, and tells when it stands."""
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self.stands = threading.Event()
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        self.stands.set()
+
+
+def _serve(loop: asyncio.AbstractEventLoop, served: _Uvicorn, ear: socket.socket) -> None:
+    asyncio.set_event_loop(loop)
+    try:
+        loop.run_until_complete(served.serve([ear]))
+    except Exception:
+        logging.getLogger("socialbot.inspect").exception("the server of the inspector ended")
+    finally:
+        loop.close()
+
+
+@contextmanager
+def _listening(address: Address) -> Iterator[socket.socket]:
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    # Of a socket that names its protocol asyncio sends at once; otherwise the last of an answer waits for 40 ms.
+    ear = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            ear.bind((address.host, address.port))
+        except OSError as error:
+            raise ParameterError(
+                f"cannot serve there: {error.strerror or error}",
+                where=f"{address.host}:{address.port}",
+                remedy="give another --port, or 0 for any that is free",
+            ) from error
+        ear.listen(128)
+        yield ear
+    finally:
+        ear.close()

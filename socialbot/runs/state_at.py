@@ -1,0 +1,297 @@
+"""The state of a run at one time: beliefs, goals and actions of agents, people in view, speech."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import msgspec
+from msgspec.structs import replace
+
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.history import History
+from socialbot.runs.names import Wording, plan_name
+
+
+class Held(msgspec.Struct, frozen=True):
+    """Something believed, by whom it was told, and since when (s from the start); ``id`` is that of its record."""
+
+    id: str
+    text: str
+    source: str
+    since_s: float
+
+
+class Want(msgspec.Struct, frozen=True):
+    """A desire: its priority (0 to 1), and when (s from the start) its time is up, where it has such."""
+
+    id: str
+    text: str
+    since_s: float
+    priority: float | None = None
+    due_s: float | None = None
+
+
+class Goal(msgspec.Struct, frozen=True):
+    """A goal of the engine, ``depth`` goals below the first one: the plan for it, and the step that this is at."""
+
+    id: str
+    text: str
+    since_s: float
+    depth: int = 0
+    plan: str = ""
+    step: str = ""
+
+
+class PlanNow(msgspec.Struct, frozen=True):
+    """A plan that is carried out for a desire: ``done`` of so many ``steps``."""
+
+    id: str
+    desire: str
+    number: int
+    since_s: float
+    steps: int
+    done: int = 0
+
+
+class Doing(msgspec.Struct, frozen=True):
+    """An action, or a step of a plan, that goes on: how much of it (0 to 1) is done, where that is known."""
+
+    id: str
+    text: str
+    since_s: float
+    done: float | None = None
+
+
+class Ended(msgspec.Struct, frozen=True):
+    """Something that has ended: a ``desire``, ``goal``, ``plan`` or ``action``, when, and how."""
+
+    id: str
+    kind: str
+    text: str
+    at_s: float
+    outcome: str
+
+
+class AgentMoment(msgspec.Struct, frozen=True):
+    """An agent at a moment. ``ended`` is what came to an end last, the newest first; ``paused``: by a person."""
+
+    name: str
+    beliefs: tuple[Held, ...]
+    desires: tuple[Want, ...]
+    goals: tuple[Goal, ...]
+    plans: tuple[PlanNow, ...]
+    actions: tuple[Doing, ...]
+    ended: tuple[Ended, ...]
+    paused: bool = False
+
+
+class Seen(msgspec.Struct, frozen=True):
+    """A person as `socialbot.core.messages.PersonDetection` has them: box in pixels, distance in m, angles in rad."""
+
+    x: float
+    y: float
+    w: float
+    h: float
+    score: float
+    track_id: str = ""
+    distance_m: float | None = None
+    distance_std_m: float | None = None
+    bearing_rad: float | None = None
+    elevation_rad: float | None = None
+    unseen_s: float = 0.0
+
+
+class Sight(msgspec.Struct, frozen=True):
+    """The persons in the last frame that was looked at, at ``at_s``; its size (pixels) is 0 if unknown."""
+
+    id: str
+    at_s: float
+    persons: tuple[Seen, ...]
+    width: int = 0
+    height: int = 0
+
+
+class Spoken(msgspec.Struct, frozen=True):
+    """A sentence and what has become of it: waiting, started, finished, replaced, expired or failed."""
+
+    id: str
+    text: str
+    since_s: float
+    state: str
+
+
+class HeadNow(msgspec.Struct, frozen=True):
+    """How the head is held: track, centre or look, and where its joints go."""
+
+    id: str
+    mode: str
+    since_s: float
+    joints: str = ""
+
+
+class Moment(msgspec.Struct, frozen=True):
+    """A run at a time ``at_s``; all times are s from its start. ``records`` were made until then."""
+
+    at_s: float
+    records: int
+    agents: tuple[AgentMoment, ...]
+    sight: Sight | None = None
+    speech: tuple[Spoken, ...] = ()
+    head: HeadNow | None = None
+
+
+ENDED = 5
+"""So much of what has ended is remembered."""
+
+
+@dataclass
+class MindThen:
+    """The mind of an agent at some point of a history; `take` brings it one record further."""
+
+    name: str
+    beliefs: dict[str, Held] = field(default_factory=dict)
+    desires: dict[str, Want] = field(default_factory=dict)
+    goals: dict[str, Goal] = field(default_factory=dict)
+    plans: dict[int, PlanNow] = field(default_factory=dict)
+    actions: dict[str, Doing] = field(default_factory=dict)
+    ended: tuple[Ended, ...] = ()
+    paused: bool = False
+    _shown: AgentMoment | None = None
+
+    def copy(self) -> MindThen:
+        """Another one that may go another way."""
+        parts = (self.beliefs, self.desires, self.goals, self.plans, self.actions)
+        return MindThen(self.name, *map(dict, parts), self.ended, self.paused, self._shown)  # type: ignore[arg-type]
+
+    def moment(self) -> AgentMoment:
+        """The mind as it is."""
+        if self._shown is None:
+            self._shown = AgentMoment(
+                self.name,
+                tuple(self.beliefs.values()),
+                tuple(self.desires.values()),
+                tuple(self.goals.values()),
+                tuple(self.plans.values()),
+                tuple(self.actions.values()),
+                self.ended,
+                self.paused,
+            )
+        return self._shown
+
+    def ids(self) -> Iterator[str]:
+        """The records of all that holds and goes on."""
+        for each in (self.beliefs, self.desires, self.goals, self.plans, self.actions):
+            yield from (held.id for held in each.values())
+
+    def take(self, record: TraceRecord, history: History, wording: Wording) -> None:
+        """Takes the next record of this agent."""
+        self._shown = None
+        since = history.seconds(record.stamp)
+        what, detail = record.what, record.detail
+        match record.kind:
+            case "command" if what in ("pause", "resume"):
+                self.paused = what == "pause"
+            case "belief":
+                self._believe(record, since)
+            case "unbelief":
+                known = self.beliefs.pop(what, None)
+                if known is not None and detail.get("left"):
+                    self.beliefs[what] = replace(known, source=str(detail["left"]))
+            case "desire":
+                deadline = detail.get("deadline")
+                due = None if deadline is None else round(since + deadline, 6)
+                self.desires[what] = Want(record.id, what, since, detail.get("priority"), due)
+            case "desire_fulfilled" | "desire_dropped":
+                self.desires.pop(what, None)
+                self._end(record, "desire", what, since, record.kind.removeprefix("desire_"))
+            case "goal":
+                above = self._goal_above(record, history)
+                self.goals[record.id] = Goal(record.id, what, since, 0 if above is None else above.depth + 1)
+            case "plan":
+                goal = self.goals.get(record.cause)
+                if goal is not None:
+                    self.goals[goal.id] = replace(goal, plan=plan_name(record), step="")
+            case "achieved" | "continued":
+                if self.goals.pop(record.cause, None) is not None and record.kind == "achieved":
+                    self._end(record, "goal", what, since, "achieved")
+            case "dropped":
+                self._drop(record, since, history)
+            case "plan_start":
+                if not detail.get("beside"):
+                    self.plans.clear()
+                number = detail.get("plan", 0)
+                self.plans[number] = PlanNow(record.id, what, number, since, len(detail.get("steps", ())))
+            case "plan_end":
+                self.plans.pop(detail.get("plan", 0), None)
+                self._end(record, "plan", what, since, str(detail.get("outcome", "")))
+            case "step":
+                self.actions[record.id] = Doing(record.id, wording.step(record), since)
+            case "step_end":
+                self._step_end(record, since, history, wording)
+            case "action" | "progress" | "action_end":
+                self._act(record, since, history)
+
+    def note_done(self, step: TraceRecord) -> None:
+        """Takes the end of a step that was done, by this agent or another, for a plan of this one."""
+        number = step.detail.get("plan", next(iter(self.plans), 0))
+        plan = self.plans.get(number)
+        if plan is not None:
+            self._shown = None
+            self.plans[number] = replace(plan, done=min(plan.done + 1, plan.steps))
+
+    def _believe(self, record: TraceRecord, since: float) -> None:
+        source, known = str(record.detail.get("source", "")), self.beliefs.get(record.what)
+        if known is None:
+            self.beliefs[record.what] = Held(record.id, record.what, source, since)
+        elif source not in known.source.split(", "):
+            self.beliefs[record.what] = replace(known, source=f"{known.source}, {source}")
+
+    def _goal_above(self, record: TraceRecord, history: History) -> Goal | None:
+        """The goal whose plan a record stems from."""
+        cause = history.cause(record)
+        while cause is not None and cause.kind in ("plan", "action", "failure"):
+            cause = history.cause(cause)
+        return None if cause is None else self.goals.get(cause.id)
+
+    def _act(self, record: TraceRecord, since: float, history: History) -> None:
+        """An action of the engine. Where it carries out a step of a plan, that is what is shown."""
+        action = record if record.kind == "action" else history.find(record.cause)
+        if action is None:
+            return
+        goal = self._goal_above(action, history)
+        if record.kind == "action":
+            if goal is not None:
+                self.goals[goal.id] = replace(goal, step=record.what)
+            return
+        step = None if goal is None else self._step_behind(goal, history)
+        if record.kind == "progress":
+            doing = step or self.actions.get(action.id) or Doing(action.id, action.what, history.seconds(action.stamp))
+            self.actions[doing.id] = replace(doing, done=record.detail.get("fraction"))
+        elif step is None:
+            self.actions.pop(action.id, None)
+            self._end(record, "action", action.what, since, str(record.detail.get("outcome", "finished")))
+
+    def _step_behind(self, goal: Goal, history: History) -> Doing | None:
+        """The step of a plan that a goal is to carry out."""
+        record = history.find(goal.id)
+        return None if record is None else self.actions.get(record.cause)
+
+    def _step_end(self, record: TraceRecord, since: float, history: History, wording: Wording) -> None:
+        step = history.find(record.cause)
+        doing = self.actions.pop(record.cause, None)
+        text = doing.text if doing else wording.step(record) if step is None else wording.step(step)
+        self._end(record, "action", text, since, str(record.detail.get("outcome", "")))
+
+    def _drop(self, record: TraceRecord, since: float, history: History) -> None:
+        """An intention has ended, with all goals that led to the failure."""
+        for each in history.before(record):
+            if each.kind not in ("goal", "plan", "action", "failure"):
+                break
+            goal = self.goals.pop(each.id, None)
+            if goal is not None:
+                reason = record.detail.get("message") or record.detail.get("reason") or "dropped"
+                self._end(record, "goal", goal.text, since, str(reason))
+
+    def _end(self, record: TraceRecord, kind: str, text: str, at_s: float, outcome: str) -> None:
+        self.ended = (Ended(record.id, kind, text, at_s, outcome), *self.ended)[:ENDED]

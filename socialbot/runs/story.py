@@ -1,0 +1,333 @@
+"""What happened in a run of deliberating agents, put together from their trace."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import TraceRecord
+from socialbot.planning.pddl.domain import Plan, Step, parse_plan
+from socialbot.runs.narration import Narrator, Origin, Phrases, Sentence, in_words
+
+SHORT_S = 20.0
+"""Of runs shorter than this times are told to the hundredth of a second."""
+
+
+@dataclass(eq=False)
+class PlanTold:
+    """A plan as it went; ``outcome`` is succeeded, failed, aborted, or empty while it goes on.
+
+    ``makespan_s`` is None where plans say nothing of time. ``tree`` and ``last_tree`` draw the tasks that it comes
+    from, as they were at its begin and at its end, where it comes from any.
+    """
+
+    agent: str
+    number: int
+    desire: str
+    began: int
+    makespan_s: float | None
+    plan: Plan
+    again: bool
+    """Whether it takes the place of one that was given up."""
+    tree: str = ""
+    last_tree: str = ""
+    ended: int | None = None
+    outcome: str = ""
+    reason: str = ""
+
+    @property
+    def given_up(self) -> bool:
+        """Whether it ended before its end."""
+        return self.outcome in ("failed", "aborted", "lost")
+
+
+@dataclass(eq=False)
+class StepTold:
+    """A step of a plan as it went. Times are ns; one that could not begin has no ``began``, only its end.
+
+    ``planned`` is the step as the plan had it. ``outcome`` is empty while it goes on.
+    """
+
+    agent: str
+    plan: PlanTold | None
+    action: str
+    args: tuple[str, ...]
+    text: str
+    began: int | None
+    planned: Step | None = None
+    ended: int | None = None
+    outcome: str = ""
+    message: str = ""
+
+    @property
+    def call(self) -> str:
+        """As the plan writes it."""
+        return f"({' '.join((self.action, *self.args))})"
+
+
+@dataclass(eq=False)
+class RequestTold:
+    """A request from one agent to another; ``state`` is the last answer. Times are ns."""
+
+    id: str
+    sender: str
+    receiver: str
+    text: str
+    asked: int
+    about_desire: bool
+    answered: int | None = None
+    ended: int | None = None
+    state: str = "waiting"
+    reason: str = ""
+
+
+@dataclass(eq=False)
+class WordTold:
+    """Something that one agent said to another at ``stamp`` (ns), in words and in terms of speech acts.
+
+    ``weight`` says whether it is a ``plan``, a ``problem``, a ``word`` between partners, or (empty) something else.
+    """
+
+    id: str
+    stamp: int
+    sender: str
+    receiver: str
+    performative: str
+    content: str
+    text: str
+    about: str
+    weight: str
+
+
+@dataclass(eq=False)
+class DesireTold:
+    """A desire, where it came from, and how it ended; ``how`` is empty while it is pursued.
+
+    It ended fulfilled, dropped, refused, or needless: dropped because what it prepared did not need it any more.
+    """
+
+    agent: str
+    name: str
+    why: str
+    origin: Origin
+    adopted: int
+    priority: float | None = None
+    deadline_s: float | None = None
+    ended: int | None = None
+    how: str = ""
+    reason: str = ""
+
+
+T = TypeVar("T", DesireTold, PlanTold, StepTold)
+
+
+@dataclass
+class Story:
+    """A run: its agents in the order in which they appear, and all that they did. Times are ns."""
+
+    start: int = 0
+    end: int = 0
+    agents: list[str] = field(default_factory=list)
+    desires: list[DesireTold] = field(default_factory=list)
+    plans: list[PlanTold] = field(default_factory=list)
+    steps: list[StepTold] = field(default_factory=list)
+    requests: list[RequestTold] = field(default_factory=list)
+    words: list[WordTold] = field(default_factory=list)
+    sentences: list[Sentence] = field(default_factory=list)
+
+    def seconds(self, time: int) -> float:
+        """A time as s from the start."""
+        return (time - self.start) / SECOND
+
+    @property
+    def duration_s(self) -> float:
+        """From the first record to the last, s."""
+        return self.seconds(self.end)
+
+    @property
+    def digits(self) -> int:
+        """So many digits after the point tell the moments of the run apart."""
+        return 2 if self.duration_s < SHORT_S else 1
+
+    @property
+    def aims(self) -> list[DesireTold]:
+        """What the run was about: what agents wanted of their own, or had by their rules if there was nothing else."""
+        own = [desire for desire in self.desires if desire.origin == "own"]
+        return own or [desire for desire in self.desires if desire.origin == "rule"]
+
+    @property
+    def first(self) -> DesireTold | None:
+        """The first of its aims."""
+        return next(iter(self.aims), None)
+
+    def makespans_s(self, desire: DesireTold) -> tuple[float | None, float | None]:
+        """How long the first plan for a desire should have lasted, and how long the desire took in truth."""
+        until = self.end if desire.ended is None else desire.ended
+        plans = [
+            plan
+            for plan in self.plans
+            if (plan.agent, plan.desire) == (desire.agent, desire.name) and desire.adopted <= plan.began <= until
+        ]
+        if not plans:
+            return None, None
+        real = None if desire.how != "fulfilled" else (until - plans[0].began) / SECOND
+        return plans[0].makespan_s, real
+
+
+def story_of(records: Iterable[TraceRecord], phrases: Phrases | None = None) -> Story:
+    """The story that ``records`` tell; ``phrases`` say actions in words."""
+    teller = _Teller(phrases or {})
+    for record in records:
+        teller.take(record)
+    return teller.story
+
+
+class _Teller:
+    def __init__(self, phrases: Phrases) -> None:
+        self.story = Story()
+        self._narrator = Narrator(phrases)
+        self._asked: dict[str, RequestTold] = {}
+
+    def take(self, record: TraceRecord) -> None:
+        story = self.story
+        if not story.agents:
+            story.start = record.stamp
+        if record.source not in story.agents:
+            story.agents.append(record.source)
+        story.end = max(story.end, record.stamp)
+        sentence = self._narrator.tell(record)
+        if sentence is not None:
+            story.sentences.append(sentence)
+        self._note(record)
+
+    def _note(self, record: TraceRecord) -> None:
+        detail = record.detail
+        match record.kind:
+            case "desire" | "desire_refused":
+                self._desire(record)
+            case "desire_fulfilled" | "desire_dropped":
+                for desire in _open(self.story.desires, record):
+                    if desire.name == record.what:
+                        desire.ended = record.stamp
+                        desire.how, desire.reason = record.kind.removeprefix("desire_"), in_words(detail["reason"])
+                        if self._narrator.is_needless(record):
+                            desire.how = "needless"
+            case "plan_start":
+                self._plan(record)
+            case "plan_end":
+                for plan in _open(self.story.plans, record):
+                    if plan.number == detail["plan"]:
+                        plan.ended = record.stamp
+                        plan.outcome, plan.reason = detail["outcome"], in_words(detail["reason"])
+                        plan.last_tree = detail.get("tree", "")
+            case "step":
+                self._step(record, record.stamp)
+            case "step_end":
+                self._step_end(record)
+            case "request":
+                self._request(record)
+            case "reply":
+                self._reply(record)
+            case "said":
+                self._word(record)
+
+    def _desire(self, record: TraceRecord) -> None:
+        why, origin = self._narrator.why(record.cause), self._narrator.origin(record.cause)
+        desire = DesireTold(record.source, record.what, why, origin, record.stamp)
+        if record.kind == "desire":
+            desire.priority, desire.deadline_s = record.detail["priority"], record.detail.get("deadline")
+        else:
+            desire.ended, desire.how, desire.reason = record.stamp, "refused", record.detail["reason"]
+        self.story.desires.append(desire)
+
+    def _plan(self, record: TraceRecord) -> None:
+        detail = record.detail
+        left = [] if detail.get("beside") else _open(self.story.plans, record)  # by an agent that was killed
+        for plan in left:
+            plan.ended = record.stamp
+            plan.outcome, plan.reason = "lost", "the agent was restarted"
+            for step in _open(self.story.steps, record):
+                step.ended = record.stamp
+                step.outcome = "lost"
+        pursued = next((one for one in _open(self.story.desires, record) if one.name == record.what), None)
+        since = self.story.start if pursued is None else pursued.adopted
+        again = any(
+            (plan.agent, plan.desire) == (record.source, record.what) and plan.reason and plan.began >= since
+            for plan in self.story.plans
+        )
+        steps = parse_plan("\n".join(detail["steps"]))
+        plan = PlanTold(record.source, detail["plan"], record.what, record.stamp, detail["makespan_s"], steps, again)
+        plan.tree = detail.get("tree", "")
+        self.story.plans.append(plan)
+
+    def _step(self, record: TraceRecord, began: int | None) -> StepTold:
+        action, *args = record.what.strip("()").split()
+        director, number = record.detail.get("directed_by", record.source), record.detail.get("plan")
+        of_agent = (plan for plan in reversed(self.story.plans) if plan.agent == director)
+        plan = next((plan for plan in of_agent if number in (None, plan.number)), None)
+        timed = None if plan is None or plan.makespan_s is None else plan.plan
+        planned = None if timed is None else _find(timed, action, tuple(args), record.detail)
+        text = self._narrator.phrase(action, args)
+        step = StepTold(record.source, plan, action, tuple(args), text, began, planned)
+        self.story.steps.append(step)
+        return step
+
+    def _step_end(self, record: TraceRecord) -> None:
+        open_ones = (step for step in _open(self.story.steps, record) if step.call == record.what)
+        step = next(open_ones, None) or self._step(record, None)
+        step.ended = record.stamp
+        step.outcome, step.message = record.detail["outcome"], record.detail.get("message", "")
+
+    def _request(self, record: TraceRecord) -> None:
+        sentence = self.story.sentences[-1]
+        receiver = record.what.partition(" asks ")[2].partition(" ")[0]
+        request = RequestTold(
+            record.detail["id"],
+            record.source,
+            receiver,
+            sentence.text,
+            record.stamp,
+            " desire " in record.what,
+        )
+        self.story.requests.append(request)
+        self._asked[request.id] = request
+
+    def _word(self, record: TraceRecord) -> None:
+        detail = record.detail
+        self.story.words.append(
+            WordTold(
+                record.id,
+                record.stamp,
+                record.source,
+                detail["receiver"],
+                detail["performative"],
+                detail["content"],
+                record.what,
+                detail["mission"],
+                detail["weight"],
+            )
+        )
+
+    def _reply(self, record: TraceRecord) -> None:
+        request = self._asked.get(record.cause)
+        if request is None:
+            return
+        request.state = record.what.rpartition(": ")[2]
+        request.reason = record.detail.get("reason", "")
+        if request.answered is None:
+            request.answered = record.stamp
+        request.ended = record.stamp
+
+
+def _open(told: list[T], record: TraceRecord) -> list[T]:
+    """Those of the record's agent that are not over."""
+    return [each for each in told if each.agent == record.source and each.ended is None]
+
+
+def _find(plan: Plan, action: str, args: tuple[str, ...], detail: Mapping[str, object]) -> Step | None:
+    """The step of a plan, by its call, and by its start where several have the same."""
+    found = [step for step in plan.steps if (step.action, step.args) == (action, args)]
+    start = detail.get("planned_start")
+    return next((step for step in found if step.start_s == start), next(iter(found), None))

@@ -1,0 +1,107 @@
+"""A run as streams by time, as the tools of others show it: people, sentences, minds, the pose of the head."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import msgspec
+
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Mind, MindBelief, PersonDetection, PersonDetections
+from socialbot.runs.history import OF_TOPICS
+from socialbot.runs.run import Run
+from socialbot.runs.sentences import Teller
+from socialbot.runs.state_at import AgentMoment
+
+FAILURES = frozenset({"failure", "desire_refused", "refused", "silent"})
+LEAP = 3600 * SECOND
+_POSE = re.compile(r"(?P<joint>\w+) (?P<angle>-?\d+\.\d+) rad")
+
+
+class Sentence(NamedTuple):
+    """What happened at a time (ns), who did it, and whether something went wrong."""
+
+    stamp: int
+    source: str
+    text: str
+    is_failure: bool
+
+
+class Pose(NamedTuple):
+    """Where the head has been told to point at a time (ns), rad: pan to the left, tilt up; it takes so long."""
+
+    stamp: int
+    pan: float
+    tilt: float
+    duration_s: float
+
+
+def beats(run: Run, period: int) -> Iterator[int]:
+    """Times ``period`` apart (ns), from the start to the last record; none in between where the clock leaps."""
+    stamp = run.history.start
+    for record in run.history:
+        if record.stamp - stamp > LEAP:
+            stamp = record.stamp
+        while stamp <= record.stamp:
+            yield stamp
+            stamp += period
+
+
+def detections_of(run: Run, frame_id: str = "camera") -> Iterator[PersonDetections]:
+    """The people in each frame; the size of frames is 0 where the record does not tell it."""
+    for record in run.history:
+        if record.kind == "detection":
+            persons = msgspec.convert(record.detail.get("persons", ()), tuple[PersonDetection, ...])
+            width, height = record.detail.get("width", 0), record.detail.get("height", 0)
+            yield PersonDetections(stamp=record.stamp, frame_id=frame_id, width=width, height=height, persons=persons)
+
+
+def sentences_of(run: Run) -> Iterator[Sentence]:
+    """Everything that happened but the frames, one sentence each."""
+    teller = Teller(run.history, run.wording)
+    for record in run.history:
+        if record.kind not in ("detection", "motion"):
+            told = teller.clause(record).told()
+            yield Sentence(record.stamp, record.source, told[:1].upper() + told[1:] + ".", record.kind in FAILURES)
+
+
+def minds_of(run: Run) -> Iterator[Mind]:
+    """The mind of each agent, whenever it has changed."""
+    before: dict[str, tuple[object, ...]] = {}
+    records = [record for record in run.history if record.kind not in OF_TOPICS]
+    for record, following in zip(records, [*records[1:], None], strict=True):
+        if following is not None and following.stamp == record.stamp:
+            continue
+        for agent in run.course.at(record.stamp).agents:
+            mind = _mind(run, agent, record.stamp)
+            content = (mind.beliefs, mind.desires, mind.intentions)
+            if before.get(agent.name) != content:
+                before[agent.name] = content
+                yield mind
+
+
+def poses_of(run: Run) -> Iterator[Pose]:
+    """The poses that the head was told to take."""
+    for record in run.history:
+        angles = {found["joint"]: float(found["angle"]) for found in _POSE.finditer(record.what)}
+        if record.kind == "motion" and len(angles) == 2:
+            pan, tilt = angles.values()
+            yield Pose(record.stamp, pan, tilt, float(record.detail.get("duration_s", 0.0)))
+
+
+def _mind(run: Run, agent: AgentMoment, stamp: int) -> Mind:
+    wants = tuple(want.text for want in agent.desires) or tuple(goal.text for goal in agent.goals if not goal.depth)
+    plans = tuple(f"{plan.desire}: {plan.done} of {plan.steps} steps" for plan in agent.plans)
+    steps = tuple(f"{goal.text}: {goal.step}" if goal.step else goal.text for goal in agent.goals)
+    return Mind(
+        stamp=stamp,
+        agent=agent.name,
+        beliefs=tuple(
+            MindBelief(text=held.text, source=held.source, since=run.history.stamp(held.since_s))
+            for held in agent.beliefs
+        ),
+        desires=wants,
+        intentions=(*plans, *steps, *(doing.text for doing in agent.actions)),
+    )

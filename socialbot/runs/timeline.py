@@ -1,0 +1,208 @@
+"""A run as bars in lanes: desires, plans, steps, goals, actions, speech, and who was there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import islice
+
+import msgspec
+from msgspec.structs import replace
+
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.history import History
+from socialbot.runs.names import Wording
+
+AWAY_S = 1.0
+"""Who was not seen for so long was away."""
+
+ORDER = ("people", "desires", "plans", "steps", "goals", "actions", "head", "speech")
+
+
+class Bar(msgspec.Struct, frozen=True, rename={"from_s": "from", "to_s": "to"}):
+    """Something from one time to another (s from the start; None while it goes on); ``id`` is that of its record."""
+
+    id: str
+    kind: str
+    text: str
+    from_s: float
+    to_s: float | None = None
+    outcome: str = ""
+
+
+class Lane(msgspec.Struct, frozen=True):
+    """Bars of one sort, of one agent or (empty) of nobody, in the order of their begin; they may overlap."""
+
+    agent: str
+    name: str
+    bars: tuple[Bar, ...]
+
+
+class Changed(msgspec.Struct, frozen=True):
+    """A bar that is new, or not as it was."""
+
+    agent: str
+    lane: str
+    bar: Bar
+
+
+class Timeline:
+    """Takes the records of a history one by one."""
+
+    def __init__(self, history: History, wording: Wording | None = None) -> None:
+        self._history = history
+        self._wording = wording or Wording()
+        self._lanes: dict[tuple[str, str], dict[str, Bar]] = {}
+        self._at: dict[str, tuple[str, str]] = {}
+        self._there: dict[str, str] = {}
+        self._plans: dict[tuple[str, int], str] = {}
+        self._changed: dict[str, None] = {}
+
+    def lanes(self) -> tuple[Lane, ...]:
+        """All bars, agent by agent."""
+        keys = sorted(
+            filter(self._lanes.get, self._lanes),
+            key=lambda key: (key[0] != "" and 1 + self._place(key[0]), ORDER.index(key[1])),
+        )
+        return tuple(Lane(*key, tuple(self._lanes[key].values())) for key in keys)
+
+    def changed(self) -> tuple[Changed, ...]:
+        """What is new or different since this was asked last."""
+        found = tuple(Changed(*self._at[id], self._lanes[self._at[id]][id]) for id in self._changed)
+        self._changed.clear()
+        return found
+
+    def forget(self, stamp: int) -> None:
+        """Forgets what had ended before ``stamp`` (ns)."""
+        since = self._history.seconds(stamp)
+        for bars in self._lanes.values():
+            for bar in [bar for bar in bars.values() if bar.to_s is not None and bar.to_s < since]:
+                del bars[bar.id], self._at[bar.id]
+                self._changed.pop(bar.id, None)
+        self._plans = {plan: id for plan, id in self._plans.items() if id in self._at}
+        self._there = {track: id for track, id in self._there.items() if id in self._at}
+
+    def take_all(self, records: Iterable[TraceRecord]) -> None:
+        """Takes records in their order."""
+        for record in records:
+            self.take(record)
+
+    def take(self, record: TraceRecord) -> None:
+        """Takes the next record."""
+        detail, what = record.detail, record.what
+        match record.kind:
+            case "detection":
+                self._see(record)
+            case "utterance":
+                self._begin(record, "speech", what, agent="")
+                self._close(record.id, record, "waiting", ends=False)
+            case "speech":
+                over = what in ("finished", "replaced", "expired", "failed")
+                self._close(record.cause, record, what, ends=over)
+            case "head":
+                self._end_last("head", record)
+                self._begin(record, "head", what, agent="")
+            case "desire":
+                if self._open_desire(record) is None:
+                    self._begin(record, "desires", what)
+            case "desire_fulfilled" | "desire_dropped":
+                self._close(self._open_desire(record), record, record.kind.removeprefix("desire_"))
+            case "plan_start":
+                number = detail.get("plan", 0)
+                self._plans[record.source, number] = record.id
+                self._begin(record, "plans", f"plan {number} for {what}")
+            case "plan_end":
+                number = detail.get("plan", 0)
+                self._close(self._plans.get((record.source, number)), record, str(detail.get("outcome", "")))
+            case "step":
+                self._begin(record, "steps", self._wording.step(record))
+                self._leave_out(self._history.cause(record))
+            case "step_end":
+                self._close(record.cause, record, str(detail.get("outcome", "")))
+            case _:
+                self._engine(record)
+
+    def _engine(self, record: TraceRecord) -> None:
+        """Goals and actions of an engine; those that carry out a step of a plan are told by that."""
+        history = self._history
+        match record.kind:
+            case "goal":
+                cause = history.cause(record)
+                if cause is None or cause.kind != "step":
+                    self._begin(record, "goals", record.what)
+            case "achieved":
+                self._close(record.cause, record, "achieved")
+            case "continued":
+                self._close(record.cause, record, "continued")
+            case "action":
+                step = next((each for each in islice(history.before(record), 3) if each.kind == "step"), None)
+                if step is None and not record.what.startswith("."):
+                    self._begin(record, "actions", record.what)
+                    self._close(record.id, record, "")
+            case "progress":
+                self._close(record.cause, record, "", ends=False)
+            case "action_end":
+                self._close(record.cause, record, str(record.detail.get("outcome", "")))
+            case "dropped":
+                for each in history.before(record):
+                    if each.kind == "goal":
+                        self._close(each.id, record, str(record.detail.get("reason") or "dropped"))
+
+    def _see(self, record: TraceRecord) -> None:
+        """Who is there: a bar for each person, as long as they are seen again soon."""
+        now = self._history.seconds(record.stamp)
+        for person in record.detail.get("persons", ()):
+            track = str(person.get("track_id") or "somebody")
+            bar = self._bar(self._there.get(track, ""))
+            if bar is None or now - (bar.to_s or 0.0) > AWAY_S:
+                id = f"{track}@{record.id}"
+                self._there[track] = id
+                self._put(("", "people"), Bar(id, "person", track, now, now))
+            else:
+                self._put(("", "people"), replace(bar, to_s=max(now, bar.to_s or 0.0)))
+
+    def _begin(self, record: TraceRecord, lane: str, text: str, agent: str | None = None) -> None:
+        key = (record.source if agent is None else agent, lane)
+        kind = "speech" if lane == "speech" else "head" if lane == "head" else lane.removesuffix("s")
+        self._put(key, Bar(record.id, kind, text, self._history.seconds(record.stamp)))
+
+    def _close(self, id: str | None, record: TraceRecord, outcome: str, *, ends: bool = True) -> None:
+        bar = self._bar(id or "")
+        if bar is not None:
+            to_s = self._history.seconds(record.stamp) if ends else None
+            self._put(self._at[bar.id], replace(bar, to_s=to_s, outcome=outcome))
+
+    def _leave_out(self, record: TraceRecord | None) -> None:
+        """An action that is a step of a plan is told by that."""
+        key = None if record is None or record.kind != "action" else self._at.pop(record.id, None)
+        if record is not None and key is not None:
+            del self._lanes[key][record.id]
+            self._changed.pop(record.id, None)
+
+    def _end_last(self, lane: str, record: TraceRecord) -> None:
+        bars = self._lanes.get(("", lane), {})
+        last = next(reversed(bars.values()), None)
+        if last is not None:
+            self._close(last.id, record, last.outcome)
+
+    def _open_desire(self, record: TraceRecord) -> str | None:
+        bars = self._lanes.get((record.source, "desires"), {})
+        return next((bar.id for bar in bars.values() if bar.text == record.what and bar.to_s is None), None)
+
+    def _bar(self, id: str) -> Bar | None:
+        key = self._at.get(id)
+        return None if key is None else self._lanes[key][id]
+
+    def _put(self, key: tuple[str, str], bar: Bar) -> None:
+        self._lanes.setdefault(key, {})[bar.id] = bar
+        self._at[bar.id] = key
+        self._changed[bar.id] = None
+
+    def _place(self, agent: str) -> int:
+        return self._history.agents.index(agent) if agent in self._history.agents else len(self._history.agents)
+
+
+def timeline_of(history: History, wording: Wording | None = None) -> Timeline:
+    """The timeline of all that a history holds."""
+    timeline = Timeline(history, wording)
+    timeline.take_all(history)
+    return timeline

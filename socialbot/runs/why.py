@@ -1,0 +1,256 @@
+"""Why something was done: the chain of causes down to the frame; why a plan was not chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby, islice
+from typing import Literal
+
+import msgspec
+
+from socialbot.core.errors import RunError
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.history import History
+from socialbot.runs.names import Wording, plan_name
+from socialbot.runs.sentences import Teller, plan_of
+
+SILENT = {"plan", "planning", "asked"}
+"""Kinds of records that say nothing that those around them do not say."""
+
+DEEDS = {"action", "step"}
+ACTED = {"goal", *DEEDS}
+
+MOST_LINKS = 500
+MOST_EFFECTS = 100
+LEFT_OUT = f"of what came before, which is left out after {MOST_LINKS} links"
+
+
+class Reason(msgspec.Struct, frozen=True):
+    """A link of a chain: a clause with who did what. ``id`` is empty for the last one, where that is no record.
+
+    ``link`` says how it led to the one before: as what that was done ``because`` of, or ``after``.
+    """
+
+    id: str
+    at_s: float
+    kind: str
+    agent: str
+    sentence: str
+    link: Literal["because", "after"] = "because"
+
+
+class Rejected(msgspec.Struct, frozen=True):
+    """A plan that was considered for an event and not chosen. ``id`` is that of the record that tells so."""
+
+    id: str
+    at_s: float
+    event: str
+    plan: str
+    because: str
+
+
+class Explanation(msgspec.Struct, frozen=True):
+    """Why something was done: first what it was, then what led to that, and so on.
+
+    ``rejected`` are the plans that were not chosen on the way, ``effects`` what came of it; ``frame_s`` is the time of
+    the frame at the end of the chain, where there is one. ``is_cut`` says that the chain is so long that it is not told
+    to its end, ``effects_left_out`` how many more there were than are told.
+    """
+
+    chain: tuple[Reason, ...]
+    rejected: tuple[Rejected, ...]
+    effects: tuple[Reason, ...]
+    frame_s: float | None
+    is_cut: bool = False
+    effects_left_out: int = 0
+
+    def text(self) -> str:
+        """In one sentence, a line a link; of what was done one after the other the last is told."""
+        lines = [f"At {self.chain[0].at_s:.2f} s {self.chain[0].sentence}"]
+        for link, reasons in groupby(self.chain[1:], key=lambda reason: reason.link):
+            told = [f"  {link} {reason.sentence}" for reason in reasons]
+            if link == "after" and len(told) > 1:
+                told = [f"{told[0]} and {len(told) - 1} {'step' if len(told) == 2 else 'steps'} before"]
+            lines += told
+        return ",\n".join(lines) + "."
+
+
+def explain(history: History, wording: Wording, record: TraceRecord) -> Explanation:
+    """Why ``record`` came to be."""
+    teller = Teller(history, wording)
+    whole = [record, *islice(history.before(record), MOST_LINKS)]
+    told = list(_worth_telling(history, whole))
+    chain: list[Reason] = []
+    subject, at = "", record.stamp
+    for number, each in enumerate(told):
+        clause = teller.clause(each, told[number - 1] if number else None)
+        sentence = clause.told(subject)
+        if each.stamp != at and each.kind != "detection":
+            sentence += f" (at {teller.when(each.stamp)})"
+        link = "after" if number and _goes_before(each, told[number - 1]) else "because"
+        chain.append(Reason(each.id, history.seconds(each.stamp), each.kind, clause.subject, sentence, link))
+        subject, at = clause.subject or subject, each.stamp
+    is_cut = len(whole) > MOST_LINKS and history.cause(whole[-1]) is not None
+    outside = LEFT_OUT if is_cut else teller.outside(whole[-1])
+    if outside:
+        chain.append(Reason("", history.seconds(whole[-1].stamp), "outside", "", outside))
+    frame = next((history.seconds(each.stamp) for each in reversed(whole) if each.kind == "detection"), None)
+    rejected = tuple(reason for each in whole for reason in _rejected(history, each))
+    came = [each for each in history.effects(record) if each.kind not in SILENT]
+    effects = tuple(
+        Reason(each.id, history.seconds(each.stamp), each.kind, teller.agent(each), teller.clause(each).told())
+        for each in came[:MOST_EFFECTS]
+    )
+    return Explanation(tuple(chain), rejected, effects, frame, is_cut, len(came) - len(effects))
+
+
+def _worth_telling(history: History, chain: Sequence[TraceRecord]) -> Iterator[TraceRecord]:
+    """The chain without what would be said twice: of a step, its goal and its action only the step is told."""
+    kept: TraceRecord | None = None
+    place = 0
+    while place < len(chain):
+        record = chain[place]
+        place += 1
+        if kept is not None and (record.kind in SILENT or _says_it(history, kept, record)):
+            continue
+        if record.kind in ACTED:
+            group = [record]
+            while place < len(chain) and (chain[place].kind in SILENT or _call(chain[place]) == _call(record)):
+                group.append(chain[place])
+                place += 1
+            record = next((each for each in group if each.kind == "step"), record)
+        kept = record
+        yield record
+
+
+def _says_it(history: History, kept: TraceRecord, record: TraceRecord) -> bool:
+    """Whether ``kept``, which ``record`` led to, has said what that says."""
+    match kept.kind, record.kind:
+        case "step", "plan_start":
+            return plan_of(history, kept) is record
+        case "plan_end", "step_end":
+            return str(record.detail.get("message")) in str(kept.detail.get("reason"))
+        case "said", "message":
+            return True
+        case "belief", "said":
+            return kept.detail.get("source") == record.source and record.what.endswith(kept.what)
+        case (("step_end" | "plan_end"), "plan_start"):
+            return kept.detail.get("plan") in (None, record.detail.get("plan"))
+    return False
+
+
+def _goes_before(record: TraceRecord, other: TraceRecord) -> bool:
+    """Whether one thing was done after another, rather than for it."""
+    return record.kind in DEEDS and other.kind in DEEDS and record.source == other.source
+
+
+def _call(record: TraceRecord) -> str:
+    """What is done, in the notation of the engine; empty for records of other kinds."""
+    if record.kind == "step":
+        action, *args = record.what.strip("()").split() or [""]
+        return f"{action}({', '.join(args)})"
+    return record.what.replace('"', "") if record.kind in ACTED else ""
+
+
+def _rejected(history: History, record: TraceRecord) -> Iterator[Rejected]:
+    """The plans that a record says were not chosen."""
+    found = record.detail.get("rejected")
+    for each in found if isinstance(found, (list, tuple)) else ():
+        plan, because = str(each.get("plan", "")), str(each.get("because", ""))
+        yield Rejected(record.id, history.seconds(record.stamp), record.what, plan, because)
+
+
+# What was done, in order
+
+
+def actions(history: History) -> list[TraceRecord]:
+    """What agents did, in order: what they said, the steps of their plans, and their other actions.
+
+    An action by which something was said is told by that; one that is a step of a plan, too.
+    """
+    return [
+        record
+        for record in history
+        if record.kind in ("step", "utterance") or (record.kind == "action" and _stands_alone(history, record))
+    ]
+
+
+def _stands_alone(history: History, action: TraceRecord) -> bool:
+    if action.what.startswith("."):
+        return False
+    behind = islice((each for each in history.before(action) if each.kind not in SILENT), 2)
+    if any(each.kind == "step" and _call(each) == _call(action) for each in behind):
+        return False
+    after = history.between(action.stamp, action.stamp)
+    led_to = (each for each in after if each.kind in ("utterance", "step"))
+    return not any(history.cause(each) is action for each in led_to)
+
+
+DECIDED = {"desire", "desire_refused", "desire_dropped", "plan_start", "plan_end"}
+"""Kinds of records that are decisions, beside actions."""
+
+
+def decided_at(history: History, stamp: int) -> list[TraceRecord]:
+    """What was decided last, at or before ``stamp`` (ns): actions, or if there are none, desires and plans."""
+    done = actions(history)
+    taken = {id(record) for record in done}
+    found: list[TraceRecord] = []
+    for record in history.back(history[0].stamp if len(history) else 0, stamp):
+        if found and record.stamp != found[-1].stamp:
+            break
+        if id(record) in taken or record.kind in DECIDED:
+            found.append(record)
+    acts = [record for record in found if id(record) in taken]
+    return list(reversed(acts or found))
+
+
+# Why not
+
+
+class Considered(msgspec.Struct, frozen=True):
+    """A plan: when (s) it was chosen, and each time it was not, with the reason."""
+
+    plan: str
+    chosen_s: tuple[float, ...]
+    rejected: tuple[Rejected, ...]
+
+
+def considered(history: History) -> tuple[Considered, ...]:
+    """All plans that were chosen, or considered and not chosen, by their names."""
+    chosen: dict[str, list[float]] = {}
+    rejected: dict[str, list[Rejected]] = {}
+    for record in history:
+        if record.kind == "plan":
+            chosen.setdefault(plan_name(record), []).append(history.seconds(record.stamp))
+        for each in _against(history, record):
+            rejected.setdefault(each.plan, []).append(each)
+    return tuple(
+        Considered(plan, tuple(chosen.get(plan, ())), tuple(rejected.get(plan, ())))
+        for plan in sorted(chosen.keys() | rejected.keys())
+    )
+
+
+def why_not(history: History, plan: str) -> tuple[Considered, ...]:
+    """Why the plan with this label was not chosen, or those whose text has ``plan`` in it.
+
+    Raises RunError when none such was considered; it names those that were.
+    """
+    wanted, known = plan.casefold(), considered(history)
+    found = tuple(each for each in known if each.plan.casefold() == wanted)
+    found = found or tuple(each for each in known if wanted in each.plan.casefold())
+    if not found:
+        names = "".join(f"\n    {each.plan}" for each in known)
+        remedy = f"give one of these, or some of its text:{names}" if names else "the run has no plans"
+        raise RunError(f"no plan {plan!r} was ever considered", remedy=remedy)
+    return found
+
+
+def _against(history: History, record: TraceRecord) -> Iterator[Rejected]:
+    """What a record says against plans: of the engine, or for a desire."""
+    yield from _rejected(history, record)
+    detail, at_s = record.detail, history.seconds(record.stamp)
+    reason = str(detail.get("message") or detail.get("reason") or "")
+    if record.kind in ("planning", "desire_refused", "desire_dropped") and reason:
+        yield Rejected(record.id, at_s, record.what, record.what, reason)
+    elif record.kind == "plan_end" and detail.get("outcome") != "succeeded":
+        yield Rejected(record.id, at_s, record.what, f"plan {detail.get('plan', '')} for {record.what}", reason)

@@ -1,0 +1,1 @@
+"""Run a graph: from a bag, on live input or simulated; processes, supervision, deployment."""

@@ -1,0 +1,398 @@
+"""Deployments: which node of a graph runs on which machine, read from YAML files."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import re
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from socialbot.bridge.environment import HIGHEST_DOMAIN, Across
+from socialbot.core import paths
+from socialbot.core.errors import GraphError, ParameterError
+from socialbot.core.messages import Image
+from socialbot.core.yaml import Section, plain, read_page
+from socialbot.graph.files import GRAPHS, load_graph
+from socialbot.graph.node import NODE_NAME, Graph, NodeConfig, check_parameters, suggestion
+from socialbot.runtime.processes import RestartPolicy
+from socialbot.vision.image_transport import PictureReceiver, PictureSender
+
+Transport = Literal["jpeg", "raw"]
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """How the pictures of a topic cross: as JPEG with these parameters of a `PictureSender`, or raw."""
+
+    transport: Transport = "jpeg"
+    parameters: Mapping[str, object] = field(default_factory=dict)
+
+
+def with_crossings(
+    graph: Graph, places: Mapping[str, str], pictures: Mapping[str, Pictures]
+) -> tuple[Graph, dict[str, str]]:
+    """``graph`` and ``places``, the machine of each node by its name, after all crossings were put in.
+
+    Pictures of ``/camera/image_raw`` wanted on the machine ``desk`` arrive there as ``/camera/image_raw/desk``.
+    Raises GraphError where pictures of one topic are published on several machines.
+    """
+    crossed = dict(places)
+    for topic in picture_topics(graph):
+        settings = pictures.get(topic, Pictures())
+        home = _home(graph, topic, places)
+        if not home or settings.transport == "raw":
+            continue
+        takers = {crossed[one.name] for one in graph.placements if _takes(one, topic)}
+        for machine in sorted(takers - {home}):
+            sender, receiver = _pair(topic, machine, settings)
+            placements = [
+                _remapped(one, topic, machine) if crossed[one.name] == machine else one for one in graph.placements
+            ]
+            graph = replace(graph, placements=(*placements, sender, receiver))
+            crossed |= {sender.name: home, receiver.name: machine}
+    return graph, crossed
+
+
+def picture_topics(graph: Graph) -> list[str]:
+    """The topics of raw pictures, in order."""
+    return sorted(topic for topic, kind in graph.topics().items() if kind is Image)
+
+
+def publishes_pictures(placement: NodeConfig) -> bool:
+    """Whether a node publishes raw pictures."""
+    return any(port.message_type is Image for _, port in placement.publications)
+
+
+def _takes(placement: NodeConfig, topic: str) -> bool:
+    return any(topic == taken for taken, _ in placement.subscriptions)
+
+
+def _home(graph: Graph, topic: str, places: Mapping[str, str]) -> str:
+    """The machine that publishes ``topic``; none where it comes from outside."""
+    publishers = [one for one in graph.placements if any(topic == said for said, _ in one.publications)]
+    homes = sorted({places[one.name] for one in publishers})
+    if len(homes) > 1:
+        raise GraphError(
+            f"pictures of {topic} are published on several machines: {', '.join(homes)}",
+            where=f"nodes.{publishers[-1].name}",
+            remedy="move the nodes to one, or remap one of them to another topic",
+        )
+    return homes[0] if homes else ""
+
+
+def _pair(topic: str, machine: str, pictures: Pictures) -> tuple[NodeConfig, NodeConfig]:
+    stem = topic.strip("~/").replace("/", "_")
+    arrived = _arrived(topic, machine)
+    link = {"link": f"{arrived}/link", "ack": f"{arrived}/link/ack"}
+    return (
+        NodeConfig(f"{stem}_to_{machine}", PictureSender, pictures.parameters, {"image": topic, **link}),
+        NodeConfig(f"{stem}_at_{machine}", PictureReceiver, {}, {"image": arrived, **link}),
+    )
+
+
+def _remapped(placement: NodeConfig, topic: str, machine: str) -> NodeConfig:
+    moved = {port.name: _arrived(topic, machine) for taken, port in placement.subscriptions if taken == topic}
+    return replace(placement, remap={**placement.remap, **moved})
+
+
+def _arrived(topic: str, machine: str) -> str:
+    return f"{topic}/{machine}"
+
+
+SERVER_PORT = 11811
+HOST_NAME = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(?<!-)(\.(?!-)[A-Za-z0-9_-]{1,63}(?<!-))*")
+
+
+@dataclass(frozen=True)
+class Server:
+    """A discovery server: the machine that it runs on, and its port."""
+
+    machine: str
+    port: int = SERVER_PORT
+
+
+@dataclass(frozen=True)
+class Deployment:
+    """A graph on several machines.
+
+    ``written`` is the graph without what is put in for its crossings, ``machines`` their addresses by name and
+    ``places`` the machine of each node of it. Machines find each other by their addresses, or by a ``server``.
+    ``pictures`` says how topics cross, ``keys`` is the folder of keys, ``minds`` that in which agents keep what they go
+    on with after a restart. Errors are GraphErrors and ParameterErrors; they name their place as a path of keys, such
+    as ``nodes.camera``.
+    """
+
+    written: Graph
+    machines: Mapping[str, str]
+    places: Mapping[str, str]
+    domain: int = 0
+    server: Server | None = None
+    pictures: Mapping[str, Pictures] = field(default_factory=dict)
+    restart: RestartPolicy = field(default_factory=RestartPolicy)
+    keys: Path | None = None
+    minds: Path | None = None
+
+    def __post_init__(self) -> None:
+        self._check_machines()
+        self._check_places()
+        self._check_pictures()
+        _ = self.graph
+
+    @property
+    def graph(self) -> Graph:
+        """The whole graph, with the nodes that carry pictures from machine to machine."""
+        return self._crossed[0]
+
+    def half(self, machine: str) -> tuple[NodeConfig, ...]:
+        """The nodes of one machine. Raises GraphError when there is no such machine."""
+        self.address(machine)
+        graph, places = self._crossed
+        return tuple(placement for placement in graph.placements if places[placement.name] == machine)
+
+    def address(self, machine: str) -> str:
+        """Its address. Raises GraphError when there is no such machine."""
+        if machine not in self.machines:
+            raise GraphError(f"no machine {machine!r}", where="machines", remedy=suggestion(machine, self.machines))
+        return self.machines[machine]
+
+    def across(self, machine: str) -> Across | None:
+        """How nodes on ``machine`` find those of the others; None where there are no others."""
+        others = tuple(address for name, address in self.machines.items() if name != machine)
+        if not others:
+            return None
+        if self.server is None:
+            return Across(peers=others)
+        return Across(server=f"{self.address(self.server.machine)}:{self.server.port}")
+
+    def raw_pictures(self, node: str) -> bool:
+        """Whether the node of this name publishes raw pictures, so that its messages must not be cut small."""
+        return publishes_pictures(self.graph.placement(node))
+
+    def this_machine(self) -> str:
+        """The machine that has an address of the one this runs on. Raises GraphError unless that is just one."""
+        found = [name for name, address in self.machines.items() if is_own(address)]
+        if len(found) == 1:
+            return found[0]
+        listed = ", ".join(f"{name} ({address})" for name, address in self.machines.items())
+        what = f"this could be {' or '.join(found)}" if found else "this machine has none of the addresses"
+        raise GraphError(f"{what}: {listed}", where="machines", remedy="say which it is: --machine NAME")
+
+    @cached_property
+    def _crossed(self) -> tuple[Graph, dict[str, str]]:
+        return with_crossings(self.written, self.places, self.pictures)
+
+    def _check_machines(self) -> None:
+        if not self.machines:
+            raise GraphError("there is no machine", where="machines", remedy="name one: laptop: {address: 127.0.0.1}")
+        for name, address in self.machines.items():
+            where = f"machines.{name}"
+            if not NODE_NAME.fullmatch(name):
+                raise GraphError(f"no name for a machine: {name!r}", where=where, remedy="use letters, digits and _")
+            if not is_address(address):
+                raise GraphError(
+                    f"no address: {address!r}", where=where, remedy="give an IPv4 address, or the name of a host"
+                )
+            if list(self.machines.values()).count(address) > 1:
+                raise GraphError(f"two machines have the address {address}", where=where, remedy="correct one of them")
+        if not 0 <= self.domain <= HIGHEST_DOMAIN:
+            raise GraphError(
+                f"no ROS domain: {self.domain}", where="domain", remedy=f"give a number from 0 to {HIGHEST_DOMAIN}"
+            )
+        if self.server is not None and self.server.machine not in self.machines:
+            raise GraphError(
+                f"no machine {self.server.machine!r}",
+                where="discovery.server",
+                remedy=suggestion(self.server.machine, self.machines),
+            )
+
+    def _check_places(self) -> None:
+        nodes = [placement.name for placement in self.written.placements]
+        for node, machine in self.places.items():
+            where = f"nodes.{node}"
+            if node not in nodes:
+                raise GraphError(
+                    f"{self.written.name} has no node {node!r}", where=where, remedy=suggestion(node, nodes)
+                )
+            if machine not in self.machines:
+                raise GraphError(f"no machine {machine!r}", where=where, remedy=suggestion(machine, self.machines))
+        if missing := [node for node in nodes if node not in self.places]:
+            raise GraphError(
+                f"nothing says where these run: {', '.join(missing)}",
+                where="nodes",
+                remedy=f"add {missing[0]}: {next(iter(self.machines))}",
+            )
+
+    def _check_pictures(self) -> None:
+        topics = picture_topics(self.written)
+        for topic, pictures in self.pictures.items():
+            where = f"pictures.{topic}"
+            if topic not in topics:
+                raise GraphError(f"no topic of pictures: {topic!r}", where=where, remedy=suggestion(topic, topics))
+            check_parameters(PictureSender, pictures.parameters, where=where)
+
+
+def is_address(text: str) -> bool:
+    """Whether ``text`` is an IPv4 address or may be the name of a host."""
+    if re.fullmatch(r"[0-9.]+", text):
+        try:
+            ipaddress.IPv4Address(text)
+        except ValueError:
+            return False
+        return True
+    return len(text) <= 253 and HOST_NAME.fullmatch(text) is not None
+
+
+def is_own(address: str) -> bool:
+    """Whether ``address`` belongs to the machine that this runs on."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        try:
+            own.bind((address, 0))
+        except OSError:
+            return False
+    return True
+
+
+KEYS = ("graph", "domain", "discovery", "machines", "nodes", "pictures", "restart", "security", "minds", "parameters")
+TRANSPORTS = ("jpeg", "raw")
+
+
+def is_deployment(name: str) -> bool:
+    """Whether ``name`` is a file that tells of machines, and so no graph."""
+    if name in GRAPHS:
+        return False
+    try:
+        text = Path(name).read_text("utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return any(line.startswith(("machines:", "machines :", '"machines"', "'machines'")) for line in text.splitlines())
+
+
+def load_deployment(path: Path) -> Deployment:
+    """The deployment that the file at ``path`` describes; beside it nodes may read and write files.
+
+    Raises GraphError or ParameterError with file and line.
+    """
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise GraphError(f"cannot read the deployment: {error}", where=str(path)) from error
+    folder = path.resolve().parent
+    paths.allow(folder)
+    return parse_deployment(text, where=str(path), folder=folder)
+
+
+def parse_deployment(text: str, *, where: str, folder: Path) -> Deployment:
+    """The deployment that the YAML ``text`` describes; ``where`` is named in errors, files stand in ``folder``."""
+    root = read_page(text, where=where)
+    root.only(*KEYS)
+    graph = _graph(root, folder)
+    try:
+        return Deployment(
+            written=graph,
+            machines=_machines(root.section("machines")),
+            places=_texts(root.section("nodes")),
+            domain=root.whole("domain", 0, minimum=0, maximum=HIGHEST_DOMAIN),
+            server=_server(root),
+            pictures=_pictures(root.section("pictures", {})),
+            restart=_restart(root.section("restart", {})),
+            keys=_keys(root, folder),
+            minds=folder / root.text("minds") if "minds" in root.page else None,
+        )
+    except (GraphError, ParameterError) as error:
+        first, _, rest = (error.where or "").partition(".")
+        if first not in KEYS:
+            raise
+        name, _, setting = rest.rpartition(".")
+        place = root.line(first, name, setting) if name else root.line(first, rest)
+        raise type(error)(error.what, where=place, remedy=error.remedy) from error
+
+
+def _graph(root: Section, folder: Path) -> Graph:
+    name = root.text("graph")
+    try:
+        graph = load_graph(name if name in GRAPHS else str(folder / name))
+    except GraphError as error:
+        if name in GRAPHS or os.path.isfile(folder / name):
+            raise
+        raise GraphError(f"no graph {name!r}", where=root.line("graph"), remedy=suggestion(name, GRAPHS)) from error
+    section = root.section("parameters", {})
+    parameters = {str(node): {str(k): plain(v) for k, v in section.section(node).page.items()} for node in section.page}
+    names = [placement.name for placement in graph.placements]
+    for node, values in parameters.items():
+        if node not in names:
+            raise GraphError(f"no node {node!r}", where=section.line(node), remedy=suggestion(node, names))
+        for name, value in values.items():
+            check_parameters(graph.placement(node).type, {name: value}, where=section.line(node, name))
+    return graph.with_parameters(parameters)
+
+
+def _machines(section: Section) -> dict[str, str]:
+    machines = {}
+    for name in section.page:
+        machine = section.section(name)
+        machine.only("address")
+        machines[str(name)] = machine.text("address")
+    return machines
+
+
+def _texts(section: Section) -> dict[str, str]:
+    return {str(key): section.text(key) for key in section.page}
+
+
+def _server(root: Section) -> Server | None:
+    if root.page.get("discovery", "peers") == "peers":
+        return None
+    if isinstance(root.page["discovery"], str):
+        raise GraphError(
+            f"no kind of discovery: {root.text('discovery')!r}",
+            where=root.line("discovery"),
+            remedy="peers, or {server: MACHINE}",
+        )
+    section = root.section("discovery")
+    section.only("server")
+    machine, colon, port = section.text("server").partition(":")
+    if colon and not (port.isascii() and port.isdigit() and len(port) < 6 and 0 < int(port) < 65536):
+        raise GraphError(
+            f"no port: {port!r}", where=section.line("server"), remedy=f"write MACHINE or MACHINE:{SERVER_PORT}"
+        )
+    return Server(machine, int(port) if colon else SERVER_PORT)
+
+
+def _pictures(section: Section) -> dict[str, Pictures]:
+    pictures = {}
+    for topic in section.page:
+        one = section.section(topic)
+        one.only("transport", "quality", "least_quality", "rate_hz")
+        transport = one.text("transport", "jpeg")
+        if transport not in TRANSPORTS:
+            raise GraphError(
+                f"no transport: {transport!r}", where=one.line("transport"), remedy=f"one of {', '.join(TRANSPORTS)}"
+            )
+        parameters = {str(name): plain(value) for name, value in one.page.items() if name != "transport"}
+        pictures[str(topic)] = Pictures("raw" if transport == "raw" else "jpeg", parameters)
+    return pictures
+
+
+def _restart(section: Section) -> RestartPolicy:
+    usual = RestartPolicy()
+    names = [field.name for field in fields(RestartPolicy)]
+    section.only(*names)
+    seconds = {
+        name: section.number(name, getattr(usual, name), minimum=0.01, maximum=1e6)
+        for name in names
+        if name.endswith("_s")
+    }
+    return RestartPolicy(times=section.whole("times", usual.times, minimum=0, maximum=10**6), **seconds)
+
+
+def _keys(root: Section, folder: Path) -> Path | None:
+    if "security" not in root.page:
+        return None
+    section = root.section("security")
+    section.only("keys")
+    return folder / section.text("keys")

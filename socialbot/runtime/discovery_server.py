@@ -1,0 +1,117 @@
+"""The discovery server of Fast DDS, by which nodes find each other: started, and started again when it dies."""
+
+from __future__ import annotations
+
+import ipaddress
+import logging
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+from socialbot.bridge.environment import PROFILE_VARIABLE
+from socialbot.core.errors import InstallationError
+from socialbot.runtime.processes import RestartBackoff, RestartPolicy, how_it_ended, in_time
+
+log = logging.getLogger("socialbot.discovery_server")
+
+PROGRAM = "fast-discovery-server"
+ENDED_S = 3.0
+EXEC_WITH_PARENT = Path(__file__).with_name("exec_with_parent.py")
+"""The script that ends a program with the process that has started it."""
+
+
+class DiscoveryServer:
+    """A server at ``address`` and ``port``. Use it as a context manager: leaving it ends the server.
+
+    It writes into the file ``output``. Entering raises InstallationError when there is no such program.
+    """
+
+    def __init__(self, address: str, port: int, output: Path, policy: RestartPolicy) -> None:
+        self._arguments = ("-i", "0", "-l", listening(address), "-p", str(port))
+        self._output = output
+        self._policy = policy
+        self._process: subprocess.Popen[bytes] | None = None
+        self._closed = threading.Event()
+        self._one_at_a_time = threading.Lock()
+        self._keeper = threading.Thread(target=self._keep, name="discovery server", daemon=True)
+
+    @property
+    def pid(self) -> int | None:
+        """The id of its process, if it lives."""
+        process = self._process
+        return process.pid if process is not None and process.poll() is None else None
+
+    def __enter__(self) -> DiscoveryServer:
+        self._program = program()
+        self._output.parent.mkdir(parents=True, exist_ok=True)
+        self._keeper.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._one_at_a_time:
+            self._closed.set()
+            if self._process is not None:
+                self._process.terminate()
+        self._keeper.join(ENDED_S)
+        if self._process is not None and self._process.poll() is None:
+            self._process.kill()
+            self._keeper.join()
+
+    def _keep(self) -> None:
+        """Runs the server again and again, as long as that helps.
+
+        The thread that starts it has to live as long as it does: the kernel ends it with that thread.
+        """
+        patience = RestartBackoff(self._policy)
+        while (process := self._start()) is not None:
+            patience.started(time.monotonic())
+            code = process.wait()
+            if self._closed.is_set():
+                return
+            pause_s = patience.died(time.monotonic())
+            if pause_s is None:
+                log.error("the discovery server is given up: it %s; its log: %s", how_it_ended(code), self._output)
+                return
+            log.warning("the discovery server %s; started again %s", how_it_ended(code), in_time(pause_s))
+            self._closed.wait(pause_s)
+
+    def _start(self) -> subprocess.Popen[bytes] | None:
+        """The process, unless it is not to run any more."""
+        with self._one_at_a_time, self._output.open("ab") as output:
+            if self._closed.is_set():
+                return None
+            # Profiles are for nodes.
+            variables = {name: value for name, value in os.environ.items() if name != PROFILE_VARIABLE}
+            self._process = subprocess.Popen(
+                [sys.executable, "-I", "-S", str(EXEC_WITH_PARENT), str(os.getpid()), self._program, *self._arguments],
+                env=variables,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+            )
+            return self._process
+
+
+def listening(address: str) -> str:
+    """Where to listen to be found at ``address``: a name may mean another address here than elsewhere."""
+    try:
+        return str(ipaddress.IPv4Address(address))
+    except ValueError:
+        return "0.0.0.0"
+
+
+def program() -> str:
+    """The path of the server. Raises InstallationError when there is none."""
+    beside = str(Path(sys.executable).parent)
+    found = shutil.which(PROGRAM, path=os.pathsep.join([beside, os.environ.get("PATH", "")]))
+    if found is None:
+        raise InstallationError(
+            f"there is no {PROGRAM}",
+            remedy="it comes with the ROS wheels and with ROS; without it, let machines find each other by `peers`",
+        )
+    return found

@@ -1,0 +1,251 @@
+"""Operating-system processes of a graph: start, watch, stop, and when to restart them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from socialbot.bridge import environment
+from socialbot.bridge.supervisor_channel import LIFELINE_VARIABLE
+from socialbot.core.errors import NodeError, SocialbotError
+from socialbot.core.process import ENDING_SIGNALS
+from socialbot.graph.files import dump_graph
+from socialbot.graph.node import Graph
+from socialbot.runtime.fork_server import ForkServer
+
+GRACE_S = 8.0
+"""How long processes may take to end after SIGINT before they are killed."""
+
+ASKED_AGAIN_S = 3.0
+"""After this time they get another SIGINT."""
+
+
+class Process(Protocol):
+    """A child of this process, as `subprocess.Popen` has them."""
+
+    @property
+    def pid(self) -> int: ...
+
+    def poll(self) -> int | None: ...
+
+    def wait(self, timeout: float | None = None) -> int: ...
+
+    def send_signal(self, sig: int) -> None: ...
+
+    def kill(self) -> None: ...
+
+
+def environment_of(log_folder: Path) -> dict[str, str]:
+    """The environment of processes whose logs go to ``log_folder``."""
+    inherited = dict(os.environ)
+    environment.prepare(inherited, log_folder=log_folder / "ros")
+    inherited["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+    return inherited
+
+
+def start_process(
+    arguments: list[str], log: Path, *, variables: Mapping[str, str] | None = None, lifeline: int | None = None
+) -> subprocess.Popen[bytes]:
+    """Starts ``socialbot *arguments``, which ends when this process does.
+
+    ``variables`` come on top of the environment; ``lifeline`` is the file that the process speaks to its supervisor by.
+    """
+    inherited = {**environment_of(log.parent), **(variables or {})}
+    if lifeline is not None:
+        inherited[LIFELINE_VARIABLE] = str(lifeline)
+    with log.open("ab") as output, blocked_signals():
+        return subprocess.Popen(
+            [sys.executable, "-m", "socialbot", *until_parent_ends(arguments)],
+            env=inherited,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+            pass_fds=() if lifeline is None else (lifeline,),
+        )
+
+
+def until_parent_ends(arguments: list[str]) -> list[str]:
+    """``arguments`` for a process that ends when this one does."""
+    return [*arguments, "--parent", str(os.getpid())]
+
+
+@contextlib.contextmanager
+def blocked_signals() -> Iterator[None]:
+    """A child that is started here inherits the mask, and lets signals through once it can end well."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def end_processes(processes: Mapping[str, Process]) -> dict[str, int]:
+    """Ends them by SIGINT, after a time of grace by SIGKILL; returns their exit codes."""
+    # Twice, as a signal may be lost that comes just while a process imports a module.
+    for grace_s in (ASKED_AGAIN_S, GRACE_S - ASKED_AGAIN_S):
+        living = [process for process in processes.values() if process.poll() is None]
+        for process in living:
+            process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + grace_s
+        for process in living:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(0.0, deadline - time.monotonic()))
+    for process in processes.values():
+        if process.poll() is None:
+            process.kill()
+    return {name: process.wait() for name, process in processes.items()}
+
+
+def how_it_ended(code: int) -> str:
+    """An exit code in words."""
+    return f"was ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
+
+
+LOG_TAIL_LINES = 8
+DOCUMENTED = frozenset({3, 4, 5, 7})
+"""Exit codes by which a process says why it failed; any other failure of a node is 6."""
+
+
+class Launch:
+    """The processes of one graph. Use it as a context manager: leaving it ends them all.
+
+    ``folder`` takes the graph as it runs (graph.yaml) and a log for each process.
+    """
+
+    def __init__(self, graph: Graph, folder: Path, *, sim_time: bool = False, composed: bool = False) -> None:
+        self._graph = graph
+        self._folder = folder
+        self._sim_time = sim_time
+        self._composed = composed
+        self._nursery = ForkServer(graph, folder)
+        self._processes: dict[str, Process] = {}
+        self.exit_codes: dict[str, int] = {}
+
+    def __enter__(self) -> Launch:
+        environment.require_ros()
+        graph_file = write_graph(self._graph, self._folder)
+        try:
+            for name, nodes in processes_of(self._graph, composed=self._composed).items():
+                self.start(name, node_arguments(graph_file, nodes, sim_time=self._sim_time))
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def start(self, name: str, arguments: list[str]) -> Process:
+        """Starts ``socialbot *arguments`` as the process ``name``, with its log in the folder."""
+        process = self._processes[name] = self._nursery.start(arguments, log_file(self._folder, name))
+        return process
+
+    def check(self) -> None:
+        """Raises NodeError when a process has ended with an error."""
+        for name, process in self._processes.items():
+            code = process.poll()
+            if code:
+                raise failure(name, code, log_file(self._folder, name))
+
+    def stop(self) -> None:
+        """Ends all processes; then ``exit_codes`` holds how they ended."""
+        self._nursery.close()
+        self.exit_codes.update(end_processes(self._processes))
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """The process ids by name."""
+        return {name: process.pid for name, process in self._processes.items()}
+
+
+def write_graph(graph: Graph, folder: Path) -> Path:
+    """Writes ``graph`` into ``folder``, for its processes to read."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "graph.yaml"
+    file.write_text(dump_graph(graph), encoding="utf-8")
+    return file
+
+
+def processes_of(graph: Graph, *, composed: bool) -> dict[str, list[str]]:
+    """The nodes of each process by its name: one each, or all of them ``composed``."""
+    names = [placement.name for placement in graph.placements]
+    return {graph.name: names} if composed else {name: [name] for name in names}
+
+
+def node_arguments(graph_file: Path, nodes: list[str], *, sim_time: bool = False) -> list[str]:
+    """The arguments of ``socialbot`` for a process with these ``nodes``."""
+    return ["node", "--graph", str(graph_file), *(["--sim-time"] if sim_time else []), *nodes]
+
+
+def log_file(folder: Path, name: str) -> Path:
+    """The log of the process ``name``."""
+    return folder / f"{name}.log"
+
+
+def failure(name: str, code: int, log: Path) -> SocialbotError:
+    """The error that says that the process ``name`` ended with ``code``, and what it logged last."""
+    lines = log.read_text("utf-8", errors="replace").splitlines()[-LOG_TAIL_LINES:]
+    what = "\n    ".join([f"the process {how_it_ended(code)}", *lines])
+    error = NodeError(what, where=name, remedy=f"the whole log: {log}")
+    if code in DOCUMENTED:
+        error.exit_code = code
+    return error
+
+
+@dataclass(frozen=True)
+class RestartPolicy:
+    """How patient a supervisor is.
+
+    What dies after it has lived for longer than ``longest_s`` is started again at once. When it dies sooner it is left
+    alone for ``first_s``, and each time that it does so again for twice as long, up to ``longest_s``. What has died
+    more than ``times`` times in ``within_s`` is given up. A node is hung, and its process is killed, when it has not
+    said for ``hung_s`` that it is well; to get ready it may take ``ready_s``.
+    """
+
+    times: int = 5
+    within_s: float = 60.0
+    first_s: float = 0.2
+    longest_s: float = 5.0
+    hung_s: float = 10.0
+    ready_s: float = 60.0
+
+
+class RestartBackoff:
+    """The patience with one process. Times are those of a clock that only goes forward, in s."""
+
+    def __init__(self, policy: RestartPolicy) -> None:
+        self._policy = policy
+        self._deaths: deque[float] = deque()
+        self._started = 0.0
+        self._pause_s = 0.0
+
+    def started(self, now: float) -> None:
+        """Notes that it was started."""
+        self._started = now
+
+    def died(self, now: float) -> float | None:
+        """Notes that it died. Returns how long (s) to wait before it is started again; None to give it up."""
+        policy = self._policy
+        self._deaths.append(now)
+        while self._deaths[0] < now - policy.within_s:
+            self._deaths.popleft()
+        if len(self._deaths) > policy.times:
+            return None
+        lived_long = now - self._started > policy.longest_s
+        self._pause_s = 0.0 if lived_long else min(max(policy.first_s, 2 * self._pause_s), policy.longest_s)
+        return self._pause_s
+
+
+def in_time(pause_s: float) -> str:
+    """``pause_s`` in words."""
+    return f"in {pause_s:.1f} s" if pause_s else "at once"

@@ -1,0 +1,411 @@
+"""Supervise the processes of a graph: activation order, restarts, logs, diagnostics of dead nodes."""
+
+from __future__ import annotations
+
+import logging
+import math
+import select
+import signal
+import time
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from socialbot.bridge import environment
+from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsOutlet, machine
+from socialbot.bridge.environment import remove_stale
+from socialbot.bridge.supervisor_channel import SupervisorChannel, lifelines
+from socialbot.core.bounded_log import Rotation
+from socialbot.core.errors import NodeError
+from socialbot.graph.node import Graph
+from socialbot.runtime.fork_server import ForkServer
+from socialbot.runtime.processes import (
+    ASKED_AGAIN_S,
+    DOCUMENTED,
+    GRACE_S,
+    Process,
+    RestartBackoff,
+    RestartPolicy,
+    end_processes,
+    failure,
+    how_it_ended,
+    in_time,
+    log_file,
+    node_arguments,
+    processes_of,
+    write_graph,
+)
+
+CONFIGURED_S = 10.0
+"""So long it is waited until all nodes are configured; then those begin that are."""
+
+ACTIVE_S = 1.0
+"""So long each node may take to become active before the next one is asked to."""
+
+
+def sinks_first(graph: Graph) -> list[str]:
+    """The names of the nodes, each as far as possible after those that listen to it."""
+    heard_by = {
+        placement.name: {
+            other.name
+            for other in graph.placements
+            if other is not placement
+            and {topic for topic, _ in other.subscriptions} & {topic for topic, _ in placement.publications}
+        }
+        for placement in graph.placements
+    }
+    left = list(reversed(heard_by))
+    order: list[str] = []
+    while left:
+        # Where they listen to each other in a circle, with the one that has the fewest listeners.
+        name = min(left, key=lambda name: len(heard_by[name].intersection(left)))
+        left.remove(name)
+        order.append(name)
+    return order
+
+
+class BringUp:
+    """Asks nodes to become active by ``activate``, one after the other in ``order``. Times are in s."""
+
+    def __init__(self, order: Collection[str], activate: Callable[[str], None], now: float) -> None:
+        self._waiting = list(order)
+        self._activate = activate
+        self._begun = now
+        self._asked = ""
+        self._asked_at = now
+
+    def look(self, inactive: Collection[str], dead: Collection[str], now: float) -> None:
+        """Goes on as far as it can. ``inactive`` are the nodes that are configured, ``dead`` those not to wait for."""
+        self._waiting = [name for name in self._waiting if name not in dead]
+        if not self._asked and set(self._waiting) - set(inactive) and now < self._begun + CONFIGURED_S:
+            return
+        while self._waiting and not self._is_busy(inactive, dead, now):
+            name = self._asked = self._waiting.pop(0)
+            self._asked_at = now
+            self._activate(name)
+
+    @property
+    def done(self) -> bool:
+        """Whether all have been asked."""
+        return not self._waiting
+
+    def _is_busy(self, inactive: Collection[str], dead: Collection[str], now: float) -> bool:
+        name = self._asked
+        return name in inactive and name not in dead and now < self._asked_at + ACTIVE_S
+
+
+log = logging.getLogger("socialbot.supervisor")
+
+ACTIVE, INACTIVE = "active", "inactive"
+"""What a node says that has started and is well, and one that is ready to start."""
+
+ROTATE_EVERY_S = 5.0
+
+ABSENT_S = 1.0
+"""Whoever attends later than by that was kept from it, as by a machine that slept: then nodes were, too."""
+
+Variables = Callable[[Collection[str]], Mapping[str, str]]
+"""Environment variables for a process with the nodes of these names."""
+
+
+def no_variables(nodes: Collection[str]) -> Mapping[str, str]:
+    """None."""
+    return {}
+
+
+@dataclass(eq=False)
+class Member:
+    """One process: its nodes, what they said last and when (s), and what became of it."""
+
+    name: str
+    nodes: list[str]
+    patience: RestartBackoff
+    process: Process | None = None
+    line: SupervisorChannel | None = None
+    words: dict[str, str] = field(default_factory=dict)
+    heard: dict[str, float] = field(default_factory=dict)
+    restarts: int = 0
+    was_well: bool = False
+    is_down: bool = False
+    is_given_up: bool = False
+    hung: str = ""
+    renewed: float | None = None
+    is_pressed: bool = False
+    started: float = 0.0
+    due: float | None = None
+    last_error: str = ""
+
+    @property
+    def state(self) -> str:
+        """``starting``, ``active``, ``waiting`` to be started again, ``ended`` by itself, or ``given up``."""
+        if self.process is not None:
+            well = all(self.words.get(node) == ACTIVE for node in self.nodes)
+            return ACTIVE if well else "starting"
+        if self.due is not None:
+            return "waiting"
+        return "given up" if self.is_given_up else "ended"
+
+
+class Supervisor:
+    """The processes of one graph, kept alive. Use it as a context manager: leaving it ends them all.
+
+    ``folder`` takes the graph as it runs (graph.yaml) and a log for each process. Only ``nodes`` of the graph are
+    started, by default all; ``variables`` are more of the environment, for a process with the nodes of these names.
+    Processes whose names are in ``well`` have been so before, under another one: theirs is no very first start.
+    Whoever has it calls `attend` all the time.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        folder: Path,
+        *,
+        composed: bool = False,
+        policy: RestartPolicy | None = None,
+        rotation: Rotation | None = None,
+        nodes: Collection[str] | None = None,
+        variables: Variables = no_variables,
+        well: Collection[str] = (),
+    ) -> None:
+        self._graph = graph
+        self._folder = folder
+        self._policy = policy or RestartPolicy()
+        self._rotation = rotation or Rotation()
+        self._rotate_at = 0.0
+        self._attended = math.inf
+        self._nursery = ForkServer(graph, folder)
+        self._variables = variables
+        self._file = folder / "graph.yaml"
+        self._bring_up = BringUp((), self._activate, 0.0)
+        own = {placement.name for placement in graph.placements} if nodes is None else set(nodes)
+        self.members = {
+            name: Member(name, nodes, RestartBackoff(self._policy), was_well=name in well)
+            for name, nodes in processes_of(graph, composed=composed).items()
+            if own.issuperset(nodes)
+        }
+
+    def __enter__(self) -> Supervisor:
+        environment.require_ros()
+        remove_stale()
+        self._file = write_graph(self._graph, self._folder)
+        own = {node for member in self.members.values() for node in member.nodes}
+        order = [node for node in sinks_first(self._graph) if node in own]
+        self._bring_up = BringUp(order, self._activate, time.monotonic())
+        try:
+            for member in self.members.values():
+                self._start(member)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def attend(self, timeout_s: float) -> None:
+        """Sees to the processes, once; waits at most ``timeout_s`` for something to happen.
+
+        Raises NodeError when nothing is left to wait for, and the error of a process that says at its very first start
+        that it cannot be: with such an error it would never start.
+        """
+        self._listen(timeout_s)
+        now = time.monotonic()
+        self._discount_suspend(now - self._attended - timeout_s, now)
+        self._attended = now
+        if not self._bring_up.done:
+            self._go_on_bringing_up(now)
+        if now >= self._rotate_at:
+            self._rotate_at = now + ROTATE_EVERY_S
+            self._rotation.rotate_all([log_file(self._folder, name) for name in self.members], self._folder / "ros")
+        for member in self.members.values():
+            if member.process is not None:
+                code = member.process.poll()
+                if code is not None:
+                    self._on_exit(member, code, now)
+                elif not member.hung and (hung := self._hung(member, now)):
+                    member.hung = hung
+                    member.process.kill()
+                elif member.renewed is not None:
+                    self._escalate(member, member.process, now - member.renewed)
+            elif member.due is not None and now >= member.due:
+                self._start(member)
+        if self.members and all(member.state == "given up" for member in self.members.values()):
+            raise NodeError(
+                "all processes have died too often",
+                where=self._graph.name,
+                remedy=f"their logs are in {self._folder}",
+            )
+
+    def renew(self, begin: float, end: float) -> None:
+        """Starts the processes again that were started between two times (monotonic s). It is no fault of theirs."""
+        for member in self.members.values():
+            if member.process is not None and member.renewed is None and begin <= member.started <= end:
+                log.warning("%s is started again, as it has missed what came later", member.name)
+                member.renewed = time.monotonic()
+                member.process.send_signal(signal.SIGINT)
+
+    def stop(self) -> None:
+        """Ends all processes."""
+        self._nursery.close()
+        end_processes({name: one.process for name, one in self.members.items() if one.process is not None})
+        for member in self.members.values():
+            self._part(member)
+            member.due = None
+
+    @property
+    def well(self) -> frozenset[str]:
+        """The names of the processes that have been well."""
+        return frozenset(member.name for member in self.members.values() if member.was_well)
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """The ids of the processes that live, by name."""
+        return {name: one.process.pid for name, one in self.members.items() if one.process is not None}
+
+    def _start(self, member: Member) -> None:
+        line, theirs = lifelines()
+        with theirs:
+            member.process = self._nursery.start(
+                node_arguments(self._file, member.nodes),
+                log_file(self._folder, member.name),
+                variables={
+                    RESTARTS_VARIABLE: str(member.restarts),
+                    LAST_ERROR_VARIABLE: member.last_error,
+                    **self._variables(member.nodes),
+                },
+                lifeline=theirs.fileno(),
+            )
+        now = time.monotonic()
+        member.line, member.due, member.hung = line, None, ""
+        member.started, member.renewed, member.is_pressed = now, None, False
+        member.words.clear()
+        member.heard = dict.fromkeys(member.nodes, now)
+        member.patience.started(now)
+
+    def _listen(self, timeout_s: float) -> None:
+        lines = {one.line: one for one in self.members.values() if one.line is not None and not one.line.broken}
+        due = [one.due - time.monotonic() for one in self.members.values() if one.due is not None]
+        wait_s = max(0.0, min([timeout_s, *due]))
+        if not lines:
+            time.sleep(wait_s)
+            return
+        for line in select.select(list(lines), [], [], wait_s)[0]:
+            for node, word in line.hear():
+                self._note(lines[line], node, word)
+
+    def _go_on_bringing_up(self, now: float) -> None:
+        members = self.members.values()
+        inactive = [node for one in members for node, word in one.words.items() if word == INACTIVE]
+        dead = [node for one in members if one.process is None for node in one.nodes]
+        self._bring_up.look(inactive, dead, now)
+
+    def _activate(self, node: str) -> None:
+        for member in self.members.values():
+            if node in member.nodes and member.line is not None:
+                member.line.say(node, ACTIVE)
+
+    def _note(self, member: Member, node: str, word: str) -> None:
+        if word == INACTIVE and member.restarts and node not in member.words:
+            self._activate(node)
+        member.heard[node] = time.monotonic()
+        member.words[node] = word
+        if member.state == ACTIVE and (member.is_down or not member.was_well):
+            if member.is_down:
+                log.warning("%s is back", member.name)
+            member.was_well, member.is_down = True, False
+
+    def _discount_suspend(self, absent_s: float, now: float) -> None:
+        """Does not count as silence what nobody has attended to."""
+        if absent_s > ABSENT_S:
+            for member in self.members.values():
+                member.heard = {node: min(now, heard + absent_s) for node, heard in member.heard.items()}
+
+    def _hung(self, member: Member, now: float) -> str:
+        """The node that says nothing any more, if there is one."""
+        for node, heard in member.heard.items():
+            patience_s = self._policy.hung_s if member.words.get(node) == ACTIVE else self._policy.ready_s
+            if now - heard > patience_s:
+                return node
+        return ""
+
+    def _on_exit(self, member: Member, code: int, now: float) -> None:
+        self._part(member)
+        remove_stale()
+        file = log_file(self._folder, member.name)
+        if member.renewed is not None:
+            member.due, member.is_down = now, True
+            member.restarts += 1
+            return
+        if code == 0:
+            log.warning("%s has ended", member.name)
+            return
+        if code in DOCUMENTED and not member.was_well:
+            raise failure(member.name, code, file)
+        what = f"hung ({member.hung} said nothing)" if member.hung else how_it_ended(code)
+        member.last_error, member.is_down = what, True
+        pause_s = member.patience.died(now)
+        if pause_s is None:
+            member.is_given_up = True
+            log.error(
+                "%s is given up: it has died more than %d times in %g s; at last it %s; its log: %s",
+                *(member.name, self._policy.times, self._policy.within_s, what, file),
+            )
+            return
+        member.due = now + pause_s
+        member.restarts += 1
+        log.warning("%s %s; started again %s (no. %d)", member.name, what, in_time(pause_s), member.restarts)
+
+    @staticmethod
+    def _escalate(member: Member, process: Process, waited_s: float) -> None:
+        """Sees to it that one that is to be started again ends: a signal may be lost, and not all care for it."""
+        if waited_s > GRACE_S:
+            process.kill()
+        elif waited_s > ASKED_AGAIN_S and not member.is_pressed:
+            member.is_pressed = True
+            process.send_signal(signal.SIGINT)
+
+    @staticmethod
+    def _part(member: Member) -> None:
+        member.process = None
+        if member.line is not None:
+            member.line.close()
+            member.line = None
+
+
+EVERY_S = 1.0
+
+
+class Obituaries:
+    """Publishes through the rclpy node ``ros`` how the nodes of dead processes are: at each change, each second."""
+
+    def __init__(self, ros: Any, supervisor: Supervisor) -> None:
+        self._supervisor = supervisor
+        self._outlet = DiagnosticsOutlet(ros)
+        self._told: dict[str, str] = {}
+        self._told_at = 0.0
+
+    def tell(self) -> None:
+        """Publishes what there is to tell, if it is time."""
+        dead = [one for one in self._supervisor.members.values() if one.process is None]
+        states = {one.name: f"{one.state}: {one.last_error}" for one in dead}
+        now = time.monotonic()
+        if not dead or (states == self._told and now < self._told_at + EVERY_S):
+            self._told = states
+            return
+        self._told, self._told_at = states, now
+        self._outlet.publish([_status(one, node) for one in dead for node in one.nodes])
+
+
+def _status(member: Member, node: str) -> DiagnosticStatus:
+    state = member.state
+    values = {"machine": machine(), "state": state, "restarts": member.restarts, "last_error": member.last_error}
+    return DiagnosticStatus(
+        level=DiagnosticStatus.STALE if state == "ended" else DiagnosticStatus.ERROR,
+        name=node,
+        message=f"{state}: the process {member.last_error}" if member.last_error else state,
+        hardware_id=machine(),
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+    )

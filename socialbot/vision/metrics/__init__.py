@@ -1,0 +1,1 @@
+"""Person detection scored against ground truth, by distance band."""

@@ -1,0 +1,226 @@
+"""An evaluation: detectors look through sources, and what they found is judged, scene by scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from socialbot.core.errors import ImageError, SocialbotError, TruthError
+from socialbot.vision.metrics.behaviour import Behaviour, behaviour
+from socialbot.vision.metrics.frames import BagFootage, Frame, Source
+from socialbot.vision.metrics.matches import Rules, Verdict, judge
+from socialbot.vision.metrics.pipeline import Found, FoundFrame, Job, PipelineSettings, Speed, measure
+from socialbot.vision.metrics.scores import Judged, SceneScore, score_scene
+from socialbot.vision.metrics.workers import Advance, on_dask, on_processes
+
+__all__ = [
+    "ClipResult",
+    "DetectorResult",
+    "Evaluation",
+    "JudgedFrame",
+    "Plan",
+    "SceneResult",
+    "evaluate",
+    "jobs_of",
+    "judged",
+    "scene_names",
+]
+
+SPEED_SOURCES = 4
+"""The speed is measured on the first so many sources."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to evaluate, and how.
+
+    ``pipelines`` are judged on all ``sources`` by ``rules``, in so many ``processes`` of this machine or on the Dask
+    cluster at ``scheduler``. The speed is measured with ``threads``, or not at all with 0.
+    """
+
+    sources: tuple[Source, ...]
+    pipelines: tuple[PipelineSettings, ...]
+    rules: Rules = field(default_factory=Rules)
+    processes: int = 1
+    threads: int = 1
+    scheduler: str | None = None
+
+
+@dataclass(frozen=True)
+class JudgedFrame:
+    """A frame, what was found in it, and the verdicts."""
+
+    frame: Frame
+    found: FoundFrame
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def errors(self) -> int:
+        """False alarms and missed people."""
+        return sum(verdict.kind in ("false", "missed") for verdict in self.verdicts)
+
+
+@dataclass(frozen=True)
+class ClipResult:
+    """What became of one source: its frames, what Waldo did, and how many frames of the truth had no picture."""
+
+    source: Source
+    frames: tuple[JudgedFrame, ...]
+    behaviour: Behaviour | None
+    missing_frames: int
+    damaged: int
+    first_damage: str
+
+
+@dataclass(frozen=True)
+class SceneResult:
+    """The score of a scene, over all its clips."""
+
+    score: SceneScore
+    clips: tuple[ClipResult, ...]
+
+
+@dataclass(frozen=True)
+class DetectorResult:
+    """How one pipeline did in each scene, and how fast it is."""
+
+    pipeline: PipelineSettings
+    scenes: Mapping[str, SceneResult]
+    speed: Speed | None
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The results by the name of the detector."""
+
+    plan: Plan
+    detectors: Mapping[str, DetectorResult]
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """The names of the scenes in the order of the sources."""
+        return tuple(dict.fromkeys(scene_names(self.plan.sources)))
+
+
+def scene_names(sources: Sequence[Source]) -> list[str]:
+    """The scene of each source; with the split where a scene has sources of several, which must not be mixed."""
+    splits: dict[str, set[str]] = {}
+    for source in sources:
+        splits.setdefault(source.scene, set()).add(source.split)
+    return [
+        f"{source.scene} ({source.split or 'no split'})" if len(splits[source.scene]) > 1 else source.scene
+        for source in sources
+    ]
+
+
+def evaluate(plan: Plan, advance: Advance, say: Callable[[str], None]) -> Evaluation:
+    """Carries out ``plan``. ``advance`` hears how many frames of each job are done, ``say`` what is going on.
+
+    Raises SocialbotError for sources or detectors that cannot be used.
+    """
+    jobs = jobs_of(plan)
+    count = len(plan.sources)
+    speeds: list[Speed | None] = []
+    for number, pipeline in enumerate(plan.pipelines):
+        if plan.threads:
+            say(f"measuring the speed of {pipeline.detector}")
+            speeds.append(measure(jobs[number * count : number * count + min(count, SPEED_SOURCES)], plan.threads))
+        else:
+            speeds.append(None)
+    say("looking for people")
+    if plan.scheduler is not None:
+        found = on_dask(jobs, plan.scheduler, advance)
+    else:
+        found = on_processes(jobs, plan.processes, advance)
+    say("judging")
+    return judged(plan, found, speeds)
+
+
+def jobs_of(plan: Plan) -> list[Job]:
+    """A job for each pipeline and source, all sources of the first pipeline first."""
+    return [
+        Job(
+            name=f"{pipeline.detector}: {source.name}",
+            footage=source.footage,
+            pipeline=pipeline,
+            frames=len(source.frames),
+            outermost=_outermost(source),
+        )
+        for pipeline in plan.pipelines
+        for source in plan.sources
+    ]
+
+
+def judged(plan: Plan, found: Sequence[Found], speeds: Sequence[Speed | None]) -> Evaluation:
+    """What is to be said of what all `jobs_of` have ``found``, in their order; a speed for each pipeline.
+
+    Raises ImageError or TruthError for a source of which nothing can be judged.
+    """
+    count = len(plan.sources)
+    return Evaluation(
+        plan,
+        {
+            pipeline.detector: _detector_result(plan, pipeline, found[number * count : (number + 1) * count], speed)
+            for number, (pipeline, speed) in enumerate(zip(plan.pipelines, speeds, strict=True))
+        },
+    )
+
+
+def _outermost(source: Source) -> dict[int, tuple[float, float]]:
+    outermost = {}
+    for frame in source.frames:
+        boxes = [*(person.box for person in frame.persons), *frame.ignore]
+        if boxes:
+            outermost[frame.stamp] = (max(x for x, _, _, _ in boxes), max(y for _, y, _, _ in boxes))
+    return outermost
+
+
+def _detector_result(
+    plan: Plan, pipeline: PipelineSettings, found: Sequence[Found], speed: Speed | None
+) -> DetectorResult:
+    clips: dict[str, list[ClipResult]] = {}
+    for scene, source, result in zip(scene_names(plan.sources), plan.sources, found, strict=True):
+        clips.setdefault(scene, []).append(_clip_result(plan.rules, source, result))
+    scenes = {scene: _scene_result(plan.rules, results) for scene, results in clips.items()}
+    return DetectorResult(pipeline, scenes, speed)
+
+
+def _clip_result(rules: Rules, source: Source, found: Found) -> ClipResult:
+    answers = {frame.stamp: frame for frame in found.frames}
+    frames = []
+    for frame in source.frames:
+        answer = answers.get(frame.stamp)
+        if answer is not None:
+            # Some labels go on beyond the picture; detections cannot.
+            inside = frame.clipped(answer.width, answer.height)
+            frames.append(JudgedFrame(inside, answer, judge(inside, answer.persons, rules)))
+    if source.frames and not frames:
+        raise _nothing_judged(source, found)
+    acted = behaviour(source.frames, found.frames) if isinstance(source.footage, BagFootage) else None
+    return ClipResult(source, tuple(frames), acted, len(source.frames) - len(frames), found.damaged, found.first_damage)
+
+
+def _nothing_judged(source: Source, found: Found) -> SocialbotError:
+    if not found.frames:
+        return ImageError(
+            f"none of its pictures can be read; the first: {found.first_damage or 'there are none'}",
+            where=source.name,
+            remedy="record or copy them again",
+        )
+    return TruthError(
+        f"no picture has the stamp of a frame of its truth: the first picture has {found.frames[0].stamp}, the first "
+        f"frame {source.frames[0].stamp}",
+        where=source.name,
+        remedy="give the truth the stamps of the pictures' headers, in ns",
+    )
+
+
+def _scene_result(rules: Rules, clips: Sequence[ClipResult]) -> SceneResult:
+    judged: list[Judged] = []
+    raw: list[Judged] = []
+    for clip in clips:
+        for each in clip.frames:
+            block = (clip.source.name, each.frame.block)
+            judged.append(Judged(block, each.verdicts))
+            raw.append(Judged(block, judge(each.frame, each.found.raw, rules)))
+    return SceneResult(score_scene(judged, raw, rules.keys), tuple(clips))

@@ -1,0 +1,375 @@
+"""Frames with ground truth: from bags, image folders and labelled images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import cv2
+import msgspec
+import numpy as np
+
+from socialbot.bags.reader import Bag, open_bag
+from socialbot.bags.types import RosbagsTypes
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import BagError, ImageError, TruthError
+from socialbot.core.messages import CameraInfo, CompressedImage, Image
+from socialbot.runtime.replay import bag_name, truth_beside
+from socialbot.vision.detector import clip
+from socialbot.vision.images import bgr_from_compressed, bgr_from_image
+from socialbot.vision.metrics.scores import LEAST_VISIBLE
+from socialbot.vision.metrics.truth import TRUTH_TOPIC, Split, Truth, TruthObject, load_truth, truth_from_messages
+
+__all__ = [
+    "BLOCK_S",
+    "BagFootage",
+    "Box",
+    "Encoded",
+    "Footage",
+    "Frame",
+    "IgnoreBox",
+    "LabelledPicture",
+    "PICTURES_FILE",
+    "Person",
+    "PersonBox",
+    "PictureFootage",
+    "Source",
+    "bag_source",
+    "dump_pictures",
+    "load_pictures",
+    "picture_sources",
+]
+
+
+PICTURE_NS = SECOND
+"""Pictures of a folder have nothing to do with each other; their stamps lie this far apart."""
+
+
+class Encoded(NamedTuple):
+    """A picture as it comes from the camera or file: stamp (ns), content, and the intrinsics that hold for it."""
+
+    stamp: int
+    content: Image | CompressedImage | bytes
+    info: CameraInfo | None = None
+    name: str = ""
+
+    def bgr(self) -> np.ndarray:
+        """The pixels, shape (height, width, 3), uint8, blue first. Raises ImageError for a damaged picture."""
+        if isinstance(self.content, Image):
+            return bgr_from_image(self.content)
+        if isinstance(self.content, CompressedImage):
+            return bgr_from_compressed(self.content)
+        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        pixels = cv2.imdecode(np.frombuffer(self.content, np.uint8), flags) if self.content else None
+        if pixels is None:
+            raise ImageError("cannot be decoded", where=self.name, remedy="remove or replace this image")
+        return pixels
+
+
+@dataclass(frozen=True)
+class BagFootage:
+    """The pictures on one topic of a bag. They follow each other, so that people can be tracked."""
+
+    path: str
+    image_topic: str
+    consecutive = True
+
+    def pictures(self) -> Iterator[Encoded]:
+        """The pictures in the order of the bag. Raises BagError where it cannot be read."""
+        info: CameraInfo | None = None
+        with open_bag(self.path) as bag:
+            topics = {self.image_topic: self.image_topic}
+            info_topic = bag.camera_info_topic_for(self.image_topic)
+            if info_topic is not None:
+                topics[info_topic.name] = info_topic.name
+            for _, message in bag.messages(topics):
+                if isinstance(message, CameraInfo):
+                    info = message
+                elif isinstance(message, (Image, CompressedImage)):
+                    yield Encoded(message.stamp, message, info)
+
+
+@dataclass(frozen=True)
+class PictureFootage:
+    """Single pictures below a ``folder``; the stamp of each is its number times a second."""
+
+    folder: str
+    images: tuple[str, ...]
+    consecutive = False
+
+    def pictures(self) -> Iterator[Encoded]:
+        """The pictures in the order of the list. Raises BagError for a file that cannot be read."""
+        for number, image in enumerate(self.images):
+            path = Path(self.folder) / image
+            try:
+                content = path.read_bytes()
+            except OSError as error:
+                raise BagError(
+                    error.strerror or str(error), where=str(path), remedy="check the folder given by --images"
+                ) from error
+            yield Encoded(number * PICTURE_NS, content, name=str(path))
+
+
+Footage = BagFootage | PictureFootage
+
+
+PICTURES_FILE = "persons.json"
+
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+Flag = bool | int | float | None
+"""Some label with yes and no, some with levels; none is no."""
+
+FITS = (
+    'each entry needs "image" and "boxes" with x, y, w and h in pixels; "complete", "ignore", "distance_m", '
+    '"truncated" and "occluded" are optional'
+)
+
+
+class PersonBox(msgspec.Struct, frozen=True, kw_only=True):
+    """A person: box in pixels, distance (m) if known, whether cut off by the picture's edge or partly hidden."""
+
+    x: float
+    y: float
+    w: Positive
+    h: Positive
+    distance_m: NotNegative | None = None
+    truncated: Flag = False
+    occluded: Flag = False
+
+
+class IgnoreBox(msgspec.Struct, frozen=True, kw_only=True):
+    """A part of the picture that is not judged, pixels."""
+
+    x: float
+    y: float
+    w: Positive
+    h: Positive
+
+
+class LabelledPicture(msgspec.Struct, frozen=True, kw_only=True):
+    """One picture: its path in the folder, its people, and whether these are all people in it."""
+
+    image: str
+    boxes: tuple[PersonBox, ...]
+    complete: bool = True
+    ignore: tuple[IgnoreBox, ...] = ()
+    scene: str = ""
+
+
+def load_pictures(path: str | Path) -> tuple[LabelledPicture, ...]:
+    """The entries of the file at ``path``. Raises TruthError, with file and entry, for the first that does not fit."""
+    where = str(path)
+    try:
+        entries = msgspec.json.decode(Path(path).read_bytes(), type=list[msgspec.Raw])
+    except OSError as error:
+        raise TruthError(error.strerror or str(error), where=where, remedy="check the path") from error
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise TruthError(str(error), where=where, remedy="it must be a JSON list, one entry a picture") from error
+    if not entries:
+        raise TruthError("no pictures in the list", where=where, remedy=FITS)
+    pictures = [_entry(number, entry, where) for number, entry in enumerate(entries)]
+    first: dict[str, int] = {}
+    for number, picture in enumerate(pictures):
+        if picture.image in first:
+            raise TruthError(
+                f"{picture.image} is listed twice, as entries {first[picture.image]} and {number}",
+                where=where,
+                remedy="put all its people into one entry",
+            )
+        first[picture.image] = number
+    return tuple(pictures)
+
+
+def dump_pictures(pictures: Sequence[LabelledPicture]) -> bytes:
+    """``pictures`` as the content of a file that `load_pictures` reads."""
+    return msgspec.json.format(msgspec.json.encode(pictures), indent=2) + b"\n"
+
+
+def _entry(number: int, entry: msgspec.Raw, where: str) -> LabelledPicture:
+    try:
+        picture = msgspec.json.decode(entry, type=LabelledPicture)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise TruthError(f"{error}", where=f"{where}: {_name(number, entry)}", remedy=FITS) from error
+    numbers = [value for box in (*picture.boxes, *picture.ignore) for value in (box.x, box.y, box.w, box.h)]
+    if numbers and max(numbers) <= 1.0:
+        raise TruthError(
+            "all numbers of the boxes are at most 1",
+            where=f"{where}: {_name(number, entry)}",
+            remedy="give pixels, not shares of the picture",
+        )
+    for box in (*picture.boxes, *picture.ignore):
+        if box.x + box.w <= 0 or box.y + box.h <= 0:
+            raise TruthError(
+                f"the box at {box.x:g}, {box.y:g} lies outside the picture",
+                where=f"{where}: {_name(number, entry)}",
+                remedy="x and y are those of the upper left corner, from the upper left of the picture",
+            )
+    if not picture.image:
+        raise TruthError("the name of the image is empty", where=f"{where}: {_name(number, entry)}", remedy=FITS)
+    return picture
+
+
+def _name(number: int, entry: msgspec.Raw) -> str:
+    """How a person finds the entry: its number and, where it can be read, its image."""
+    try:
+        image = msgspec.json.decode(entry, type=dict).get("image", "")
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        image = ""
+    return f"entry {number} ({image})" if image else f"entry {number}"
+
+
+BLOCK_S = 3.0
+"""Frames of so long belong together when intervals are reckoned: they show nearly the same."""
+
+_STRING = "std_msgs/msg/String"
+
+Box = tuple[float, float, float, float]
+"""x, y, w, h in pixels."""
+
+
+@dataclass(frozen=True)
+class Person:
+    """Somebody who is there: box, distance (m) where it is known, visible share (0 to 1), and who it is."""
+
+    box: Box
+    distance_m: float | None = None
+    visible: float = 1.0
+    id: str = ""
+
+    @property
+    def counts(self) -> bool:
+        """Whether a detector is asked to find this person."""
+        return self.visible >= LEAST_VISIBLE
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What is true in one picture.
+
+    ``stamp`` (ns) is the picture's and ``name`` what people call it. In a frame that is not ``complete`` there may be
+    more people than ``persons``. ``ranged`` is whether distances mean anything here. Frames of one ``block`` belong
+    together when intervals are reckoned.
+    """
+
+    stamp: int
+    name: str
+    block: int
+    persons: tuple[Person, ...] = ()
+    objects: tuple[TruthObject, ...] = ()
+    ignore: tuple[Box, ...] = ()
+    complete: bool = True
+    ranged: bool = True
+    light: str = ""
+
+    def clipped(self, width: int, height: int) -> Frame:
+        """This frame without what of its people lies beyond a picture of ``width`` x ``height`` pixels."""
+        if not self.persons:
+            return self
+        boxes = clip(np.array([person.box for person in self.persons]), width, height).tolist()
+        people = tuple(replace(person, box=tuple(box)) for person, box in zip(self.persons, boxes, strict=True))
+        return replace(self, persons=people)
+
+
+@dataclass(frozen=True)
+class Source:
+    """Footage and its truth: the ``frames`` by rising stamps. ``split`` is what it may be used for."""
+
+    name: str
+    scene: str
+    split: Split
+    footage: Footage
+    frames: tuple[Frame, ...]
+
+
+def bag_source(path: Path) -> Source:
+    """The bag at ``path`` with the truth that lies beside it, or else in it.
+
+    Raises BagError for a bag that cannot be read and TruthError where there is no truth, or it does not fit the bag.
+    """
+    with open_bag(path) as bag:
+        truth = _truth_of(bag)
+        topic = bag.choose_image_topic(truth.image_topic).name
+    name = bag_name(path)
+    start = truth.frames[0].stamp if truth.frames else 0
+    frames = tuple(
+        Frame(
+            stamp=frame.stamp,
+            name=f"{(frame.stamp - start) / SECOND:.1f} s",
+            block=(frame.stamp - start) // nanoseconds(BLOCK_S),
+            persons=tuple(
+                Person((each.x, each.y, each.w, each.h), each.distance_m, each.visible, each.id)
+                for each in frame.persons
+            ),
+            objects=(*truth.objects, *frame.objects),
+            light=frame.light,
+        )
+        for frame in truth.frames
+    )
+    return Source(name, truth.scene or name, truth.split, BagFootage(str(path), topic), frames)
+
+
+def _truth_of(bag: Bag) -> Truth:
+    beside = truth_beside(bag.path)
+    if beside.exists():
+        return load_truth(beside)
+    if TRUTH_TOPIC not in [topic.name for topic in bag.topics]:
+        raise TruthError(
+            "no ground truth for this bag",
+            where=str(bag.path),
+            remedy=f"put {beside.name} beside it, or record {TRUTH_TOPIC}",
+        )
+    topic = bag.topic(TRUTH_TOPIC)
+    if topic.type != _STRING:
+        raise TruthError(f"{TRUTH_TOPIC} is {topic.type}", where=str(bag.path), remedy=f"it must be {_STRING}")
+    types = RosbagsTypes()
+    messages = bag.raw_messages({TRUTH_TOPIC: TRUTH_TOPIC})
+    return truth_from_messages((types.deserialize(cdr, _STRING).data for _, _, _, cdr in messages), str(bag.path))
+
+
+def picture_sources(folder: Path, truth: Path | None = None) -> list[Source]:
+    """The labelled pictures below ``folder``, a source for each scene they name.
+
+    ``truth``, a path from here or from the folder, is by default its persons.json. Raises TruthError for labels that
+    do not fit and ImageError for images that are missing.
+    """
+    path = truth or folder / PICTURES_FILE
+    if not path.exists() and (folder / path).exists():
+        path = folder / path
+    pictures = load_pictures(path)
+    missing = [picture.image for picture in pictures if not (folder / picture.image).is_file()]
+    if missing:
+        raise ImageError(
+            f"{len(missing)} of {len(pictures)} images of {path} are not there; the first: {missing[0]}",
+            where=str(folder),
+            remedy="give the folder that the paths in the list start from by --images",
+        )
+    own = folder.resolve().name
+    scenes: dict[str, list[LabelledPicture]] = {}
+    for picture in pictures:
+        scenes.setdefault(picture.scene or own, []).append(picture)
+    return [_picture_source(folder, scene, listed) for scene, listed in scenes.items()]
+
+
+def _picture_source(folder: Path, scene: str, pictures: Sequence[LabelledPicture]) -> Source:
+    ranged = any(box.distance_m is not None for picture in pictures for box in picture.boxes)
+    frames = tuple(
+        Frame(
+            stamp=number * PICTURE_NS,
+            name=picture.image,
+            block=number,
+            persons=tuple(
+                Person((box.x, box.y, box.w, box.h), box.distance_m, id=f"{number}.{index}")
+                for index, box in enumerate(picture.boxes)
+            ),
+            ignore=tuple((box.x, box.y, box.w, box.h) for box in picture.ignore),
+            complete=picture.complete,
+            # The camera of a picture in which nobody's distance is known is not known either.
+            ranged=ranged and (not picture.boxes or any(box.distance_m is not None for box in picture.boxes)),
+        )
+        for number, picture in enumerate(pictures)
+    )
+    footage = PictureFootage(str(folder), tuple(picture.image for picture in pictures))
+    return Source(scene, scene, "", footage, frames)

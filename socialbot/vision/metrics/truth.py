@@ -1,0 +1,165 @@
+"""Ground truth: who really is in each frame, and where.
+
+A JSON file beside its bag::
+
+    {"schema": "socialbot/truth", "version": 1, "image_topic": "/camera/image_raw", "scene": "scene1",
+     "split": "held-back", "objects": [{"kind": "poster", "x": 510.0, "y": 140.0, "w": 60.0, "h": 170.0}], "frames": [
+        {"stamp": 1000000000, "light": "sun", "persons": [
+            {"id": "p1", "x": 300.0, "y": 120.5, "w": 60.0, "h": 170.0, "distance_m": 5.2, "visible": 1.0}],
+         "objects": [{"kind": "shadow", "x": 310.0, "y": 280.0, "w": 90.0, "h": 40.0}]}]}
+
+Stamps are those of the images, in ns and ascending. ``scene``, ``split``, ``light`` and ``objects`` may be missing.
+Other fields are passed over. Objects are things that may be taken for a person; those of the whole recording stand
+there all the time.
+
+A bag may hold the same as a topic, ``/ground_truth/persons`` of type std_msgs/msg/String: a `TruthMessage` as JSON
+for each image, at its time. Its ``objects`` are all there are at that moment.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+
+from socialbot.core.errors import TruthError
+
+__all__ = [
+    "TRUTH_TOPIC", "Split", "Truth", "TruthFrame", "TruthMessage", "TruthObject", "TruthPerson", "load_truth",
+    "truth_from_messages",
+]  # fmt: skip
+
+TRUTH_TOPIC = "/ground_truth/persons"
+"""The topic of a bag that holds its truth."""
+
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Split = Literal["", "tune", "held-back"]
+"""What a recording is for: choosing settings, or judging them; the empty one is for neither."""
+
+
+class TruthPerson(msgspec.Struct, frozen=True, kw_only=True):
+    """One person in one frame: box (pixels, clipped to the image), horizontal distance, visible share (0 to 1)."""
+
+    id: str
+    x: float
+    y: float
+    w: NotNegative
+    h: NotNegative
+    distance_m: NotNegative
+    visible: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+
+
+class TruthObject(msgspec.Struct, frozen=True, kw_only=True):
+    """A thing that may be taken for a person: its kind ("coat stand", "poster", "shadow", ...) and box in pixels."""
+
+    kind: str
+    x: float
+    y: float
+    w: NotNegative
+    h: NotNegative
+
+
+class TruthFrame(msgspec.Struct, frozen=True, kw_only=True):
+    """The people in one frame, and the things that are there only now; ``stamp`` (ns) is the image's.
+
+    ``light`` names the state of the lamps and the sun.
+    """
+
+    stamp: int
+    persons: tuple[TruthPerson, ...]
+    objects: tuple[TruthObject, ...] = ()
+    light: str = ""
+
+
+class Truth(msgspec.Struct, frozen=True, kw_only=True):
+    """The people in every frame of a recording; ``objects`` are there in all of them."""
+
+    schema: Literal["socialbot/truth"] = "socialbot/truth"
+    version: Literal[1] = 1
+    image_topic: str
+    frames: tuple[TruthFrame, ...]
+    scene: str = ""
+    split: Split = ""
+    objects: tuple[TruthObject, ...] = ()
+
+
+class TruthMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """The truth of one frame as a bag holds it; ``objects`` are all things that are there in this frame."""
+
+    schema: Literal["socialbot/truth_frame"]
+    version: Literal[1]
+    stamp: int
+    image_topic: str
+    scene: str = ""
+    split: Split = ""
+    light: str = ""
+    persons: tuple[TruthPerson, ...]
+    objects: tuple[TruthObject, ...] = ()
+
+
+class _Header(msgspec.Struct):
+    """A file has to say what it is."""
+
+    schema: Literal["socialbot/truth"]
+    version: Literal[1]
+
+
+def load_truth(path: str | Path) -> Truth:
+    """The ground truth in the file ``path``. Raises TruthError, with the file's name, when it does not fit."""
+    where = str(path)
+    try:
+        data = Path(path).read_bytes()
+        msgspec.json.decode(data, type=_Header)
+        truth = msgspec.json.decode(data, type=Truth)
+    except OSError as error:
+        raise TruthError(error.strerror or str(error), where=where, remedy="check the path") from error
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise TruthError(str(error), where=where, remedy="it must fit schema socialbot/truth, version 1") from error
+    _check_order(truth.frames, where)
+    return truth
+
+
+def truth_from_messages(texts: Iterable[str], where: str) -> Truth:
+    """The truth of a bag from the ``texts`` on its topic; ``where`` names the bag in errors.
+
+    Raises TruthError when there are none, one does not fit, or they speak of several image topics, scenes or splits.
+    """
+    messages = [_truth_message(number, text, where) for number, text in enumerate(texts)]
+    if not messages:
+        raise TruthError("no message with ground truth", where=where, remedy=f"record {TRUTH_TOPIC}")
+    first = messages[0]
+    about = (first.image_topic, first.scene, first.split)
+    for message in messages:
+        if (message.image_topic, message.scene, message.split) != about:
+            raise TruthError(
+                f"frame {message.stamp} is of {message.image_topic}, scene {message.scene!r}, split {message.split!r}, "
+                f"the first of {about[0]}, scene {about[1]!r}, split {about[2]!r}",
+                where=where,
+                remedy="record one scene a bag",
+            )
+    frames = tuple(
+        TruthFrame(stamp=message.stamp, persons=message.persons, objects=message.objects, light=message.light)
+        for message in messages
+    )
+    _check_order(frames, where)
+    return Truth(image_topic=first.image_topic, scene=first.scene, split=first.split, frames=frames)
+
+
+def _truth_message(number: int, text: str, where: str) -> TruthMessage:
+    try:
+        return msgspec.json.decode(text, type=TruthMessage)
+    except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
+        raise TruthError(
+            f"message {number}: {error}", where=where, remedy="it must fit schema socialbot/truth_frame, version 1"
+        ) from error
+
+
+def _check_order(frames: tuple[TruthFrame, ...], where: str) -> None:
+    for before, after in itertools.pairwise(frames):
+        if after.stamp <= before.stamp:
+            raise TruthError(
+                f"frame {after.stamp} follows {before.stamp}", where=where, remedy="sort the frames, one a stamp"
+            )

@@ -1,0 +1,216 @@
+"""From a picture to people: detector, tracker, distance and direction, one after the other.
+
+The node and the evaluation both use it, so that what is judged is what runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import PersonDetection
+from socialbot.vision.camera import CameraModel
+from socialbot.vision.detector import Detector
+from socialbot.vision.detectors import DetectorSpec
+from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure, whole_height
+from socialbot.vision.static_objects import StaticObjectFilter
+from socialbot.vision.tracking import Track, Tracker, cut_off
+
+__all__ = ["BRIDGE_S", "TRACKERS", "PersonFinder", "make_finder"]
+
+TRACKERS = ("kalman", "none")
+BRIDGE_S = 0.3
+_HIDING, _NEARER = 0.5, 0.1
+"""Who takes up this share of another's width, and reaches lower by this share of their height, stands before them."""
+_SLIMMEST, _WIDEST = 0.3, 0.5
+"""How wide people are, as shares of their height: of who is slimmer a side is hidden, of who is wider the feet are."""
+_REMEMBERED_S = 10.0
+"""So long what was learnt of somebody who is no longer seen is kept."""
+
+
+@dataclass
+class TrackState:
+    """What is remembered of one track."""
+
+    figure: Figure
+    range: Range | None
+    stamp: int
+    """When it was looked at last, ns."""
+
+
+class PersonFinder:
+    """Finds the people in the pictures of one camera.
+
+    Without a ``tracker`` each picture is looked at by itself, and whoever scores ``sure`` is there. With one, the
+    detector is asked for whatever scores ``weak`` as well, for tracks that are already known; what
+    is learnt of a person's size and distance helps in the next frames; and with ``hide_still`` whoever never moves is
+    taken for a thing (`scenery`). Boxes of people whose feet are hidden reach down to where their feet must be, and
+    none is slimmer than people are: behind a door frame or a trolley there is more of them.
+    """
+
+    def __init__(
+        self,
+        detector: Detector,
+        tracker: Tracker | None = None,
+        *,
+        sure: float,
+        weak: float,
+        person_height_m: float = 1.70,
+        hide_still: bool = True,
+    ) -> None:
+        self.person_height_m = person_height_m
+        self.tracker = tracker
+        self.hide_still = hide_still
+        self._scenery = StaticObjectFilter()
+        self._detector = detector
+        self._known: dict[str, TrackState] = {}
+        self._stamp = 0
+        self.believe(sure, weak)
+
+    def believe(self, sure: float, weak: float) -> None:
+        """Sets the scores that count; may be called between two pictures."""
+        weak = min(weak, sure)
+        self._detector.threshold = sure
+        if self.tracker is not None:
+            self._detector.threshold = weak
+            self.tracker.sure, self.tracker.weak = sure, weak
+
+    def find(self, image_bgr: np.ndarray, stamp_ns: int, camera: CameraModel) -> tuple[PersonDetection, ...]:
+        """The people in ``image_bgr``, (height, width, 3), uint8, taken at ``stamp_ns`` by ``camera``; best first.
+
+        A stamp before the last one is a new recording: nobody is known any more.
+        """
+        self._detector.horizon = min(max(camera.horizon, 0.0), 1.0)
+        if self.tracker is not None:
+            self._detector.camera_height = camera.mount_height_m / self.person_height_m
+        found = self._detector.detect(image_bgr)
+        size = image_bgr.shape[1], image_bgr.shape[0]
+        if self.tracker is None:
+            tracks = [
+                Track("", box, score, 0.0, cut_off(box, *size))
+                for box, score in zip(found.boxes, found.scores.tolist(), strict=True)
+            ]
+        else:
+            tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, size)
+            if self.hide_still:
+                tracks = self._scenery.people(image_bgr, stamp_ns, tracks)
+            tracks = _with_hidden_feet(tracks)
+        self._forget(stamp_ns)
+        return tuple(self._person(track, stamp_ns, camera) for track in tracks)
+
+    def _forget(self, stamp_ns: int) -> None:
+        if stamp_ns < self._stamp:
+            self._known = {}
+        self._stamp = stamp_ns
+        oldest = stamp_ns - round(_REMEMBERED_S * SECOND)
+        self._known = {name: person for name, person in self._known.items() if person.stamp >= oldest}
+
+    def _person(self, track: Track, stamp_ns: int, camera: CameraModel) -> PersonDetection:
+        x, y, w, h = box = tuple(track.box.tolist())
+        if track.id:
+            distance, height_m = self._followed(track, box, stamp_ns, camera)
+        else:
+            stature = self._anybody()
+            distance, height_m = measure(camera, box, stature, track.cut), stature.height.value
+        bearing, elevation = head_direction(camera, box, track.cut, distance and distance.value, height_m)
+        if track.feet_hidden and distance is not None:
+            h = min(max(h, whole_height(camera, box, distance.value)), camera.height - y)
+        if track.id and not (track.cut.left or track.cut.right):
+            x, w = _widened(x, w, _SLIMMEST * h, camera.width)
+        return PersonDetection(
+            x=x,
+            y=y,
+            w=w,
+            h=h,
+            score=track.score,
+            track_id=track.id,
+            distance_m=distance and distance.value,
+            distance_std_m=distance and distance.std,
+            bearing_rad=bearing,
+            elevation_rad=elevation,
+            unseen_s=track.unseen_s,
+        )
+
+    def _anybody(self) -> Stature:
+        return Stature.of_people(self.person_height_m, self._detector.box_width_m * self.person_height_m / 1.70)
+
+    def _followed(
+        self, track: Track, box: tuple[float, ...], stamp_ns: int, camera: CameraModel
+    ) -> tuple[Estimate | None, float]:
+        """How far away a tracked person is, and how tall they are."""
+        known = self._known.get(track.id)
+        if known is None:
+            known = self._known[track.id] = TrackState(Figure(self._anybody()), None, stamp_ns)
+        seconds = (stamp_ns - known.stamp) / SECOND
+        known.stamp = stamp_ns
+        if known.range is not None:
+            known.range.pass_(seconds)
+        if not track.unseen_s:
+            now = measure(camera, box, known.figure.stature, track.cut, feet_hidden=track.feet_hidden)
+            kind = (track.cut, track.feet_hidden)
+            # Of who is cut off below and at a side, what is left tells little: their way until then tells more.
+            sides = track.cut.left or track.cut.right
+            vague = sides and (track.cut.bottom or track.feet_hidden)
+            if now is not None and known.range is None:
+                known.range = Range(now, kind)
+            elif now is not None and known.range is not None and not (vague and known.range.estimate.std < now.std):
+                known.range.see(now, kind, seconds)
+            if not (any(track.cut) or track.feet_hidden):
+                known.figure.learn(camera, box, seconds)
+        return known.range and known.range.estimate, known.figure.stature.height.value
+
+
+def _with_hidden_feet(tracks: Sequence[Track]) -> tuple[Track, ...]:
+    """``tracks``, of which those who end behind somebody nearer, or are too wide to be whole, have hidden feet."""
+    boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
+    return tuple(
+        replace(track, feet_hidden=True)
+        if not track.cut.bottom and (_too_wide(track) or _behind(track.box, boxes))
+        else track
+        for track in tracks
+    )
+
+
+def _too_wide(track: Track) -> bool:
+    """Whether the box of ``track`` ends above the feet: something low stands before them, as what somebody pushes."""
+    return not track.cut.top and bool(track.box[2] > _WIDEST * track.box[3])
+
+
+def _widened(x: float, w: float, least: float, width: int) -> tuple[float, float]:
+    """The span ``x``, ``w`` of a box made ``least`` wide round its middle, in a picture of ``width``, all in pixels."""
+    margin = max(least - w, 0.0) / 2
+    left, right = max(x - margin, 0.0), min(x + w + margin, float(width))
+    return left, right - left
+
+
+def _behind(box: np.ndarray, others: np.ndarray) -> bool:
+    """Whether one of ``others``, (n, 4), stands before the lower end of ``box``, (4,)."""
+    right, bottom = others[:, 0] + others[:, 2], others[:, 1] + others[:, 3]
+    end = box[1] + box[3]
+    shared = np.minimum(box[0] + box[2], right) - np.maximum(box[0], others[:, 0])
+    nearer = (others[:, 1] < end) & (bottom > end + _NEARER * box[3])
+    return bool((nearer & (shared > _HIDING * box[2])).any())
+
+
+def make_finder(
+    spec: DetectorSpec,
+    detector: Detector,
+    *,
+    tracker: str = "kalman",
+    threshold: float | None = None,
+    bridge_s: float = BRIDGE_S,
+    person_height_m: float = 1.70,
+    hide_still: bool = True,
+) -> PersonFinder:
+    """A finder with a ``detector`` that ``spec`` describes, and the ``tracker`` of that name (`TRACKERS`).
+
+    ``threshold`` is the score from which a detection alone is believed, the spec's own when None.
+    """
+    sure = spec.sure if threshold is None else threshold
+    follower = Tracker(sure, spec.weak, bridge_s=bridge_s) if tracker == "kalman" else None
+    return PersonFinder(
+        detector, follower, sure=sure, weak=spec.weak, person_height_m=person_height_m, hide_still=hide_still
+    )

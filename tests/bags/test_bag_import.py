@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from socialbot.bags import importing as bag_import
+from socialbot.bags.importing import TOPIC, import_bag
+from socialbot.bags.reader import open_bag
+from socialbot.core.clock import SECOND, ManualClock
+from socialbot.core.errors import BagError, DeviceError, ParameterError
+from socialbot.core.messages import CameraInfo, CompressedImage
+
+INFO = "/camera/camera_info"
+
+
+def picture(level: int, width: int = 64, height: int = 48) -> np.ndarray:
+    return np.full((height, width, 3), level, np.uint8)
+
+
+def folder(path: Path, count: int = 12) -> Path:
+    path.mkdir()
+    for index in range(count):
+        cv2.imwrite(str(path / f"image{index}.png"), picture(index * 20))
+    (path / "notes.txt").write_text("no image")
+    return path
+
+
+def video(path: Path, count: int = 30, rate_hz: float = 20.0) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), rate_hz, (64, 48))
+    for index in range(count):
+        writer.write(picture(index * 8))
+    writer.release()
+    return path
+
+
+def images_of(path: Path, topic: str = TOPIC) -> list[tuple[int, np.ndarray]]:
+    with open_bag(path) as bag:
+        found = [message for _, message in bag.messages({topic: topic})]
+        assert not bag.skipped
+    images = [message for message in found if isinstance(message, CompressedImage)]
+    assert len(images) == len(found)
+    return [(image.stamp, np.asarray(cv2.imdecode(image.data, cv2.IMREAD_COLOR))) for image in images]
+
+
+def levels_of(path: Path) -> list[int]:
+    return [round(float(pixels.mean())) for _, pixels in images_of(path)]
+
+
+def test_a_folder_in_natural_order(tmp_path: Path) -> None:
+    made = import_bag(folder(tmp_path / "images"), tmp_path / "bag", rate_hz=4.0, start=7 * SECOND)
+    assert (made.images, made.width, made.height, made.duration_s) == (12, 64, 48, 2.75)
+    assert [stamp for stamp, _ in images_of(tmp_path / "bag")] == [
+        7 * SECOND + index * SECOND // 4 for index in range(12)
+    ]
+    assert levels_of(tmp_path / "bag") == pytest.approx([index * 20 for index in range(12)], abs=2)
+
+
+def test_camera_info_once_a_second(tmp_path: Path) -> None:
+    import_bag(folder(tmp_path / "images"), tmp_path / "bag", rate_hz=4.0, hfov_deg=90.0)
+    with open_bag(tmp_path / "bag") as bag:
+        infos = [message for _, message in bag.messages({INFO: INFO}) if isinstance(message, CameraInfo)]
+        assert bag.camera_info_topic_for(TOPIC) is not None
+    assert [info.stamp for info in infos] == [SECOND, 2 * SECOND, 3 * SECOND]
+    assert (infos[0].width, infos[0].height) == (64, 48)
+    assert infos[0].k == pytest.approx((32, 0, 32, 0, 32, 24, 0, 0, 1))
+
+
+def test_pictures_can_be_made_smaller(tmp_path: Path) -> None:
+    made = import_bag(folder(tmp_path / "images"), tmp_path / "bag", width=32)
+    assert (made.width, made.height) == (32, 24)
+    assert images_of(tmp_path / "bag")[0][1].shape == (24, 32, 3)
+    with open_bag(tmp_path / "bag") as bag:
+        (first, *_) = [message for _, message in bag.messages({INFO: INFO}) if isinstance(message, CameraInfo)]
+    assert first.k[0] == pytest.approx(16 / math.tan(math.radians(30)))
+
+
+def test_quality_decides_on_the_size(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    noise = np.random.default_rng(1).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    cv2.imwrite(str(tmp_path / "images" / "a.png"), noise)
+    sizes = []
+    for quality in (10, 95):
+        import_bag(tmp_path / "images", tmp_path / f"bag{quality}", jpeg_quality=quality)
+        sizes.append((tmp_path / f"bag{quality}" / f"bag{quality}.mcap").stat().st_size)
+    assert sizes[0] < 0.7 * sizes[1]
+
+
+def test_a_video_keeps_its_time_stamps(tmp_path: Path) -> None:
+    made = import_bag(video(tmp_path / "film.avi"), tmp_path / "bag")
+    stamps = [stamp for stamp, _ in images_of(tmp_path / "bag")]
+    assert made.images == 30
+    assert stamps == pytest.approx([SECOND + index * SECOND // 20 for index in range(30)], abs=2_000_000)
+    assert levels_of(tmp_path / "bag") == pytest.approx([index * 8 for index in range(30)], abs=4)
+
+
+def test_a_limit_ends_the_import(tmp_path: Path) -> None:
+    made = import_bag(video(tmp_path / "film.avi"), tmp_path / "bag", limit_s=0.5)
+    assert made.images == 10
+
+
+class Camera:
+    """A camera that is unplugged after some pictures, and whose clock goes on with each."""
+
+    rate_hz = 30.0
+    size = (64, 48)
+
+    def __init__(self, clock: ManualClock, count: int) -> None:
+        self.clock = clock
+        self.left = count
+        self.closed = False
+
+    def read(self) -> np.ndarray | None:
+        self.clock.advance(0.1)
+        self.left -= 1
+        return picture(50) if self.left >= 0 else None
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.mark.parametrize(("limit_s", "stop_after", "expected"), [(1.0, 99, 10), (None, 5, 5), (None, 99, 20)])
+def test_a_camera_is_stamped_by_the_clock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit_s: float | None, stop_after: int, expected: int
+) -> None:
+    clock = ManualClock(5 * SECOND)
+    camera = Camera(clock, 20)
+    monkeypatch.setattr(bag_import, "open_frames", lambda source: camera)
+    made = import_bag(
+        "0", tmp_path / "bag", limit_s=limit_s, clock=clock, stopped=lambda: camera.left < 20 - stop_after
+    )
+    stamps = [stamp for stamp, _ in images_of(tmp_path / "bag")]
+    assert made.images == expected
+    assert stamps == pytest.approx([5 * SECOND + (index + 1) * SECOND // 10 for index in range(expected)])
+    assert camera.closed
+
+
+def test_the_topic_can_be_chosen(tmp_path: Path) -> None:
+    import_bag(folder(tmp_path / "images", 2), tmp_path / "bag", topic="/left/image/compressed")
+    with open_bag(tmp_path / "bag") as bag:
+        assert [topic.name for topic in bag.topics] == ["/left/camera_info", "/left/image/compressed"]
+
+
+def nothing(path: Path) -> Path:
+    return path / "nothing"
+
+
+def empty(path: Path) -> Path:
+    (path / "empty").mkdir()
+    return path / "empty"
+
+
+def text(path: Path) -> Path:
+    (path / "film.mp4").write_text("hello world")
+    return path / "film.mp4"
+
+
+def uneven(path: Path) -> Path:
+    cv2.imwrite(str(folder(path / "images") / "image5.png"), picture(0, 32, 48))
+    return path / "images"
+
+
+def undecodable(path: Path) -> Path:
+    (folder(path / "images") / "image7.png").write_bytes(b"hello world")
+    return path / "images"
+
+
+@pytest.mark.parametrize(
+    ("source", "complaint"),
+    [
+        (nothing, "no such video, folder or camera"),
+        (empty, "no images"),
+        (text, "no video"),
+        (uneven, r"image5.png: is 32x48 pixels large, but image0.png is 64x48"),
+        (undecodable, r"image7.png: cannot be decoded"),
+    ],
+)
+def test_sources_that_cannot_be_read_leave_no_bag(
+    tmp_path: Path, source: Callable[[Path], Path], complaint: str
+) -> None:
+    with pytest.raises(BagError, match=complaint) as caught:
+        import_bag(source(tmp_path), tmp_path / "bag")
+    assert caught.value.remedy
+    assert not (tmp_path / "bag").exists()
+
+
+def test_an_existing_bag_is_left_alone(tmp_path: Path) -> None:
+    import_bag(folder(tmp_path / "images"), tmp_path / "bag")
+    with pytest.raises(BagError, match="already exists"):
+        import_bag(empty(tmp_path), tmp_path / "bag")
+    assert len(images_of(tmp_path / "bag")) == 12
+
+
+def test_a_camera_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(DeviceError, match="/dev/video99"):
+        import_bag("/dev/video99", tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
+
+
+@pytest.mark.parametrize(
+    "options", [{"rate_hz": 0.0}, {"hfov_deg": 180.0}, {"jpeg_quality": 0}, {"width": 0}, {"limit_s": -1.0}]
+)
+def test_options_out_of_range(tmp_path: Path, options: dict[str, float]) -> None:
+    with pytest.raises(ParameterError, match=next(iter(options))):
+        import_bag(tmp_path, tmp_path / "bag", **options)  # type: ignore[arg-type]

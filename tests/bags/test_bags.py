@@ -1,0 +1,286 @@
+from __future__ import annotations
+
+import re
+import shutil
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+
+from socialbot.bags.codec import encode
+from socialbot.bags.reader import BagWriter, open_bag
+from socialbot.core.errors import BagError
+from socialbot.core.messages import CameraInfo, CompressedImage, PersonDetections, Utterance
+from tests.bags.making_bags import (
+    INFO,
+    RAW,
+    SAY,
+    START,
+    TYPES,
+    K,
+    check_pictures,
+    contents,
+    fill,
+    make,
+    make_ros1,
+    make_with_rosbags,
+    picture,
+    times,
+)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_what_is_written_can_be_read(tmp_path: Path, storage: str) -> None:
+    path = make(tmp_path / "bag", storage=storage)
+    check_pictures(path)
+    with open_bag(path) as bag:
+        assert [(topic.name, topic.type.rpartition("/")[2], topic.count) for topic in bag.topics] == [
+            (INFO, "CameraInfo", 2),
+            (RAW, "Image", 10),
+            (SAY, "String", 2),
+        ]
+        assert (bag.start, bag.end) == (START, times(10)[-1])
+        assert bag.duration_s == pytest.approx(0.9)
+        assert (bag.skipped, bag.damage) == ({}, ())
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_single_files_of_a_bag(tmp_path: Path, storage: str) -> None:
+    folder = make(tmp_path / "bag", storage=storage)
+    (file,) = (file for file in folder.iterdir() if file.suffix != ".yaml")
+    check_pictures(file)
+
+
+def test_messages_come_in_the_order_of_the_bag_under_the_names_of_the_graph(tmp_path: Path) -> None:
+    path = make(tmp_path / "bag", count=6)
+    with open_bag(path) as bag:
+        found = [
+            (topic, type(message).__name__) for topic, message in bag.messages({RAW: "/eye", SAY: "/say", INFO: "/k"})
+        ]
+    first = [("/eye", "Image"), ("/k", "CameraInfo"), ("/say", "Utterance")]
+    assert found == [*first, *[("/eye", "Image")] * 4, *first]
+
+
+def test_the_schema_in_the_json_decides_what_a_string_becomes(tmp_path: Path) -> None:
+    detections = PersonDetections(stamp=5, frame_id="c", width=8, height=6, persons=())
+    path = make_with_rosbags(
+        tmp_path / "bag", [("/a", START, detections), ("/b", START, Utterance(stamp=1, id="u", text="x"))]
+    )
+    assert [message for _, message in contents(path)] == [detections, Utterance(stamp=1, id="u", text="x")]
+
+
+@pytest.mark.parametrize(
+    ("plugin", "mode"),
+    [
+        (StoragePlugin.MCAP, CompressionMode.FILE),
+        (StoragePlugin.MCAP, CompressionMode.MESSAGE),
+        (StoragePlugin.MCAP, CompressionMode.STORAGE),
+        (StoragePlugin.SQLITE3, CompressionMode.FILE),
+        (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
+    ],
+)
+def test_compressed_bags(tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode) -> None:
+    pictures = [(RAW, time, picture(time - 5_000_000)) for time in times(10)]
+    check_pictures(make_with_rosbags(tmp_path / "bag", pictures, mode=mode, storage=plugin))
+
+
+def split(path: Path, parts: Path) -> Path:
+    """One bag of two files, made of two bags, as ``ros2 bag record --max-bag-duration`` leaves them."""
+    path.mkdir()
+    text = ""
+    pictures = [(RAW, time, picture(time - 5_000_000)) for time in times(10)]
+    for number, piece in enumerate((pictures[:5], pictures[5:])):
+        part = make_with_rosbags(parts / f"part_{number}", piece)
+        shutil.copy(part / f"part_{number}.db3", path / f"part_{number}.db3")
+        text = (part / "metadata.yaml").read_text()
+    text = text.replace("message_count: 5", "message_count: 10")
+    (path / "metadata.yaml").write_text(text.replace("- part_1.db3", "- part_0.db3\n  - part_1.db3", 1))
+    return path
+
+
+def test_split_bags(tmp_path: Path) -> None:
+    path = split(tmp_path / "bag", tmp_path)
+    check_pictures(path)
+    (path / "metadata.yaml").unlink()
+    check_pictures(path)
+
+
+def test_ros1_bags(tmp_path: Path) -> None:
+    path = make_ros1(tmp_path / "old.bag")
+    check_pictures(path)
+    infos = contents(path, INFO)
+    assert [message.k for _, message in infos if isinstance(message, CameraInfo)] == [K, K]
+    with open_bag(path) as bag:
+        assert (bag.start, bag.end) == (START, times(10)[-1])
+
+
+@pytest.mark.parametrize("builder", [make, lambda path: make_ros1(path.with_suffix(".bag"))])
+def test_raw_messages_are_cdr(tmp_path: Path, builder: Callable[[Path], Path]) -> None:
+    with open_bag(builder(tmp_path / "bag")) as bag:
+        raw = list(bag.raw_messages({RAW: "/eye"}))
+    assert [(topic, time, name) for topic, time, name, _ in raw] == [
+        ("/eye", time, "sensor_msgs/msg/Image") for time in times(10)
+    ]
+    for _, time, name, data in raw:
+        assert data == TYPES.serialize(encode(picture(time - 5_000_000), TYPES)), name
+
+
+def test_a_bag_can_be_read_twice(tmp_path: Path) -> None:
+    with open_bag(make(tmp_path / "bag")) as bag:
+        assert len(list(bag.messages({RAW: RAW}))) == len(list(bag.messages({RAW: RAW}))) == 10
+
+
+def test_types_without_definition_in_the_bag(tmp_path: Path) -> None:
+    path = make(tmp_path / "bag", storage="sqlite3")
+    with sqlite3.connect(path / "bag.db3") as database:
+        database.execute("DELETE FROM message_definitions")
+    check_pictures(path)
+
+
+# Topics
+
+
+def test_the_only_image_topic_is_chosen(tmp_path: Path) -> None:
+    with open_bag(make(tmp_path / "bag")) as bag:
+        assert bag.choose_image_topic().name == RAW
+        assert bag.choose_image_topic(RAW).count == 10
+        with pytest.raises(BagError, match="no topic '/camera/image_row'") as caught:
+            bag.choose_image_topic("/camera/image_row")
+        assert f"did you mean {RAW!r}" in str(caught.value.remedy)
+        with pytest.raises(BagError, match="is std_msgs/msg/String"):
+            bag.choose_image_topic(SAY)
+
+
+def test_of_several_image_topics_one_must_be_named(tmp_path: Path) -> None:
+    jpeg = CompressedImage(stamp=1, frame_id="c", format="jpeg", data=np.zeros(3, np.uint8))
+    path = make_with_rosbags(tmp_path / "bag", [(RAW, START, picture(1)), ("/left/image/compressed", START, jpeg)])
+    with open_bag(path) as bag:
+        assert [topic.name for topic in bag.image_topics] == [RAW, "/left/image/compressed"]
+        with pytest.raises(BagError, match="2 image topics") as caught:
+            bag.choose_image_topic()
+        assert "/left/image/compressed" in str(caught.value.remedy)
+        assert bag.choose_image_topic("/left/image/compressed").type == "sensor_msgs/msg/CompressedImage"
+
+
+def test_a_bag_without_pictures(tmp_path: Path) -> None:
+    path = make_with_rosbags(tmp_path / "bag", [(SAY, START, Utterance(stamp=1, id="u", text="x"))])
+    with open_bag(path) as bag, pytest.raises(BagError, match="no pictures") as caught:
+        bag.choose_image_topic()
+    assert SAY in str(caught.value.remedy)
+
+
+def test_camera_info_stands_in_the_namespace_of_the_pictures(tmp_path: Path) -> None:
+    with open_bag(make(tmp_path / "bag")) as bag:
+        for name in (RAW, f"{RAW}/compressed"):
+            info = bag.camera_info_topic_for(name)
+            assert info is not None
+            assert info.name == INFO
+        assert bag.camera_info_topic_for("/other/image_raw") is None
+
+
+def test_topics_that_the_bag_lacks_or_nobody_understands(tmp_path: Path) -> None:
+    path = tmp_path / "bag"
+    with BagWriter(path) as writer:
+        writer.write_raw("/imu", "sensor_msgs/msg/Imu", bytes(8), 1)
+        writer.write_raw("/odd", "nobody_msgs/msg/Thing", b"\0\1\0\0abcd", 1)
+    with open_bag(path) as bag:
+        for read in (bag.messages, bag.raw_messages):
+            with pytest.raises(BagError, match="no topic '/imus'"):
+                read({"/imus": "/imu"})
+        for name, kind in (("/imu", "sensor_msgs/msg/Imu"), ("/odd", "nobody_msgs/msg/Thing")):
+            with pytest.raises(BagError, match=kind):
+                bag.messages({name: name})
+        assert list(bag.raw_messages({"/odd": "/odd"})) == [("/odd", 1, "nobody_msgs/msg/Thing", b"\0\1\0\0abcd")]
+
+
+# Writing
+
+
+def test_an_existing_path_is_left_alone(tmp_path: Path) -> None:
+    path = make(tmp_path / "bag")
+    with pytest.raises(BagError, match="already exists") as caught:
+        BagWriter(path)
+    assert "another name" in str(caught.value.remedy)
+    check_pictures(path)
+
+
+def test_an_unknown_storage(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="no storage 'mcaps'") as caught:
+        BagWriter(tmp_path / "bag", storage="mcaps")
+    assert "did you mean 'mcap'" in str(caught.value.remedy)
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagError, match="cannot be written"), BagWriter(tmp_path / "file" / "bag"):
+        pass
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("interruption", [KeyboardInterrupt, ValueError, SystemExit])
+def test_the_bag_can_be_read_however_writing_ended(
+    tmp_path: Path, storage: str, interruption: type[BaseException]
+) -> None:
+    path = tmp_path / "bag"
+    bag = BagWriter(path, storage=storage)
+    with pytest.raises(interruption):
+        fill_and_raise(bag, interruption)
+    check_pictures(path)
+    assert bag.counts == {RAW: 10, INFO: 2, SAY: 2}
+
+
+def fill_and_raise(bag: BagWriter, interruption: type[BaseException]) -> None:
+    with bag:
+        fill(bag)
+        raise interruption
+
+
+def test_camera_info_is_offered_to_late_joiners(tmp_path: Path) -> None:
+    text = (make(tmp_path / "bag") / "metadata.yaml").read_text()
+    assert text.count("durability: transient_local") == 1
+    assert text.count("durability: volatile") == 2
+
+
+@pytest.mark.parametrize("column", ["name", "type"])
+def test_a_topic_without_a_name_or_a_type_is_damage(tmp_path: Path, column: str) -> None:
+    path = make(tmp_path / "bag", storage="sqlite3") / "bag.db3"
+    with sqlite3.connect(path) as database:
+        database.execute("CREATE TABLE others AS SELECT * FROM topics")
+        database.execute("DROP TABLE topics")
+        database.execute("ALTER TABLE others RENAME TO topics")
+        database.execute(f"UPDATE topics SET {column} = NULL WHERE id = 1")
+    with pytest.raises(BagError, match="damaged"):
+        open_bag(path)
+
+
+@pytest.mark.parametrize("time", ["NULL", "'noon'", "1.5", "x'00'"])
+def test_a_message_without_a_time_is_damage(tmp_path: Path, time: str) -> None:
+    path = make(tmp_path / "bag", storage="sqlite3") / "bag.db3"
+    with sqlite3.connect(path) as database:
+        database.execute("CREATE TABLE others AS SELECT * FROM messages")
+        database.execute("DROP TABLE messages")
+        database.execute("ALTER TABLE others RENAME TO messages")
+        database.execute(f"UPDATE messages SET timestamp = {time} WHERE id = 5")
+    with pytest.raises(BagError, match="damaged"), open_bag(path) as bag:
+        list(bag.messages({RAW: RAW}))
+
+
+def test_metadata_that_is_nested_too_deeply_is_done_without(tmp_path: Path) -> None:
+    path = make(tmp_path / "bag")
+    (path / "metadata.yaml").write_text("{" * 10_000)
+    with open_bag(path) as bag:
+        assert "nested more than" in bag.damage[0]
+    check_pictures(path)
+
+
+@pytest.mark.parametrize("number", ["many", "[1]", "1.5", "null"])
+def test_metadata_that_counts_in_no_numbers_is_done_without(tmp_path: Path, number: str) -> None:
+    path = make(tmp_path / "bag")
+    text = (path / "metadata.yaml").read_text()
+    (path / "metadata.yaml").write_text(re.sub(r"message_count: \d+", f"message_count: {number}", text))
+    with open_bag(path) as bag:
+        assert "damaged" in bag.damage[0]
+    check_pictures(path)

@@ -1,0 +1,236 @@
+"""Structured messages as ROS types of their own."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from socialbot.agents.registry import STRUCTURED
+from socialbot.bags import codec
+from socialbot.bags.types import PACKAGE, TYPED, RosbagsTypes, definitions, fields_of, type_name, types_with
+from socialbot.bridge.transport import KEYS_VARIABLE, RclpyTypes, message_class, wire
+from socialbot.cli.main import with_changes
+from socialbot.core.errors import GraphError, InstallationError, MessageError, ParameterError
+from socialbot.core.messages import (
+    ActionRequest,
+    Message,
+    PersonDetection,
+    PersonDetections,
+    Structured,
+    TraceRecord,
+    Utterance,
+)
+from socialbot.deliberation.messages import AgentRequest, PlanExecutionInfo
+from socialbot.graph.files import dump_graph, parse_graph
+from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output
+from tests.bridge.test_codec import messages
+from tools.interfaces import PACKAGE as FOLDER
+from tools.interfaces import definition_files
+
+TYPES = RosbagsTypes()
+built = pytest.mark.skipif(importlib.util.find_spec(PACKAGE) is None, reason="socialbot_msgs is not installed")
+structured = st.sampled_from([kind for kind in STRUCTURED if kind in messages]).flatmap(messages.__getitem__)
+
+
+def test_the_package_holds_the_definitions_of_the_code() -> None:
+    written = {file.name: file.read_text() for file in (FOLDER / "msg").iterdir()}
+    assert written == definition_files(), "run python -m tools.interfaces"
+
+
+def test_every_structured_message_has_a_type_that_bags_know() -> None:
+    assert set(TYPED.values()) == set(STRUCTURED)
+    for name in definitions():
+        assert name in types_with(name).fielddefs
+
+
+def test_a_definition_says_what_its_struct_says() -> None:
+    text = definitions()["socialbot_msgs/msg/SpeechStatus"].splitlines()
+    assert text[0] == "# What became of an utterance."
+    assert 'string STATE_EXPIRED="expired"' in text
+    assert text[-5:] == [
+        "std_msgs/Header header",
+        "string utterance_id",
+        "string state",
+        "string text",
+        "string detail",
+    ]
+
+
+def test_how_fields_are_told() -> None:
+    def line(struct: type, name: str) -> str:
+        return next(field.definition for field in fields_of(struct) if field.name == name)
+
+    assert line(PersonDetections, "persons") == "PersonDetection[] persons"
+    assert line(PersonDetection, "distance_m") == "float64 distance_m  # NaN: none"
+    assert line(AgentRequest, "desire") == "Desire[<=1] desire"
+    assert line(ActionRequest, "arguments") == "string[] arguments  # JSON"
+    assert line(TraceRecord, "detail") == "string detail  # JSON"
+    assert "frame_id" not in [field.name for field in fields_of(PersonDetections)]
+
+
+@given(structured)
+def test_round_trip_through_the_bytes_of_a_bag(message: Structured) -> None:
+    ros = codec.encode(message, TYPES, "typed")
+    name = codec.ros_type(type(message), "typed")
+    assert ros.__msgtype__ == name == type_name(type(message))
+    back = TYPES.deserialize(TYPES.serialize(ros), name)
+    assert codec.decode(type(message), back, stamp=7) == message
+    assert codec.decode(codec.MESSAGE_TYPES[name], back) == message
+
+
+@built
+@pytest.mark.ros
+@given(structured)
+def test_round_trip_through_rclpy(message: Structured) -> None:
+    serialization = pytest.importorskip("rclpy.serialization")
+    data = serialization.serialize_message(codec.encode(message, RclpyTypes(), "typed"))
+    name = type_name(type(message))
+    assert codec.decode(type(message), serialization.deserialize_message(data, message_class(name))) == message
+    assert codec.decode(type(message), TYPES.deserialize(data, name)) == message
+
+
+@built
+@pytest.mark.ros
+def test_the_types_of_bags_are_those_of_ros() -> None:
+    for name in definitions():
+        types = types_with(name)
+        assert message_class(name).get_fields_and_field_types().keys() == {
+            field for field, _ in types.fielddefs[name][1]
+        }
+
+
+class Mouth(Node):
+    """Says again what it hears."""
+
+    heard = Input(Utterance, "/speech/heard")
+    say = Output(Utterance, "/speech/say")
+
+    @heard
+    def on_heard(self, message: Utterance) -> None:
+        self.say.publish(message)
+
+
+@built
+@pytest.mark.ros
+def test_nodes_of_a_typed_graph_hear_and_speak_types_of_ros() -> None:
+    pytest.importorskip("rclpy")
+    from rclpy.executors import SingleThreadedExecutor
+
+    from socialbot.bridge.graph_observer import observing
+    from socialbot.bridge.host import NodeHost
+    from socialbot.bridge.publish_once import send
+    from socialbot.bridge.rclpy_context import ros_context
+    from socialbot.bridge.topics import onlooker, topics_now
+
+    graph = Graph("g", (NodeConfig("mouth", Mouth),), frozenset({"/speech/heard"}), wire="typed")
+    said: list[Message] = []
+    came = threading.Event()
+
+    def observe(_: str, message: Message) -> None:
+        said.append(message)
+        came.set()
+
+    with observing({"/speech/say": Utterance}, observe, lambda *_: None, "typed") as watch, ros_context() as context:
+        host = NodeHost(graph, graph.placements[0], ros_context=context, sim_time=False)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(host.ros_node)
+        host.start()
+        thread = threading.Thread(target=executor.spin, daemon=True)
+        thread.start()
+        try:
+            word = Utterance(stamp=7, id="u1", text="Good morning")
+            with onlooker() as ros:
+                while watch.subscriptions["/speech/say"].get_publisher_count() < 1:
+                    came.wait(0.02)
+                send(ros, "/speech/heard", word, timeout_s=10.0)
+                types = {topic.name: topic.types for topic in topics_now(ros)}
+            assert came.wait(10.0)
+            assert said == [word]
+            assert types["/speech/say"] == types["/speech/heard"] == ("socialbot_msgs/msg/Utterance",)
+        finally:
+            executor.shutdown()
+            thread.join(2.0)
+            host.stop()
+
+
+def test_sealed_messages_are_text() -> None:
+    with pytest.raises(ParameterError, match="sealed messages travel as text"):
+        wire({KEYS_VARIABLE: "keys"}, form="typed")
+
+
+def test_what_to_do_where_the_types_are_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    message_class.cache_clear()
+    monkeypatch.setitem(sys.modules, f"{PACKAGE}.msg", None)
+    with pytest.raises(InstallationError, match=r"pip install \./interfaces/socialbot_msgs"):
+        wire({}, form="typed")
+    message_class.cache_clear()
+
+
+def test_a_graph_says_its_form_once() -> None:
+    text = "name: g\nwire: typed\nnodes: {}\n"
+    graph = parse_graph(text, where="g.yaml")
+    assert graph.wire == "typed"
+    assert parse_graph(dump_graph(graph), where="again") == graph
+    assert with_changes(graph, ["wire=json"]).wire == "json"
+    with pytest.raises(GraphError, match=r"g\.yaml:2: no form of messages: 'typd'"):
+        parse_graph(text.replace("typed", "typd"), where="g.yaml")
+
+
+def test_what_is_in_no_standard_is_json_in_either_form() -> None:
+    class Carried(Structured, frozen=True, kw_only=True):
+        load: str
+
+    assert codec.ros_type(Carried, "typed") == codec.STRING
+    message = Carried(stamp=1, load="crate")
+    assert codec.decode(Carried, codec.encode(message, TYPES, "typed")) == message
+
+
+def test_a_plain_text_of_somebody_is_an_utterance() -> None:
+    said = codec.encode(Utterance(stamp=0, id="", text="Good morning"), TYPES, "typed")
+    assert codec.decode(Utterance, said, stamp=5) == Utterance(stamp=5, id="text-5", text="Good morning")
+
+
+def test_the_header_holds_stamp_and_frame() -> None:
+    found = PersonDetections(stamp=3 * 10**9 + 7, frame_id="camera", width=640, height=480, persons=())
+    ros = codec.encode(found, TYPES, "typed")
+    assert (ros.header.stamp.sec, ros.header.stamp.nanosec, ros.header.frame_id) == (3, 7, "camera")
+    assert codec.header_stamp(ros) == found.stamp == codec.raw_stamp(TYPES.serialize(ros))
+
+
+@pytest.mark.parametrize(
+    ("message", "what"),
+    [
+        (Utterance(stamp=1, id="a\0b", text=""), "holds a zero"),
+        (Utterance(stamp=1, id="\ud800", text=""), "UTF-8"),
+        (Utterance(stamp=2**31 * 10**9, id="", text=""), "out of range"),
+        (PersonDetections(stamp=1, frame_id="", width=2**63, height=1, persons=()), "64 bits"),
+        (TraceRecord(stamp=1, id="", source="", kind="", what="", detail={"a": object()}), "as JSON"),
+    ],
+)
+def test_what_a_type_cannot_express_is_said(message: Structured, what: str) -> None:
+    with pytest.raises(MessageError, match=what):
+        codec.encode(message, TYPES, "typed")
+
+
+def test_what_does_not_fit_the_schema_is_refused() -> None:
+    ros = codec.encode(PlanExecutionInfo(stamp=1, agent_id="a"), TYPES, "typed")
+    ros.status = "NEVER"
+    with pytest.raises(MessageError, match=r"not a valid socialbot_msgs/msg/PlanExecutionInfo: .*NEVER"):
+        codec.decode(PlanExecutionInfo, ros)
+
+
+def test_a_message_of_another_type_is_refused() -> None:
+    with pytest.raises(MessageError, match="not a valid socialbot_msgs/msg/PlanExecutionInfo"):
+        codec.decode(PlanExecutionInfo, codec.encode(Utterance(stamp=1, id="u", text=""), TYPES, "typed"))
+
+
+def test_a_damaged_json_field_is_refused() -> None:
+    ros = codec.encode(TraceRecord(stamp=1, id="", source="", kind="", what=""), TYPES, "typed")
+    ros.detail = "{"
+    with pytest.raises(MessageError, match="TraceRecord"):
+        codec.decode(TraceRecord, ros)

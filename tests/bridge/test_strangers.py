@@ -1,0 +1,228 @@
+"""A stranger in the same ROS domain, who hears everything and can say anything, against a node with keys."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from socialbot.agents.waldo.nodes import Listener
+from socialbot.bridge import transport as wires
+from socialbot.bridge.graph_observer import observing
+from socialbot.bridge.publish_once import send
+from socialbot.bridge.security import SCHEMA, Keys, Stream, load_keys, new_key
+from socialbot.bridge.topics import onlooker
+from socialbot.core.messages import HeadCommand, Utterance
+from socialbot.graph.node import Context, Delivery, Graph, Input, Node, NodeConfig, Output
+from tests.system.running import eventually
+
+pytestmark = pytest.mark.ros
+
+TOPIC = "/speech/say"
+BATCH = 50
+"""Fewer than what waits for a node at most, so that no message is lost before it can be refused."""
+
+
+class Mouth(Node):
+    """Keeps what it is told to say."""
+
+    say = Input(Utterance, TOPIC)
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        super().__init__(name, context, parameters)
+        self.said: list[str] = []
+
+    @say
+    def on_say(self, message: Utterance) -> None:
+        self.said.append(message.text)
+
+
+class Teller(Node):
+    """Has a latched state."""
+
+    state = Output(HeadCommand, "/state", Delivery.LATCHED)
+
+    def start(self) -> None:
+        self.tell(0.0)
+
+    def tell(self, pan_rad: float) -> None:
+        self.state.publish(HeadCommand(stamp=1, mode="look", pan_rad=pan_rad))
+
+
+class Follower(Node):
+    """Keeps the states that it hears."""
+
+    state = Input(HeadCommand, "/state", Delivery.LATCHED)
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        super().__init__(name, context, parameters)
+        self.seen: list[float] = []
+
+    @state
+    def on_state(self, message: HeadCommand) -> None:
+        self.seen.append(message.pan_rad)
+
+
+@pytest.fixture
+def keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Keys:
+    new_key("robot", tmp_path / "keys")
+    monkeypatch.setenv(wires.KEYS_VARIABLE, str(tmp_path / "keys"))
+    return load_keys(tmp_path / "keys")
+
+
+@contextmanager
+def hosted(*kinds: type[Node], whole: tuple[type[Node], ...] = ()) -> Iterator[list[Any]]:
+    """Hosts of nodes of these kinds, running, in a graph of these or of the ``whole``."""
+    from rclpy.executors import SingleThreadedExecutor
+
+    from socialbot.bridge.host import NodeHost
+    from socialbot.bridge.rclpy_context import ros_context
+
+    inputs = frozenset(topic for kind in kinds for topic in (port.topic for port in kind.inputs().values()))
+    graph = Graph("g", tuple(NodeConfig(kind.__name__.lower(), kind) for kind in whole or kinds), inputs=inputs)
+    with ros_context() as context:
+        hosts = [
+            NodeHost(graph, graph.placement(k.__name__.lower()), ros_context=context, sim_time=False) for k in kinds
+        ]
+        executor = SingleThreadedExecutor(context=context)
+        for host in hosts:
+            executor.add_node(host.ros_node)
+            host.start()
+        ended = threading.Event()
+
+        def spin() -> None:
+            while not ended.is_set():
+                executor.spin_once(timeout_sec=0.05)
+
+        thread = threading.Thread(target=spin)
+        thread.start()
+        try:
+            yield hosts
+        finally:
+            ended.set()
+            thread.join()
+            executor.shutdown()
+            for host in hosts:
+                host.stop()
+
+
+def utterance(text: str) -> str:
+    return msgspec.json.encode(Utterance(stamp=1, id="u", text=text)).decode()
+
+
+class Stranger:
+    """Says on the topic what it likes, and hears what others say."""
+
+    def __init__(self, ros: Any, topic: str = TOPIC, delivery: Delivery = Delivery.EVERY) -> None:
+        from std_msgs.msg import String
+
+        from socialbot.bridge.qos import publisher_qos
+
+        self._string = String
+        self.heard: list[str] = []
+        self.publisher = ros.create_publisher(String, topic, publisher_qos(delivery))
+        ros.create_subscription(String, topic, lambda message: self.heard.append(message.data), publisher_qos(delivery))
+
+    def say(self, text: str) -> None:
+        self.publisher.publish(self._string(data=text))
+
+
+def attacks(genuine: list[str], keys: Keys) -> dict[str, Callable[[int], str]]:
+    """What the stranger can make, by the reason for which it should be refused."""
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    realm = f"ROS domain {int(wires.os.environ['ROS_DOMAIN_ID'])}"
+    own = Keys("robot", Ed25519PrivateKey.generate(), {})
+    nobody = Keys("nobody", own.private, {})
+    an_hour_ago = Stream(keys, realm, TOPIC, wall=lambda: time.time_ns() - 3600 * 10**9)
+    an_hour_ahead = Stream(keys, realm, TOPIC, wall=lambda: time.time_ns() + 3600 * 10**9)
+    elsewhere, other_realm = Stream(keys, realm, "/speech/other"), Stream(keys, "ROS domain 99", TOPIC)
+    pretended, unknown = Stream(own, realm, TOPIC), Stream(nobody, realm, TOPIC)
+    some = [msgspec.json.decode(text) for text in genuine]
+
+    def altered(number: int) -> str:
+        parts = dict(some[number % len(some)])
+        if number % 2:
+            parts["payload"] = utterance("altered")
+        else:
+            parts["number"], parts["time"] = parts["number"] + number + 1, time.time_ns()
+        return msgspec.json.encode(parts).decode()
+
+    return {
+        "unsealed": lambda number: utterance("unsealed") if number % 2 else f"plain {number}",
+        "unreadable": lambda number: f'{{"schema":"{SCHEMA}","sender":{number}}}',
+        "unknown sender": lambda number: unknown.seal(utterance("nobody")),
+        "forged": lambda number: (
+            altered(number),
+            pretended.seal(utterance("forged")),
+            other_realm.seal(utterance("other")),
+        )[number % 3],
+        "moved": lambda number: elsewhere.seal(utterance("moved")),
+        "late": lambda number: an_hour_ago.seal(utterance("late")),
+        "early": lambda number: an_hour_ahead.seal(utterance("early")),
+        "replayed": lambda number: genuine[number % len(genuine)],
+    }
+
+
+@pytest.mark.parametrize("count", [400, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_of_what_a_stranger_says_nothing_is_done_and_all_is_counted(count, keys):
+    with hosted(Mouth) as (mouth,), observing({}, lambda *_: None, lambda *_: None) as watch, onlooker() as sender:
+        stranger = Stranger(watch.ros)
+        for number in range(3):
+            word = Utterance(stamp=1, id="u", text=f"genuine {number}")
+            send(sender, TOPIC, word, timeout_s=5.0)
+        assert eventually(lambda: len(stranger.heard) == 3 and len(mouth.node.said) == 3)
+        kinds = attacks(list(stranger.heard), keys)
+        assert eventually(lambda: stranger.publisher.get_subscription_count() == 2)
+        refusals = mouth.statistics.refusals
+        reasons = list(kinds)
+        for begin in range(0, count, BATCH):
+            for number in range(begin, begin + BATCH):
+                reason = reasons[number % len(reasons)]
+                stranger.say(kinds[reason](number // len(reasons)))
+            assert eventually(lambda sofar=begin + BATCH: refusals.total() == sofar), refusals
+        assert mouth.node.said == [f"genuine {number}" for number in range(3)]
+        assert refusals == Counter(dict.fromkeys(reasons, count // len(reasons)))
+
+
+def test_a_node_that_starts_again_does_not_do_again_what_it_was_told(keys):
+    with onlooker() as sender, observing({}, lambda *_: None, lambda *_: None) as watch:
+        stranger = Stranger(watch.ros)
+        with hosted(Mouth) as (mouth,):
+            send(sender, TOPIC, Utterance(stamp=1, id="u", text="once"), timeout_s=5.0)
+            assert eventually(lambda: mouth.node.said == ["once"] and len(stranger.heard) == 1)
+        with hosted(Mouth) as (mouth,):
+            assert eventually(lambda: stranger.publisher.get_subscription_count() == 2)
+            stranger.say(stranger.heard[0])
+            assert eventually(lambda: mouth.statistics.refusals == {"late": 1})
+            assert mouth.node.said == []
+
+
+def test_who_joins_late_hears_the_last_state_once_and_no_old_one(keys, monkeypatch):
+    monkeypatch.setenv(wires.WINDOW_VARIABLE, "0.4")
+    with hosted(Teller) as (teller,), observing({}, lambda *_: None, lambda *_: None) as watch:
+        stranger = Stranger(watch.ros, "/state", Delivery.LATCHED)
+        assert eventually(lambda: len(stranger.heard) >= 1)
+        old = stranger.heard[0]
+        teller.node.context.call_soon(lambda: teller.node.tell(1.0))
+        time.sleep(1.0)  # Longer than the window: only what is sealed anew can be believed.
+        with hosted(Follower, whole=(Teller, Follower)) as (follower,):
+            assert eventually(lambda: follower.node.seen == [1.0])
+            heard = len(stranger.heard)
+            assert eventually(lambda: len(stranger.heard) >= heard + 3)
+            stranger.say(old)
+            assert eventually(lambda: follower.statistics.refusals.total() == 1)
+            assert follower.node.seen == [1.0]
+
+
+def test_with_keys_nobody_can_set_parameters(keys):
+    with hosted(Listener) as (host,):
+        names = [name for name, _ in host.ros_node.get_service_names_and_types_by_node(host.name, "/")]
+        assert [name for name in names if "parameter" in name] == []

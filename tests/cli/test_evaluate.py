@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.system.running import eventually, running, socialbot_here
+from tests.vision.metrics.scenes import drawn_bag, drawn_pictures
+
+
+def socialbot(*args: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "socialbot", "evaluate", *map(str, args)]
+    environment = {**os.environ, "COLUMNS": "200"}
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env=environment)
+
+
+def test_a_bag_and_pictures_with_everything_written(tmp_path):
+    bag = drawn_bag(tmp_path, scene="hall", split="held-back", frames=8)
+    tuning = drawn_bag(tmp_path, "tuning", scene="hall", split="tune", frames=1)
+    pictures = drawn_pictures(tmp_path / "room", 2)
+    ended = socialbot(
+        bag, tuning, "--images", pictures, "--split", "held-back", "--detector", "hog", "--out", tmp_path / "out",
+        "--json", tmp_path / "figures.json", "--threads", "1",
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    assert "Beside the paper's Table 3" in ended.stdout
+    assert "tuning is left out: it is for tune" in ended.stderr
+    said = json.loads((tmp_path / "figures.json").read_text())
+    scenes = said["detectors"]["hog"]["scenes"]
+    assert set(scenes) == {"hall", "room"}
+    band = scenes["hall"]["bands"]["2-10"]
+    assert band["tp"] + band["fn"] == 8
+    assert {"tp", "fp", "fn", "precision", "recall", "f1"} <= set(band)
+    assert said["detectors"]["hog"]["frames_per_s"] > 0
+    assert json.loads((tmp_path / "out" / "evaluation.json").read_text()).keys() == said.keys()
+    assert (tmp_path / "out" / "index.html").read_text().startswith("<!doctype html>")
+
+
+def test_other_bands_and_presence(tmp_path):
+    bag = drawn_bag(tmp_path, frames=3)
+    ended = socialbot(
+        bag, "--detector", "hog", "--bands", "0-3,3-5", "--presence", "--no-speed", "--json", tmp_path / "f.json"
+    )
+    assert ended.returncode == 0, ended.stderr
+    said = json.loads((tmp_path / "f.json").read_text())
+    assert list(said["detectors"]["hog"]["scenes"]["clip"]["bands"]) == ["0-3", "3-5", "outside", "unknown"]
+    assert said["settings"]["matching"] == "presence"
+
+
+def refused(*args: object) -> subprocess.CompletedProcess[str]:
+    return socialbot_here("evaluate", *args)
+
+
+def children(pid: int) -> list[int]:
+    try:
+        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_an_interrupt_ends_it_at_once_with_all_its_processes(corridor):
+    with running("evaluate", corridor, "--detector", "hog", "--no-speed", "--jobs", "1") as process:
+        assert eventually(lambda: len(children(process.pid)) >= 2, 60)
+        workers = children(process.pid)
+        process.send_signal(signal.SIGINT)
+        said, _ = process.communicate(timeout=10)
+    assert process.returncode == 0
+    assert "Traceback" not in said
+    assert eventually(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        (["--json", "{folder}"], "{folder}"),
+        (["--html", "{file}/page.html"], "{file}/page.html"),
+        (["--out", "{file}"], "{file}/evaluation.json"),
+        (["--out", "{taken}"], "{taken}/curves.svg"),
+    ],
+)
+def test_results_that_cannot_be_written_are_told_of_before_anything_is_looked_at(tmp_path, arguments, where):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "taken" / "curves.svg").mkdir(parents=True)
+    places = {name: str(tmp_path / name) for name in ("file", "taken")} | {"folder": str(tmp_path)}
+    bag = drawn_bag(tmp_path, frames=1)
+    # A model that is not there: looking for people would be another error.
+    ended = refused(
+        bag, "--detector", "onnx", "--set", "model=none.onnx", *(word.format(**places) for word in arguments)
+    )
+    assert "cannot be written" in ended.stderr
+    assert where.format(**places) in ended.stderr.replace("\n", "")
+    assert ended.returncode == 4
+    assert list((tmp_path / "taken").iterdir()) == [tmp_path / "taken" / "curves.svg"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "word"),
+    [
+        ([], 4, "nothing to evaluate"),
+        (["{bag}", "--detector", "hogg"], 4, "did you mean 'hog'"),
+        (["{bag}", "--bands", "2"], 4, "is no band"),
+        (["{bag}", "--split", "tune"], 4, "no bag is for tune"),
+        (["{bag}", "--truth", "x.json"], 4, "labels without pictures"),
+        (["{bag}", "{bag}"], 4, "two sources are called clip"),
+        (["{bag}", "--set", "colour=red"], 4, "no setting 'colour'"),
+        (["nowhere"], 3, "no such file or folder"),
+        (["--images", "nowhere"], 3, "persons.json"),
+        (["{bag}", "--split", "any"], 2, "any"),
+    ],
+)
+def test_what_cannot_be_evaluated(tmp_path, arguments, code, word):
+    bag = drawn_bag(tmp_path, frames=1)
+    ended = refused(*(word.format(bag=bag) for word in arguments))
+    assert word in ended.stderr
+    assert ended.returncode == code
+    assert "Traceback" not in ended.stderr

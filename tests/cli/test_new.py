@@ -1,0 +1,113 @@
+"""``socialbot new``: what it writes runs at once, and it overwrites nothing."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import subprocess
+import sys
+from pathlib import Path
+from typing import Literal, get_args
+
+import pytest
+
+from socialbot.cli.new import AgentKind, project_files, write_project
+from socialbot.core.errors import ParameterError
+from socialbot.graph.files import load_graph
+from socialbot.runtime.deployment import load_deployment
+from tests.system.running import socialbot
+
+NUMBERS = itertools.count()
+KINDS: tuple[Literal["python", "asl"], ...] = get_args(AgentKind)
+
+
+@pytest.fixture(params=KINDS)
+def project(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A project of each kind, whose package has a name of its own: this process imports it."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    return write_project(f"greeter{next(NUMBERS)}_{request.param}", request.param, tmp_path)
+
+
+def test_its_graphs_and_its_deployment_are_sound(project: Path) -> None:
+    assert [one.name for one in load_graph(str(project / "graph.yaml")).placements] == ["visitors", "mind", "speech"]
+    assert load_graph(str(project / "camera.yaml")).paced_by == "/humans/bodies/detections"
+    deployment = load_deployment(project / "deployment.yaml")
+    assert [one.name for one in deployment.half("workstation")] == ["mind"]
+
+
+def test_its_own_tests_pass(project: Path) -> None:
+    spec = importlib.util.spec_from_file_location(f"tests_of_{project.name}", project / "tests" / "test_agent.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    tests = [value for name, value in vars(module).items() if name.startswith("test_")]
+    assert len(tests) == 2
+    for test in tests:
+        test()
+
+
+@pytest.mark.slow
+def test_it_stands_on_its_own(project: Path) -> None:
+    scripts = Path(sys.executable).parent
+    for command in (
+        [sys.executable, "-m", "pytest", "-q"],
+        [scripts / "ruff", "check", "."],
+        [scripts / "ruff", "format", "--check", "."],
+        [scripts / "pyright", "--pythonpath", sys.executable, project.name, "tests"],
+    ):
+        done = subprocess.run(command, cwd=project, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, f"{done.args}\n{done.stdout}\n{done.stderr}"
+
+
+def test_nothing_of_the_template_s_name_is_left(project: Path) -> None:
+    files = [path for path in project.rglob("*") if path.is_file()]
+    assert {".gitignore", "README.md", "pyproject.toml", f"{project.name}.launch.py"} <= {path.name for path in files}
+    assert not [path for path in files if "my_robot" in f"{path}{path.read_text('utf-8')}"]
+
+
+@pytest.mark.parametrize("agent", KINDS)
+def test_what_python_runs_compiles(agent: Literal["python", "asl"]) -> None:
+    files = project_files("my_robot", agent)
+    assert {"graph.yaml", "my_robot/agent.py", "tests/test_agent.py", "launch/my_robot.launch.py"} <= set(files)
+    for path, text in files.items():
+        if path.endswith(".py"):
+            compile(text, path, "exec")
+
+
+def test_the_command_says_what_to_type_next(tmp_path: Path) -> None:
+    done = socialbot("new", "my_robot", "--folder", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert f"cd {tmp_path / 'my_robot'}" in done.stdout
+    assert "socialbot run graph.yaml" in done.stdout
+    assert (tmp_path / "my_robot" / "graph.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("My-Robot", "no name for a Python package"),
+        ("1robot", "no name for a Python package"),
+        ("../robot", "no name for a Python package"),
+        ("class", "no name for a Python package"),
+        ("", "exists already"),
+        ("json", "there is a Python module 'json' already"),
+        ("socialbot", "there is a Python module 'socialbot' already"),
+        ("numpy", "there is a Python module 'numpy' already"),
+        ("tests", "there is a Python module 'tests' already"),
+    ],
+)
+def test_a_name_that_is_no_good_is_refused(name: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=words):
+        write_project(name, "python", tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    mine = tmp_path / "my_robot" / "agent.py"
+    mine.parent.mkdir()
+    mine.write_text("mine", "utf-8")
+    with pytest.raises(ParameterError, match="exists already"):
+        write_project("my_robot", "python", tmp_path)
+    assert [path.name for path in mine.parent.iterdir()] == ["agent.py"]
+    assert mine.read_text("utf-8") == "mine"

@@ -1,0 +1,76 @@
+"""Time that is given: it goes on evenly, whatever is done to the clocks that it is taken from."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from socialbot.bdi import Action, Engine, wait
+from socialbot.core.clock import EPOCH_VARIABLE, SECOND, ForwardClock, WallClock
+from tests.bdi.lab import go, p
+
+
+@pytest.fixture
+def computer(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """A computer whose clock may be set: by how much (ns) it was."""
+    real, offset = time.time_ns, [0]
+    monkeypatch.setattr(time, "time_ns", lambda: real() + offset[0])
+    monkeypatch.delenv(EPOCH_VARIABLE, raising=False)
+    return offset
+
+
+@pytest.mark.parametrize("seconds", [-3600, -2, 2, 3600])
+def test_a_clock_that_is_set_changes_nothing_for_who_asked_before(computer, seconds):
+    clock = WallClock()
+    before = clock.now()
+    assert abs(before - time.time_ns()) < SECOND
+    computer[0] = seconds * SECOND
+    assert 0 <= clock.now() - before < SECOND
+    assert clock.behind_s == pytest.approx(seconds, abs=0.5)
+
+
+@pytest.mark.parametrize("seconds", [-3600, 3600])
+def test_what_an_agent_waits_for_comes_when_it_should_though_the_clock_is_set(computer, seconds):
+    """What is held for 0.3 s, and who rests for 0.6 s; the clock is set after 0.1 s."""
+    happened: list[tuple[str, float]] = []
+
+    class note(Action):  # noqa: N801 - reads as a step of a plan
+        def execute(self, what: str) -> None:
+            happened.append((what, time.monotonic() - begun))
+            if len(happened) == 2:
+                self.engine.stop()
+
+    engine = Engine("ann", WallClock())
+    engine.add_rules(
+        +p(1).held_for(0.3) >> [note("held")],
+        go(1) >> [wait(0.6), note("rested")],
+    )
+    begun = time.monotonic()
+    engine.believe(p(1))
+    engine.achieve(go(1))
+    steps = [threading.Timer(0.1, computer.__setitem__, (0, seconds * SECOND)), threading.Timer(30.0, engine.stop)]
+    for step in steps:
+        step.start()
+    engine.run()
+    steps[-1].cancel()
+    assert [what for what, _ in happened] == ["held", "rested"]
+    assert happened[0][1] >= 0.3
+    assert happened[1][1] >= 0.6
+
+
+def test_processes_of_one_run_tell_the_same_time_though_the_clock_was_set_in_between(computer):
+    computer[0] = 3600 * SECOND
+    ours = WallClock()
+    ask = [sys.executable, "-c", "from socialbot.core.clock import WallClock; print(WallClock().now())"]
+    theirs = int(subprocess.run(ask, capture_output=True, check=True, timeout=60).stdout)
+    assert ours.now() - 60 * SECOND < theirs <= ours.now()
+
+
+def test_simulated_time_that_goes_back_goes_on_from_where_it_was():
+    told = iter([10, 12, 2, 3, 1, 5])
+    clock = ForwardClock(lambda: next(told))
+    assert [clock.now() for _ in range(6)] == [10, 12, 12, 13, 13, 17]

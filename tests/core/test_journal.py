@@ -1,0 +1,65 @@
+"""Lines on disk that do not fill it."""
+
+from __future__ import annotations
+
+import pytest
+
+from socialbot.core.bounded_log import PARTS, BoundedLog, is_whole, parts
+
+
+def lines(path) -> list[bytes]:
+    return [line for part in parts(path) for line in part.read_bytes().splitlines()]
+
+
+def test_without_a_limit_it_is_one_file(tmp_path):
+    journal = BoundedLog(tmp_path / "j")
+    for number in range(1000):
+        journal.write(b"%d" % number)
+    assert parts(tmp_path / "j") == [tmp_path / "j"]
+    assert lines(tmp_path / "j") == [b"%d" % number for number in range(1000)]
+    assert journal.size == (tmp_path / "j").stat().st_size
+    assert is_whole(tmp_path / "j")
+
+
+def test_the_newest_lines_are_kept_in_order_and_in_the_room_there_is(tmp_path):
+    path, room = tmp_path / "j", 4000
+    journal = BoundedLog(path, room)
+    for number in range(2000):
+        journal.write(b"line %06d" % number)
+        assert sum(part.stat().st_size for part in tmp_path.iterdir()) == journal.size <= room + PARTS * 12
+    kept = lines(path)
+    assert kept == [b"line %06d" % number for number in range(2000 - len(kept), 2000)]
+    assert len(kept) * 12 > room * (PARTS - 1) / PARTS - 12
+    assert not is_whole(path)
+
+
+def test_it_is_whole_as_long_as_nothing_was_given_up(tmp_path):
+    journal = BoundedLog(tmp_path / "j", 400)
+    for number in range(20):
+        journal.write(b"line %06d" % number)
+    assert len(parts(tmp_path / "j")) > 1
+    assert is_whole(tmp_path / "j")
+    assert len(lines(tmp_path / "j")) == 20
+
+
+def test_each_part_begins_with_what_is_told_only_once(tmp_path):
+    journal = BoundedLog(tmp_path / "j", 400, lambda: [b"opening"])
+    for number in range(20):
+        journal.write(b"line %06d" % number)
+    assert [part.read_bytes().splitlines()[0] == b"opening" for part in parts(tmp_path / "j")] == [False, True, True]
+
+
+def test_files_beside_it_that_are_none_of_its_parts_are_left_alone(tmp_path):
+    for name in ("j.old", "j.٣", "j.0", "other.1"):
+        (tmp_path / name).write_text("mine\n")
+    journal = BoundedLog(tmp_path / "j", 100)
+    for number in range(100):
+        journal.write(b"line %06d" % number)
+    assert len(parts(tmp_path / "j")) == PARTS
+    assert all((tmp_path / name).read_text() == "mine\n" for name in ("j.old", "j.٣", "j.0", "other.1"))
+
+
+def test_what_is_there_already_is_not_overwritten(tmp_path):
+    (tmp_path / "j").write_text("mine")
+    with pytest.raises(FileExistsError):
+        BoundedLog(tmp_path / "j")

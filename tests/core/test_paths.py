@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from socialbot.cli.main import with_changes
+from socialbot.core.errors import ParameterError
+from socialbot.core.paths import FOLDERS_VARIABLE, allow, within, workspace
+from socialbot.graph.files import NODE_TYPES, dump_graph, load_graph, node_type
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
+
+
+@pytest.mark.parametrize("path", ["a.wav", "deep/er/a.wav", "./a", "deep/../a", ""])
+def test_paths_inside_are_taken_relative_to_the_folder(tmp_path, path):
+    assert within(path, [tmp_path], where="speech.folder") == (tmp_path / path).resolve()
+    assert within(tmp_path / path, [tmp_path], where="speech.folder") == (tmp_path / path).resolve()
+
+
+@pytest.mark.parametrize("path", ["..", "../x", "a/../../x", "/etc/passwd", "/", "~/../../x/../..", "\0"])
+def test_paths_that_lead_out_are_refused(tmp_path, path):
+    with pytest.raises(ParameterError, match=r"speech\.folder"):
+        within(path, [tmp_path / "inside"], where="speech.folder")
+
+
+def test_a_folder_whose_name_begins_alike_is_outside(tmp_path):
+    with pytest.raises(ParameterError):
+        within("../runs2/x", [tmp_path / "runs"], where="x")
+
+
+def test_links_are_followed_before_one_looks(tmp_path):
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    (inside / "link").symlink_to(tmp_path)
+    (inside / "self").symlink_to(inside / "self")
+    for path in ("link/secret", "self/x"):
+        with pytest.raises(ParameterError):
+            within(path, [inside], where="x")
+
+
+def test_it_may_be_in_any_of_several_folders(tmp_path):
+    first, second = tmp_path / "a", tmp_path / "b"
+    assert within(second / "x", [first, second], where="x") == second / "x"
+    assert within("x", [first, second], where="x") == first / "x"
+
+
+def test_users_allow_folders_for_this_process_and_those_it_starts(tmp_path):
+    environment: dict[str, str] = {}
+    assert workspace(environment) == (Path.cwd(),)
+    allow(tmp_path / "out", environment)
+    allow(tmp_path / "out" / "deeper", environment)
+    allow(tmp_path / "more", environment)
+    allow(Path("runs"), environment)
+    assert environment[FOLDERS_VARIABLE] == f"{tmp_path / 'out'}:{tmp_path / 'more'}"
+    assert workspace(environment) == (Path.cwd(), tmp_path / "out", tmp_path / "more")
+
+
+def test_a_folder_that_cannot_be_told_to_others_is_not_allowed(tmp_path):
+    environment: dict[str, str] = {}
+    allow(Path("/a:/"), environment)
+    assert environment == {}
+
+
+PATHLIKE = re.compile(r"file|folder|path|model$|source|^init_")
+ELSEWHERE = "/etc/socialbot"
+NODES = [
+    ("speaker", "folder", {"playback": "off"}),
+    ("waldo", "mind_file", {}),
+    ("cleaner", "mind_file", {}),
+    ("cleaner", "pddl_file", {}),
+    ("cleaner", "init_bset", {}),
+    ("cleaner", "init_dset", {}),
+    ("cleaner", "init_reactive_rules_set", {}),
+    ("hospital_coordinator", "memory_file", {}),
+    ("person_detector", "model", {"detector": "onnx"}),
+    ("camera", "source", {}),
+]
+
+
+@pytest.mark.parametrize("path", [ELSEWHERE, "../../../../../../../../../../etc/socialbot"])
+@pytest.mark.parametrize(("kind", "parameter", "others"), NODES)
+def test_no_node_reads_or_writes_elsewhere(kind, parameter, others, path):
+    placement = NodeConfig("node", node_type(kind), {**others, parameter: path})
+    with pytest.raises(ParameterError, match="is outside of") as caught:
+        InlineRunner(
+            Graph("test", (placement,), inputs=frozenset(topic for topic, _ in placement.subscriptions))
+        ).start()
+    assert caught.value.where == f"node.{parameter}"
+
+
+def test_every_parameter_that_is_a_path_is_among_them():
+    names = {name for kind in NODE_TYPES for name in node_type(kind).parameters()}
+    assert {name for name in names if PATHLIKE.search(name)} == {parameter for _, parameter, _ in NODES}
+
+
+def test_what_the_user_names_on_the_command_line_may_be_anywhere(tmp_path, monkeypatch):
+    monkeypatch.setenv(FOLDERS_VARIABLE, "")
+    with_changes(
+        load_graph("waldo"), [f"camera.source={tmp_path}/film.avi", "bdi_engine.greeting=Hi", "camera.rate_hz=5"]
+    )
+    assert workspace() == (Path.cwd(), tmp_path / "film.avi")
+
+
+def test_files_beside_a_graph_may_be_used(tmp_path, monkeypatch):
+    monkeypatch.setenv(FOLDERS_VARIABLE, "")
+    graph = load_graph("waldo")
+    (tmp_path / "mine.yaml").write_text(dump_graph(graph))
+    load_graph(str(tmp_path / "mine.yaml"))
+    assert workspace() == (Path.cwd(), tmp_path)

@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import contextlib
+import time
+
+import pytest
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from socialbot.core.yaml import DEPTH, check_depth, load_yaml
+
+
+def loaders() -> list[YAML]:
+    return [YAML(typ="rt"), YAML(typ="safe", pure=True)]
+
+
+@pytest.mark.parametrize("loader", loaders())
+def test_what_is_right_is_loaded(loader: YAML) -> None:
+    assert load_yaml(loader, "a: {b: [1, 2.5]}\nc:\n  - d") == {"a": {"b": [1, 2.5]}, "c": ["d"]}
+
+
+@pytest.mark.parametrize("loader", loaders())
+@pytest.mark.parametrize("text", ["[a]: b", "{[a]: b}", "? {a: b}\n: c", "9" * 5000, "2001-99-99", "a: *b", "<<: 3"])
+def test_whatever_is_wrong_is_an_error_of_yaml(loader: YAML, text: str) -> None:
+    with contextlib.suppress(YAMLError):
+        assert load_yaml(loader, text) is not None
+
+
+@pytest.mark.parametrize("loader", loaders())
+@pytest.mark.parametrize("unit", ["{", "[", "- ", "? ", "{a: ", "[1, "])
+def test_what_is_nested_too_deeply_is_refused_soon_with_the_line(loader: YAML, unit: str) -> None:
+    begun = time.process_time()
+    with pytest.raises(MarkedYAMLError, match="nested more than") as caught:
+        load_yaml(loader, "a: 1\nb:\n  " + unit * 3000)
+    assert time.process_time() - begun < 0.5
+    assert caught.value.problem_mark is not None
+    assert caught.value.problem_mark.line == 2
+
+
+@pytest.mark.parametrize("loader", loaders())
+def test_some_depth_is_allowed(loader: YAML) -> None:
+    nested = load_yaml(loader, "[" * (DEPTH - 5) + "]" * (DEPTH - 5))
+    for _ in range(DEPTH - 6):
+        [nested] = nested
+    assert nested == []
+
+
+def test_the_depth_of_what_others_load_can_be_checked_before() -> None:
+    check_depth("a: {b: [c]}\n" * 1000)
+    with pytest.raises(YAMLError, match="nested more than"):
+        check_depth("[{" * DEPTH)

@@ -1,0 +1,255 @@
+from __future__ import annotations
+
+import re
+import sys
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.core.errors import GraphError, ParameterError, SocialbotError
+from socialbot.graph.files import GRAPHS, NODE_TYPES, dump_graph, load_graph, node_type, parse_graph
+from socialbot.graph.node import Graph, NodeConfig
+from tests.test_graph import Echo, Source
+
+GOOD = """\
+name: test
+inputs: [/more]
+paced_by: /echo
+nodes:
+  source:
+    type: tests.test_graph:Source
+  echo:
+    type: tests.test_graph:Echo
+    parameters:
+      volume: 0.4
+      times: 3
+    remap:
+      status: /echo/status
+"""
+
+
+def test_a_file_says_what_the_graph_is(tmp_path):
+    path = tmp_path / "g.yaml"
+    path.write_text(GOOD)
+    expected = Graph(
+        "test",
+        (
+            NodeConfig("source", Source),
+            NodeConfig("echo", Echo, {"volume": 0.4, "times": 3}, {"status": "/echo/status"}),
+        ),
+        inputs=frozenset({"/more"}),
+        paced_by="/echo",
+    )
+    assert load_graph(str(path)) == expected
+
+
+def test_a_node_of_ones_own_may_stand_beside_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "own_node_beside.py").write_text("from tests.test_graph import Source\nclass Own(Source): ...\n")
+    path = tmp_path / "g.yaml"
+    path.write_text("name: own\nnodes:\n  own: {type: own_node_beside:Own}\n")
+    assert load_graph(str(path)).placement("own").type.__name__ == "Own"
+
+
+def test_a_node_of_ones_own_may_stand_in_the_working_directory(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own_node_here.py").write_text("from tests.test_graph import Source\nclass Own(Source): ...\n")
+    assert node_type("own_node_here:Own").__name__ == "Own"
+
+
+def test_nothing_beside_a_graph_takes_the_place_of_what_is_installed(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "colorsys.py").write_text("raise SystemExit('this is not the one')")
+    path = tmp_path / "g.yaml"
+    path.write_text("name: own\nnodes:\n  own: {type: colorsys:Own}\n")
+    with pytest.raises(GraphError, match="colorsys has no 'Own'"):
+        load_graph(str(path))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("import no_such_library\n", ["No module named 'no_such_library'", "install no_such_library"]),
+        ("1 / 0\n", ["ZeroDivisionError", "mend the module"]),
+        ("Own = 3\n", ["is no node"]),
+    ],
+)
+def test_what_is_wrong_with_a_module_of_ones_own_is_told(text, words, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    module = f"own_wrong_{abs(hash(text))}"
+    (tmp_path / f"{module}.py").write_text(text)
+    path = tmp_path / "g.yaml"
+    path.write_text(f"name: own\nnodes:\n  own: {{type: {module}:Own}}\n")
+    with pytest.raises(GraphError) as caught:
+        load_graph(str(path))
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_a_graph_that_comes_with_socialbot_is_sound(name):
+    assert load_graph(name).name == name
+
+
+@pytest.mark.parametrize("name", NODE_TYPES)
+def test_a_node_that_comes_with_socialbot_is_there(name):
+    assert node_type(name).__doc__
+
+
+@pytest.mark.parametrize("name", NODE_TYPES)
+def test_each_parameter_says_what_it_means_and_accepts_its_own_default(name):
+    for parameter in node_type(name).parameters().values():
+        assert parameter.doc
+        assert parameter.check(parameter.default, "here") == parameter.default
+
+
+def test_waldo_listens_to_the_camera_and_has_its_seven_nodes():
+    waldo = load_graph("waldo")
+    assert len(waldo.placements) == 7
+    assert waldo.paced_by == "/humans/bodies/detections"
+    assert {"/waldo/actions", "/speech/say", "/head/command"} <= waldo.topics().keys()
+    assert {"/camera/image_raw", "/camera/camera_info"} <= waldo.without_sources().inputs
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("paced_by:", "pacedby:", 3, ["unknown key 'pacedby'", "did you mean 'paced_by'?"]),
+        ("    remap:", "    remaps:", 12, ["unknown key 'remaps'", "did you mean 'remap'?"]),
+        ("tests.test_graph:Echo", "echo", 8, ["unknown node type 'echo'", "package.module:Class"]),
+        ("tests.test_graph:Echo", "tests.test_graph:Eco", 8, ["test_graph has no 'Eco'", "did you mean 'Echo'?"]),
+        ("tests.test_graph:Echo", "tests.no_graph:Echo", 8, ["no module 'tests.no_graph'", "beside the graph"]),
+        ("tests.test_graph:Echo", "tests.test_graph:graph", 8, ["is no node"]),
+        ("inputs: [/more]", "inputs: [/more", 3, ["no valid YAML"]),
+        ("      times: 3", "      times: 3: 4", 11, ["no valid YAML"]),
+        ("      times: 3", "      times: 3\n      times: 4", 12, ["no valid YAML", "duplicate"]),
+        ("name: test", "name: 3", 1, ["'name' must be a text, got 3"]),
+        ("inputs: [/more]", "inputs: /more", 2, ["'inputs' must be a list of texts"]),
+        ("inputs: [/more]", "inputs: [1]", 2, ["'inputs' must be a list of texts"]),
+        ("    type: tests.test_graph:Echo\n", "", 8, ["'type'"]),
+        ("    type: tests.test_graph:Echo", "    type: 7", 8, ["'type' must be a text, got 7"]),
+        ("  source:\n    type: tests.test_graph:Source", "  source: here", 5, ["expected names with values"]),
+        ("      volume: 0.4", "      volume: 4.5", 10, ["4.5 is out of range", "echo.volume"]),
+        ("      volume: 0.4", "      volume: loud", 10, ["'loud' is not of type float"]),
+        ("      volume: 0.4", "      volumes: 0.4", 10, ["no parameter 'volumes'", "did you mean 'volume'?"]),
+        ("      status: /echo/status", "      stats: /echo/status", 13, ["no input or output 'stats'"]),
+        ("      status: /echo/status", "      status: [1]", 13, ["'status' must be a text"]),
+        ("      status: /echo/status", "      heard: /sad", 13, ["nobody publishes /sad", "did you mean '/said'?"]),
+        ("      status: /echo/status", "      status: /said", 13, ["/said is Utterance for source but SpeechStatus"]),
+        ("paced_by: /echo", "paced_by: /eco", 3, ["paced_by names /eco", "did you mean '/echo'?"]),
+    ],
+)  # fmt: skip
+def test_an_error_names_file_line_and_remedy(old, new, line, words):
+    assert old in GOOD
+    with pytest.raises((GraphError, ParameterError)) as caught:
+        parse_graph(GOOD.replace(old, new), where="dir/g.yaml")
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+    place = re.match(r"dir/g\.yaml:(\d+)", caught.value.where or "")
+    assert place, f"no file and line: {caught.value.where}"
+    # What is wrong with a node may be said of the node as a whole; it begins at line 7.
+    assert int(place[1]) == line or (line > 8 and "no valid YAML" not in words and 7 <= int(place[1]) <= line)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "expected names with values"),
+        ("[]", "expected names with values"),
+        ("name: x", "'nodes' is missing"),
+        ("nodes: {}", "'name'"),
+        ("name: x\nnodes:", "expected names with values"),
+        ("\x00", "no valid YAML"),
+        ("a: *b", "no valid YAML"),
+        ("--- {name: x}\n--- {name: y}", "no valid YAML"),
+    ],
+)
+def test_a_page_that_is_no_graph_is_refused(text, words):
+    with pytest.raises(GraphError, match=words) as caught:
+        parse_graph(text, where="g.yaml")
+    assert (caught.value.where or "").startswith("g.yaml")
+
+
+@pytest.mark.parametrize(
+    ("name", "written", "value"),
+    [
+        ("volume", ".5", 0.5), ("volume", "1e-1", 0.1), ("volume", "1", 1), ("times", "0x10", 16),
+        ("times", "1_000", 1000), ("loud", "true", True), ("device", "'1'", "1"), ("device", "|\n        usb", "usb\n"),
+    ],
+)  # fmt: skip
+def test_a_value_may_be_written_in_any_way_that_yaml_knows(name, written, value):
+    text = GOOD.replace("volume: 0.4", f"{name}: {written}").replace("      times: 3\n", "")
+    found = parse_graph(text, where="g.yaml").placement("echo").parameters
+    assert dict(found) == {name: value}
+    assert type(found[name]) is type(value)
+
+
+def test_a_missing_file_and_one_that_is_no_text_are_explained(tmp_path):
+    with pytest.raises(GraphError, match="did you mean 'waldo'"):
+        load_graph("wald")
+    binary = tmp_path / "g.yaml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(GraphError, match="cannot read the graph"):
+        load_graph(str(binary))
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.text(st.sampled_from("abn:- \n{}[]'\"#&*!|>%@,0\t"), max_size=40))
+def test_whatever_the_text_is_errors_are_for_people(text):
+    with pytest.raises(SocialbotError):
+        parse_graph(text, where="g.yaml")
+
+
+TEXTS = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), min_size=1, max_size=12)
+TRICKY = st.sampled_from(("yes", "null", "1", "1e3", "~", "- a", "a: b", "#", "on", "'", "2026-11-21", " x "))
+TOPICS = st.from_regex(r"/[a-z]{1,6}(/[a-z]{1,6})?", fullmatch=True)
+PARAMETERS = st.fixed_dictionaries(
+    {},
+    optional={
+        "volume": st.floats(0.0, 1.0),
+        "times": st.integers(1, 2**40),
+        "loud": st.booleans(),
+        "voice": st.sampled_from(("en", "it")),
+        "device": TEXTS | TRICKY,
+    },
+)
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    TEXTS | TRICKY,
+    st.lists(st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True), max_size=3, unique=True),
+    PARAMETERS,
+    TOPICS,
+    st.booleans(),
+    st.frozensets(TOPICS),
+)
+def test_a_graph_survives_being_written_and_read(name, nodes, parameters, topic, remapped, inputs):
+    remap = {"say": topic} if remapped and topic not in ("/said", "/status") else {}
+    graph = Graph(
+        name,
+        tuple(NodeConfig(node, Echo, parameters, remap) for node in nodes),
+        inputs=inputs | {"/said"},
+        paced_by="/status" if nodes else "",
+    )
+    assert parse_graph(dump_graph(graph), where="dumped") == graph
+
+
+def test_the_graphs_that_come_with_socialbot_survive_too():
+    waldo = load_graph("waldo").without_sources().with_parameters({"bdi_engine": {"offer": "Aiuto? Sì, «subito»!"}})
+    assert parse_graph(dump_graph(waldo), where="dumped") == waldo
+
+
+def test_what_is_merged_has_no_line_of_its_own():
+    with pytest.raises(GraphError, match="expected names with values") as caught:
+        parse_graph("name: &x {nodes: 3}\n<<: *x\n", where="page")
+    assert caught.value.where == "page:1"
+
+
+@pytest.mark.parametrize(
+    "text", ["[a]: b", "name: " + "9" * 5000, "{" * 5000, "- " * 5000, "a: 2001-99-99", "x: &a [*a]"]
+)
+def test_what_yaml_cannot_hold_is_an_error_for_people_and_soon(text):
+    with pytest.raises(GraphError):
+        parse_graph(text, where="page")

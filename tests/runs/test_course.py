@@ -1,0 +1,267 @@
+from __future__ import annotations
+
+import msgspec
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import TraceRecord
+from socialbot.runs import state_index as courses
+from socialbot.runs.folder import open_run
+from socialbot.runs.history import History
+from socialbot.runs.state_index import Course
+from tests.runs.deliberating_runs import desire, plan, plan_end, record, step, step_end
+from tests.runs.runs import greeting
+
+
+def moment(records, second: float):
+    history = History(records, start=100 * SECOND)
+    return Course(history).at(history.stamp(second))
+
+
+def agent(records, second: float):
+    (found,) = moment(records, second).agents
+    return found
+
+
+def told_by(source: str, belief: TraceRecord) -> TraceRecord:
+    return msgspec.structs.replace(belief, detail={"source": source})
+
+
+def test_what_is_believed_and_since_when():
+    records = [
+        told_by("percept", record(1.0, "ann", "belief", "here(bob)", id="b1")),
+        told_by("carl", record(2.0, "ann", "belief", "here(bob)")),
+        record(3.0, "ann", "unbelief", "here(bob)"),
+    ]
+    assert moment(records, 0.5).agents == ()
+    assert [(b.id, b.text, b.source, b.since_s) for b in agent(records, 1.0).beliefs] == [
+        ("b1", "here(bob)", "percept", 1.0)
+    ]
+    assert [b.source for b in agent(records, 2.5).beliefs] == ["percept, carl"]
+    assert agent(records, 3.0).beliefs == ()
+
+
+def test_a_belief_that_somebody_else_still_tells_is_kept():
+    records = [
+        told_by("percept", record(1.0, "ann", "belief", "here(bob)")),
+        told_by("carl", record(2.0, "ann", "belief", "here(bob)")),
+        record(3.0, "ann", "unbelief", "here(bob)", left="carl"),
+    ]
+    assert [(b.text, b.source, b.since_s) for b in agent(records, 3.0).beliefs] == [("here(bob)", "carl", 1.0)]
+
+
+def test_a_desire_its_plan_and_the_step_that_goes_on():
+    records = [
+        desire(0.0, "ann", "be_home"),
+        plan(1.0, "ann", "be_home", 1, "0.000: (go ann hall yard) [2.000]", "2.000: (go ann yard home) [2.000]"),
+        msgspec.structs.replace(step(1.0, "ann", "(go ann hall yard)"), id="s1"),
+        step_end(3.0, "ann", "(go ann hall yard)", cause="s1"),
+        plan_end(5.0, "ann", "be_home", 1, "succeeded"),
+        record(5.0, "ann", "desire_fulfilled", "be_home", reason=""),
+    ]
+    then = agent(records, 2.0)
+    assert [(w.text, w.priority, w.due_s) for w in then.desires] == [("be_home", 0.5, 20.0)]
+    assert [(p.number, p.done, p.steps) for p in then.plans] == [(1, 0, 2)]
+    assert [(d.text, d.since_s) for d in then.actions] == [("go ann hall yard", 1.0)]
+    assert [(p.done, agent(records, 4.0).actions) for p in agent(records, 4.0).plans] == [(1, ())]
+    over = agent(records, 5.0)
+    assert (over.desires, over.plans, over.actions) == ((), (), ())
+    assert [(e.kind, e.outcome) for e in over.ended] == [
+        ("desire", "fulfilled"),
+        ("plan", "succeeded"),
+        ("action", "successful"),
+    ]
+
+
+def test_goals_of_the_engine_with_their_plan_and_step_until_they_are_achieved():
+    records = [
+        record(1.0, "ann", "goal", "serve()", id="g1"),
+        record(1.0, "ann", "plan", "serve()", "g1", id="p1", label="politely"),
+        record(1.0, "ann", "goal", "fetch()", "p1", id="g2"),
+        record(1.0, "ann", "plan", "fetch()", "g2", id="p2", rule="fetch() >> [go()]"),
+        record(1.0, "ann", "action", "go()", "p2", id="a1"),
+        record(2.0, "ann", "progress", "go()", "a1", fraction=0.5, text=""),
+        record(3.0, "ann", "action_end", "go()", "a1", outcome="finished"),
+        record(3.0, "ann", "achieved", "fetch()", "g2"),
+    ]
+    assert [(g.text, g.depth, g.plan, g.step) for g in agent(records, 2.0).goals] == [
+        ("serve()", 0, "politely", ""),
+        ("fetch()", 1, "fetch() >> [go()]", "go()"),
+    ]
+    assert [(d.text, d.since_s, d.done) for d in agent(records, 2.0).actions] == [("go()", 1.0, 0.5)]
+    assert [g.text for g in agent(records, 3.0).goals] == ["serve()"]
+
+
+def test_goals_end_with_the_intention_that_was_dropped():
+    records = [
+        record(1.0, "ann", "goal", "serve()", id="g1"),
+        record(1.0, "ann", "plan", "serve()", "g1", id="p1"),
+        record(1.0, "ann", "goal", "fetch()", "p1", id="g2"),
+        record(2.0, "ann", "failure", "fetch()", "g2", id="f1", message="no plan"),
+        record(2.0, "ann", "dropped", "intention", "f1", message="no plan"),
+    ]
+    assert agent(records, 2.0).goals == ()
+    assert [(e.text, e.outcome) for e in agent(records, 2.0).ended] == [("serve()", "no plan"), ("fetch()", "no plan")]
+
+
+def test_who_is_seen_and_what_is_said_in_a_run_of_waldo(tmp_path):
+    run = open_run(greeting(tmp_path / "run"))
+    nobody, greeted = (run.course.at(run.history.stamp(second)) for second in (0.4, 1.9))
+    assert nobody.sight is not None
+    assert (nobody.sight.persons, nobody.speech) == ((), ())
+    assert greeted.sight is not None
+    assert [(p.track_id, p.distance_m) for p in greeted.sight.persons] == [("t1", 4.0)]
+    assert (greeted.sight.width, greeted.sight.height) == (640, 480)
+    assert [(s.text, s.state) for s in greeted.speech] == [("Hello! Nice to see you.", "started")]
+    assert greeted.head is not None
+    assert greeted.head.mode == "track"
+    (waldo,) = greeted.agents
+    assert 'personDetected("Yes")' in [belief.text for belief in waldo.beliefs]
+
+
+TEXTS = st.sampled_from(("a", "b", "c"))
+HAPPENINGS = st.tuples(
+    st.sampled_from(("ann", "bob")),
+    st.sampled_from(
+        (
+            "belief",
+            "unbelief",
+            "goal",
+            "plan",
+            "action",
+            "achieved",
+            "desire",
+            "desire_dropped",
+            "detection",
+            "utterance",
+        )
+    ),
+    TEXTS,
+    st.integers(0, 40),
+)
+
+
+def happened(happenings) -> list[TraceRecord]:
+    return [
+        record(number / 10, who, kind, what, f"r{cause}" if cause < number else "", id=f"r{number}")
+        for number, (who, kind, what, cause) in enumerate(happenings)
+    ]
+
+
+@pytest.fixture
+def near(monkeypatch):
+    """Checkpoints after every few records."""
+    monkeypatch.setattr(courses, "APART", 4)
+
+
+@pytest.mark.usefixtures("near")
+class TestCheckpoints:
+    @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(st.lists(HAPPENINGS, max_size=20), st.lists(st.integers(0, 45), max_size=8))
+    def test_moments_are_those_found_from_the_start(self, happenings, tenths):
+        history = History(happened(happenings), start=100 * SECOND)
+        course = Course(history)
+        for tenth in tenths:
+            stamp = history.stamp(tenth / 10)
+            assert course.at(stamp) == Course(history).at(stamp)
+
+    @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(st.lists(HAPPENINGS, max_size=20), st.randoms(use_true_random=False))
+    def test_they_stay_right_while_the_history_grows_in_any_order(self, happenings, random):
+        records = happened(happenings)
+        late = sorted(records, key=lambda each: each.stamp + random.randrange(SECOND))
+        history = History(start=100 * SECOND)
+        course = Course(history)
+        for each in late:
+            history.append(each)
+            stamp = history.stamp(random.randrange(45) / 10)
+            assert course.at(stamp) == Course(history).at(stamp)
+
+    @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(st.lists(HAPPENINGS, max_size=20), st.lists(HAPPENINGS, max_size=8), st.integers(0, 40), st.integers(0, 25))
+    def test_they_stay_right_when_what_was_long_ago_is_forgotten(self, before, after, count, seen):
+        records = happened([*before, *after])
+        whole, history = (History(records[: len(before)], start=100 * SECOND) for _ in range(2))
+        course, told = Course(history), Course(whole)
+        course.at(history.stamp(seen / 10))
+        forgotten = course.forget(count)
+        assert forgotten == history.forgotten <= min(count, len(whole))
+        for each in records[len(before) :]:
+            history.append(each)
+            whole.append(each)
+        for stamp in {each.stamp for each in history}:
+            assert course.at(stamp) == told.at(stamp)
+
+    def test_of_what_still_goes_on_it_remains_known_what_led_to_it_and_what_it_has_come_to(self):
+        early = [
+            record(0.0, "ann", "belief", "hungry", id="b1"),
+            record(0.1, "ann", "goal", "eat()", "b1", id="g1"),
+            record(0.1, "ann", "plan", "eat()", "g1", id="p1"),
+            record(0.2, "ann", "action", "cook()", "p1", id="a1"),
+            *(record(0.3 + n / 10, "ann", "belief", f"tick({n})") for n in range(12)),
+        ]
+        history = History(early, start=100 * SECOND)
+        course = Course(history)
+        assert course.forget(14) == 12
+        cook = history.find("a1")
+        assert cook is not None
+        assert [each.id for each in history.chain(cook)] == ["a1", "p1", "g1", "b1"]
+        for each in (
+            record(9.0, "ann", "failure", "cook()", "a1", id="f1"),
+            record(9.0, "ann", "dropped", "eat()", "f1", reason="burnt"),
+        ):
+            history.append(each)
+        (ann,) = course.at(history.end).agents
+        assert (ann.goals, [(ended.text, ended.outcome) for ended in ann.ended]) == ((), [("eat()", "burnt")])
+
+    def test_what_went_on_then_and_has_ended_since_is_right_at_every_moment(self):
+        records = [
+            record(0.0, "ann", "goal", "eat()", id="g1"),
+            record(0.0, "ann", "plan", "eat()", "g1", id="p1"),
+            record(0.0, "ann", "action", "cook()", "p1", id="a1"),
+            record(0.1, "ann", "belief", "hungry"),
+            record(0.2, "ann", "belief", "late"),
+            record(0.3, "ann", "failure", "cook()", "a1", id="f1"),
+            record(0.3, "ann", "dropped", "eat()", "f1", reason="burnt"),
+            *(record(1.0 + n, "ann", "belief", f"tick({n})") for n in range(9)),
+        ]
+        whole, history = (History(records, start=100 * SECOND) for _ in range(2))
+        course = Course(history)
+        assert course.forget(4) == 4
+        for each in history:
+            assert course.at(each.stamp) == Course(whole).at(each.stamp)
+        assert history.find("g1") is not None, "a page that shows it is asked why"
+
+    def test_actions_that_go_on_side_by_side_end_their_goal_when_any_of_them_fails(self):
+        records = [
+            record(0.0, "ann", "goal", "eat()", id="g1"),
+            record(0.0, "ann", "plan", "eat()", "g1", id="p1"),
+            record(0.0, "ann", "action", "cook()", "p1", id="a1"),
+            record(0.0, "ann", "action", "lay()", "p1", id="a2"),
+            *(record(1.0 + n, "ann", "belief", f"tick({n})") for n in range(9)),
+        ]
+        history = History(records, start=100 * SECOND)
+        course = Course(history)
+        assert course.forget(8) == 8
+        history.append(record(20.0, "ann", "failure", "cook()", "a1", id="f1"))
+        history.append(record(20.0, "ann", "dropped", "eat()", "f1", reason="burnt"))
+        (ann,) = course.at(history.end).agents
+        assert ann.goals == ()
+
+    def test_what_is_over_is_not_kept_for_ever(self):
+        history = History(start=100 * SECOND)
+        course = Course(history)
+        for n in range(0, 400, 4):
+            for each in (
+                record(n, "ann", "goal", "look()", f"g{n - 4}", id=f"g{n}"),
+                record(n + 1, "ann", "plan", "look()", f"g{n}", id=f"p{n}"),
+                record(n + 2, "ann", "achieved", "look()", f"g{n}"),
+                record(n + 3, "ann", "belief", "looked", f"p{n}", id=f"b{n}"),
+            ):
+                history.append(each)
+            course.forget(max(0, len(history) - 8))
+            assert len(history) <= 12
+        assert history.find("g200") is history.find("p200") is None
+        assert history.find("b0") is not None, "it is still believed"

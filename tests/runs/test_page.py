@@ -1,0 +1,234 @@
+"""The page of a recorded run, in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("playwright", reason="needs playwright")
+
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, expect
+
+from socialbot.core.clock import SECOND
+from tests.runs.browsing import COMES_S, Visit, chromium, served, waldo_with_pictures
+from tests.runs.runs import START
+
+pytestmark = pytest.mark.xdist_group("browser")
+
+FIRST_PICTURE_MS = 3000
+"""Three times what is required, as other tests run beside."""
+
+SCRUB_MS = 300
+"""Three times what is required."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def waldo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    run: Path = waldo_with_pictures(tmp_path_factory.mktemp("waldo"))
+    with served(run) as url:
+        yield url
+
+
+@pytest.fixture
+def visit(browser: Browser, waldo: str) -> Iterator[Visit]:
+    visit = Visit(browser, waldo)
+    yield visit
+    visit.close()
+
+
+def faults(visit: Visit) -> list[str]:
+    """What axe finds that keeps people from using the page."""
+    found = Axe().run(visit.page).response["violations"]
+    return [f"{each['id']}: {each['nodes'][0]['html']}" for each in found if each["impact"] in ("serious", "critical")]
+
+
+def test_the_page_shows_a_run_soon_without_complaints_and_for_all(visit):
+    assert visit.page.title().startswith("Waldo")
+    assert visit.number("document.querySelector('#picture').naturalWidth") == 640
+    shown = visit.number(
+        "performance.getEntriesByType('resource').find(each => each.name.includes('/api/picture')).responseEnd"
+    )
+    assert shown < FIRST_PICTURE_MS
+    visit.seek(2.0)
+    assert visit.texts("#log .now span")
+    assert faults(visit) == []
+
+
+def test_the_page_opens_at_the_first_greeting(visit):
+    assert visit.texts("#speech") == ["“Hello! Nice to see you.”"]
+    assert visit.texts("#boxes .box") == ["t1 · 4.0 m"]
+    assert "greeted()" in visit.texts("#beliefs .what")
+    assert "Hello" in visit.texts("#now")[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["t=0", "t=3.24"])
+def test_the_page_opens_at_the_moment_that_its_address_names(browser, waldo, where):
+    visit = Visit(browser, waldo, where)
+    visit.wait(float(where.removeprefix("t=")))
+    visit.page.evaluate("location.hash = 't=0.5'")
+    visit.wait(0.5)
+    visit.page.evaluate("location.hash = 'mind'")
+    assert visit.texts("#clock") == ["0.50 s"]
+    visit.close()
+
+
+@pytest.mark.slow
+def test_everything_moves_in_step_with_the_scrubber(visit):
+    visit.seek(COMES_S - 0.5)
+    assert visit.texts("#boxes .box") == []
+    assert visit.texts("#seen") == ["Sees nobody"]
+    for seconds in (3.24, 1.72, 2.5):
+        visit.seek(seconds)
+        assert visit.number("document.querySelector('#picture').dataset.t") == pytest.approx(int(seconds * 10) / 10)
+        assert visit.texts("#boxes .box") == ["t1 · 4.0 m"]
+        assert "greeted()" in visit.texts("#beliefs .what")
+        assert visit.texts("#clock") == [f"{seconds:.2f} s"]
+        began = datetime.fromtimestamp(START // SECOND, timezone.utc)
+        then = began + timedelta(seconds=int(seconds))
+        assert visit.page.locator("#day").get_attribute("datetime") == then.strftime("%Y-%m-%dT%H:%M:%S.000Z")
+        times = [float(time.removesuffix(" s")) for time in visit.texts("#log li:not(.later) time")]
+        assert max(times) <= seconds
+    frame, box = visit.place("#picture"), visit.place("#boxes .box")
+    assert (box["x"] - frame["x"]) / frame["width"] == pytest.approx(100 / 640, abs=0.01)
+    assert box["height"] / frame["height"] == pytest.approx(200 / 480, abs=0.01)
+
+
+@pytest.mark.slow
+def test_a_step_of_the_scrubber_takes_no_time(visit):
+    steps = """async () => {
+        const slider = document.querySelector('#scrubber'), taken = [];
+        for (const t of [0.31, 2.9, 1.17, 3.33, 0.73, 2.22, 3.71, 1.91]) {
+            const began = performance.now();
+            slider.value = t;
+            slider.dispatchEvent(new Event('input'));
+            while (Math.abs(document.body.dataset.shown - t) > 1e-3) await new Promise(requestAnimationFrame);
+            taken.push(performance.now() - began);
+        }
+        return taken.sort((one, other) => one - other)[4];
+    }"""
+    assert visit.number(f"({steps})()") < SCRUB_MS
+
+
+@pytest.mark.slow
+def test_a_click_on_what_was_done_tells_why_down_to_the_frame(visit):
+    visit.seek(3.5)
+    visit.page.locator("#timeline .bar.speech").first.click()
+    chain = visit.page.locator("#pane-why .chain button")
+    expect(chain.first).to_contain_text("Hello")
+    expect(chain.last).to_contain_text("the frame at")
+    picture = visit.page.locator(".cause img")
+    expect(picture).to_be_visible()
+    assert visit.texts(".cause .box") == ["t1 · 4.0 m"]
+    began = float(visit.texts("#pane-why .chain time")[-1].removesuffix(" s"))
+    visit.seek(3.5)
+    chain.last.click()
+    visit.wait(began)
+    assert visit.page.locator("#timeline .bar.chosen").count() <= 1
+
+
+@pytest.mark.slow
+def test_a_click_on_the_words_beside_a_bar_is_one_on_the_bar(visit):
+    visit.page.locator("#timeline .bar.action text.beside").first.click()
+    expect(visit.page.locator("#pane-why .chain button").first).to_contain_text("did")
+
+
+@pytest.mark.slow
+def test_a_click_on_a_plan_tells_when_it_was_not_chosen_and_why(visit):
+    visit.page.click("#tab-plans")
+    plan = visit.page.locator("#pane-plans button", has_text="greeting_several")
+    plan.click()
+    expect(visit.page.locator("#pane-why h3.code")).to_contain_text("greeting_several")
+    expect(visit.page.locator("#pane-why .because")).to_contain_text("(N > 1) does not hold")
+    visit.page.locator("#pane-why .rejected .when").click()
+    visit.page.wait_for_function("() => document.body.dataset.shown > 0")
+
+
+@pytest.mark.slow
+def test_all_of_it_works_by_keys(visit):
+    press = visit.page.keyboard.press
+    press("Home")
+    visit.wait(0)
+    press("ArrowRight")
+    visit.wait(1.0)
+    press(".")
+    visit.wait(1.1)
+    press("Shift+ArrowRight")
+    visit.page.wait_for_function("() => document.body.dataset.shown > 1.1 || document.querySelector('#log .now')")
+    press("w")
+    expect(visit.page.locator("#pane-why .chain")).to_be_visible()
+    press("3")
+    expect(visit.page.locator("#pane-plans")).to_be_visible()
+    press("?")
+    expect(visit.page.locator("#keys")).to_be_visible()
+    press("Escape")
+    visit.page.locator("#speed").select_option("0.25")
+    visit.page.evaluate("document.activeElement.blur()")
+    press("Home")
+    press("Space")
+    expect(visit.page.locator("#play")).to_have_text("Pause")
+    visit.page.wait_for_function("() => document.body.dataset.shown > 0.2")
+    press("Space")
+    expect(visit.page.locator("#play")).to_have_text("Play")
+    press("End")
+    expect(visit.page.locator("#beliefs button").first).to_be_visible()
+    reached = set()
+    for _ in range(60):
+        press("Tab")
+        reached.add(visit.page.evaluate("document.activeElement.id || document.activeElement.closest('[id]')?.id"))
+    assert {"scrubber", "play", "speed", "tab-plans", "beliefs", "timeline", "closer", "help"} <= reached
+
+
+@pytest.mark.slow
+def test_zoom_shows_less_time_and_keeps_what_is_shown_in_sight(visit):
+    visit.seek(2.0)
+    ticks = visit.texts("#timeline .axis text")
+    for _ in range(3):
+        visit.page.click("#closer")
+    expect(visit.page.locator("#timeline .axis text").first).not_to_have_text(ticks[0])
+    cursor, box = visit.place(".cursor"), visit.place(".chart-box")
+    assert box["x"] <= cursor["x"] <= box["x"] + box["width"]
+    visit.page.keyboard.press("0")
+    expect(visit.page.locator("#timeline .axis text").first).to_have_text(ticks[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1000], ids=["phone", "tablet"])
+def test_the_page_can_be_read_on_a_small_screen_and_in_the_dark(browser, waldo, width, dark):
+    visit = Visit(browser, waldo, "t=2.5", width=width, height=844, dark=dark)
+    assert visit.number("document.documentElement.scrollWidth") <= width
+    if width == 390:
+        assert 700 < visit.place("#scrubber")["y"] < 844
+    assert faults(visit) == []
+    visit.close()
+
+
+@pytest.mark.slow
+def test_nothing_can_be_asked_of_a_recorded_run_and_the_page_says_why(visit):
+    visit.page.click("#tab-ask")
+    expect(visit.page.locator("#pane-ask")).to_contain_text("Nothing can be asked")
+    assert visit.page.locator("#pane-ask button:enabled").count() == 0
+    assert faults(visit) == []
+
+
+@pytest.mark.slow
+def test_the_whole_graph_is_in_sight(browser, waldo):
+    visit = Visit(browser, waldo, "t=2.5", width=1100)
+    graph = visit.place("#graph")
+    for node in visit.page.locator("#graph .node rect").all():
+        place = node.bounding_box()
+        assert place is not None
+        assert graph["x"] <= place["x"]
+        assert place["x"] + place["width"] <= graph["x"] + graph["width"]
+    visit.close()

@@ -1,0 +1,208 @@
+"""The page of a run that goes on, in a browser: its server goes and comes back; many agents are at work."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+pytest.importorskip("playwright", reason="needs playwright")
+
+from playwright.sync_api import Browser, expect
+
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import TraceRecord
+from socialbot.graph.files import load_graph
+from socialbot.runs.folder import open_run
+from socialbot.runs.serving import Address, serving
+from socialbot.runtime import live_run
+from socialbot.runtime.live_run import LiveRun
+from tests.runs.browsing import Visit, chromium
+from tests.runs.runs import START, greeting, waldo_at_work
+
+expect.set_options(timeout=60_000)
+
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("browser")]
+
+ANY = Address(port=0)
+SOMEBODY = 'personDetected("Yes")'
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+def same(url: str) -> Address:
+    """The address of a server that was there before."""
+    return Address(port=urlsplit(url).port or 0)
+
+
+def test_a_live_page_that_loses_its_server_says_so_keeps_what_it_shows_and_comes_back(browser, tmp_path):
+    live = LiveRun(load_graph("waldo"))
+    runner = waldo_at_work(tmp_path / "run", live, range(10))
+    with serving(live, ANY) as served:
+        visit = Visit(browser, served.url)
+        expect(visit.page.locator("#beliefs")).to_contain_text(SOMEBODY)
+        visit.wait(0.9)
+    notice = visit.page.locator("#notice")
+    expect(notice).to_have_text("The connection is lost; trying again …")
+    assert SOMEBODY in "".join(visit.texts("#beliefs .what"))
+    visit.page.locator("#beliefs button").first.click()
+    expect(visit.page.locator("#pane-why")).to_contain_text("The server does not answer")
+    waldo_at_work(tmp_path / "run", live, range(10, 20), runner)
+    with serving(live, same(served.url)):
+        expect(notice).to_be_hidden()
+        visit.page.keyboard.press("End")
+        visit.wait(1.9)
+        waldo_at_work(tmp_path / "run", live, range(20, 25), runner)
+        visit.wait(2.4)
+        expect(visit.page.locator("#state")).to_have_text("live")
+        visit.close(lost=True)
+    runner.close()
+
+
+def test_the_plans_of_a_live_run_are_those_of_now(browser, tmp_path):
+    live = LiveRun(load_graph("waldo"))
+    with serving(live, ANY) as served:
+        visit = Visit(browser, served.url)
+        expect(visit.page.locator("#mind-title")).to_have_text("Waldo")
+        visit.page.locator("#tab-plans").click()
+        plans = visit.page.locator("#pane-plans")
+        expect(plans).to_contain_text("No plan was considered yet.")
+        waldo_at_work(tmp_path / "run", live, range(20)).close()
+        visit.wait(1.9)
+        visit.page.locator("#tab-log").click()
+        visit.page.locator("#tab-plans").click()
+        expect(plans).to_contain_text("chosen 1")
+        visit.close()
+
+
+def test_a_page_that_comes_back_to_a_run_begun_anew_shows_that(browser, tmp_path):
+    first, second = (LiveRun(load_graph("waldo")) for _ in range(2))
+    waldo_at_work(tmp_path / "first", first, range(20)).close()
+    waldo_at_work(tmp_path / "second", second, range(4)).close()
+    with serving(first, ANY) as served:
+        visit = Visit(browser, served.url)
+        visit.wait(1.9)
+    expect(visit.page.locator("#notice")).to_contain_text("lost")
+    with serving(second, same(served.url)):
+        visit.wait(0.3)
+        expect(visit.page.locator("#clock")).to_have_text("0.30 s")
+        expect(visit.page.locator("#beliefs")).not_to_contain_text(SOMEBODY)
+        expect(visit.page.locator("#log")).not_to_contain_text("Hello")
+        visit.close(lost=True)
+
+
+def test_of_a_long_log_the_beginning_is_fetched_when_somebody_goes_back_to_it(browser):
+    live = LiveRun(load_graph("waldo"))
+    for number in range(6000):
+        stamp, id = START + number * SECOND // 100, f"b{number}"
+        what = f"seen({number})"
+        live.observe("/waldo/trace", TraceRecord(stamp=stamp, id=id, source="bdi_engine", kind="belief", what=what))
+    with serving(live, ANY) as served:
+        visit = Visit(browser, served.url)
+        visit.wait(59.99)
+        asked = "performance.getEntriesByType('resource').filter(each => each.name.includes('/api/log')).length"
+        assert visit.number(asked) == 5, "2000 lines, of which each request after the first gives one that is known"
+        visit.seek(1.0)
+        expect(visit.page.locator("#log .now")).to_contain_text("seen(100)")
+        visit.close()
+
+
+@dataclass
+class Jam:
+    """Takes nothing to agents, and while it is not ``free`` holds up who asks whether it does: the whole server."""
+
+    free: threading.Event = field(default_factory=threading.Event)
+
+    @property
+    def shut(self) -> str:
+        self.free.wait()
+        return "nobody is there"
+
+    async def ask(self, agent: str, command: str, text: str) -> None:
+        return None
+
+
+def test_a_server_of_which_nothing_is_heard_is_lost_too(browser, tmp_path):
+    live, jam = LiveRun(load_graph("waldo")), Jam()
+    jam.free.set()
+    runner = waldo_at_work(tmp_path / "run", live, range(10))
+    with serving(live, ANY, jam) as served:
+        visit = Visit(browser, served.url)
+        visit.wait(0.9)
+        jam.free.clear()
+        try:
+            expect(visit.page.locator("#notice")).to_contain_text("The connection is lost")
+        finally:
+            jam.free.set()
+        expect(visit.page.locator("#notice")).to_be_hidden()
+        waldo_at_work(tmp_path / "run", live, range(10, 15), runner)
+        visit.wait(1.4)
+        visit.close()
+    runner.close()
+
+
+def test_a_page_of_a_record_comes_back_to_where_somebody_went_meanwhile(browser, tmp_path: Path):
+    run = open_run(greeting(tmp_path / "run"))
+    with serving(run, ANY) as served:
+        visit = Visit(browser, served.url)
+    visit.page.locator("#scrubber").fill("1.5")
+    notice = visit.page.locator("#notice")
+    expect(notice).to_have_text("The server does not answer; trying again …")
+    with serving(run, same(served.url)):
+        visit.wait(1.5)
+        expect(notice).to_be_hidden()
+        expect(visit.page.locator("#beliefs")).to_contain_text(SOMEBODY)
+        visit.close(lost=True)
+
+
+def test_a_page_that_is_open_for_long_forgets_what_the_server_does(browser, tmp_path, monkeypatch):
+    monkeypatch.setattr(live_run, "MOST_RECORDS", 600)
+    live = LiveRun(load_graph("waldo"))
+    runner = waldo_at_work(tmp_path / "run", live, range(20))
+    with serving(live, ANY) as served:
+        visit = Visit(browser, served.url)
+        visit.wait(1.9)
+        for begin in range(20, 1000, 100):
+            waldo_at_work(tmp_path / "run", live, range(begin, begin + 100), runner)
+            visit.wait((begin + 99) / 10)
+        visit.page.keyboard.press("Home")
+        since = live.history.seconds(live.history.since)
+        assert since > 30.0
+        visit.wait(since)
+        slider = visit.page.locator("#scrubber")
+        expect(slider).to_have_attribute("min", str(since))
+        assert slider.evaluate("slider => slider.valueAsNumber") == since
+        visit.page.locator("#beliefs button").first.click()
+        expect(visit.page.locator("#pane-why")).to_contain_text("because")
+        visit.page.keyboard.press("End")
+        visit.wait(101.9)
+        runner.close()
+        served.show(open_run(tmp_path / "run"))
+        expect(visit.page.locator("#state")).to_have_text("recorded")
+        expect(slider).to_have_attribute("min", "0")
+        visit.page.locator("#tab-log").click()
+        visit.page.keyboard.press("Home")
+        visit.wait(0.0)
+        expect(visit.page.locator("#log li button").first).to_have_text(re.compile(r"^0\.\d\d s"))
+        visit.close()
+
+
+def test_a_page_that_was_there_before_the_run_began_says_the_time_of_day(browser, tmp_path):
+    live = LiveRun(load_graph("waldo"))
+    with serving(live, ANY) as served:
+        visit = Visit(browser, served.url)
+        expect(visit.page.locator("#mind-title")).to_have_text("Waldo")
+        expect(visit.page.locator("#day")).to_be_hidden()
+        waldo_at_work(tmp_path / "run", live, range(20)).close()
+        visit.wait(1.9)
+        expect(visit.page.locator("#day")).to_have_attribute("datetime", re.compile("^2023-11-14T22:13:2"))
+        visit.close()

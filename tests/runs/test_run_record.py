@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+import json
+
+import msgspec
+import pytest
+
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import SocialbotError
+from socialbot.core.messages import (
+    ActionRequest,
+    CameraInfo,
+    HeadCommand,
+    JointTrajectory,
+    Mind,
+    PersonDetection,
+    PersonDetections,
+    SpeechStatus,
+    TraceRecord,
+    Utterance,
+)
+from socialbot.runs.record import RECORDED, RunRecord, RunTrace, trace_record
+
+PERSON = PersonDetection(x=1, y=2, w=3, h=4, score=0.9, distance_m=2.5)
+DETECTIONS = PersonDetections(stamp=SECOND, frame_id="camera", width=640, height=480, persons=(PERSON,))
+BELIEF = TraceRecord(stamp=SECOND, id="waldo-1", source="waldo", kind="belief", what="p()", cause=DETECTIONS.id)
+ACTION = ActionRequest(stamp=SECOND, id="waldo-2", agent="waldo", name="speak", arguments=("greeting", "Hello!"))
+UTTERANCE = Utterance(stamp=SECOND, id="say-waldo-2", text="Hello!", key="greeting", cause="waldo-2")
+STATUS = SpeechStatus(stamp=2 * SECOND, utterance_id="say-waldo-2", state="started", text="Hello!", detail="001.wav")
+HEAD = HeadCommand(stamp=SECOND, mode="track", cause="waldo-2")
+MOTION = JointTrajectory(
+    stamp=SECOND, joint_names=("pan", "tilt"), positions=(0.5, -0.25), velocities=(0.0, 0.0), duration_s=0.5
+)
+RUN = (DETECTIONS, BELIEF, ACTION, UTTERANCE, HEAD, MOTION, STATUS)
+
+
+def lines(folder) -> list[dict]:
+    return [json.loads(line) for line in (folder / "trace.jsonl").read_text("utf-8").splitlines()]
+
+
+def test_a_run_is_kept_as_one_chain_of_records(tmp_path):
+    with RunRecord(tmp_path / "run") as record:
+        for message in RUN:
+            record.observe("/topic", message)
+    kept = lines(tmp_path / "run")
+    assert [(line["kind"], line["id"], line.get("cause", "")) for line in kept] == [
+        ("detection", f"detection-{SECOND}", f"frame-{SECOND}"),
+        ("belief", "waldo-1", f"detection-{SECOND}"),
+        ("utterance", "say-waldo-2", "waldo-2"),
+        ("head", "head-waldo-2", "waldo-2"),
+        ("motion", f"motion-{SECOND}", ""),
+        ("speech", "say-waldo-2-started", "say-waldo-2"),
+    ]
+    assert {line["schema"] for line in kept} == {"socialbot/TraceRecord/1"}
+
+
+def test_each_line_is_a_record_that_can_be_read_back(tmp_path):
+    with RunRecord(tmp_path) as record:
+        for message in RUN:
+            record.observe("/topic", message)
+    read = [
+        msgspec.json.decode(line, type=TraceRecord) for line in (tmp_path / "trace.jsonl").read_bytes().splitlines()
+    ]
+    made = [trace_record("/topic", message) for message in RUN]
+    assert msgspec.json.encode(read) == msgspec.json.encode([record for record in made if record is not None])
+
+
+def test_each_line_is_on_disk_before_the_next_message(tmp_path):
+    record = RunRecord(tmp_path)
+    for count, message in enumerate((BELIEF, UTTERANCE, HEAD), start=1):
+        record.observe("/topic", message)
+        assert len(lines(tmp_path)) == count
+
+
+def test_detections_actions_and_utterances_are_at_hand(tmp_path):
+    with RunRecord(tmp_path) as record:
+        for message in RUN:
+            record.observe("/topic", message)
+    assert (record.detections, record.actions, record.utterances) == ([DETECTIONS], [ACTION], [UTTERANCE])
+
+
+@pytest.mark.parametrize(
+    ("message", "what", "detail"),
+    [
+        (DETECTIONS, "1 person", {"persons": (msgspec.to_builtins(PERSON),), "width": 640, "height": 480}),
+        (msgspec.structs.replace(DETECTIONS, persons=()), "0 persons", {}),
+        (msgspec.structs.replace(DETECTIONS, persons=(PERSON, PERSON)), "2 persons", None),
+        (UTTERANCE, "Hello!", {}),
+        (STATUS, "started", {"detail": "001.wav"}),
+        (msgspec.structs.replace(STATUS, detail="", state="finished"), "finished", {}),
+        (HEAD, "track", {}),
+        (MOTION, "pan 0.500 rad, tilt -0.250 rad", {"duration_s": 0.5}),
+    ],
+)
+def test_a_record_says_what_happened(message, what, detail):
+    record = trace_record("/topic", message)
+    assert record is not None
+    assert (record.stamp, record.source, record.what) == (message.stamp, "/topic", what)
+    if detail is not None:
+        assert record.detail == detail
+
+
+def test_a_record_of_the_agent_is_kept_as_it_is():
+    assert trace_record("/waldo/trace", BELIEF) is BELIEF
+
+
+def test_a_head_command_without_a_cause_is_told_apart_by_its_stamp():
+    record = trace_record("/head", HeadCommand(stamp=7, mode="centre"))
+    assert record is not None
+    assert record.id == "head-7"
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        ACTION,
+        CameraInfo(stamp=1, frame_id="camera", width=1, height=1, k=(1.0,) * 9),
+        Mind(stamp=1, agent="waldo", beliefs=(), desires=(), intentions=()),
+    ],
+)
+def test_what_the_trace_tells_already_or_is_no_step_is_left_out(message):
+    assert trace_record("/topic", message) is None
+
+
+def test_everything_recorded_but_the_actions_has_a_record():
+    assert {type(message) for message in RUN} == set(RECORDED)
+
+
+def test_what_is_recorded_has_ids_of_its_own():
+    ids = [record.id for message in RUN if (record := trace_record("/topic", message)) is not None]
+    assert len(set(ids)) == len(ids)
+
+
+def test_a_folder_is_made_with_those_above_it(tmp_path):
+    with RunRecord(tmp_path / "a" / "b") as record:
+        assert record.folder.is_dir()
+
+
+def test_a_folder_that_holds_a_run_is_not_touched(tmp_path):
+    with RunRecord(tmp_path) as record:
+        record.observe("/topic", BELIEF)
+    before = (tmp_path / "trace.jsonl").read_bytes()
+    with pytest.raises(SocialbotError, match="holds a run already") as caught:
+        RunRecord(tmp_path)
+    assert caught.value.remedy
+    assert caught.value.exit_code == 4
+    assert (tmp_path / "trace.jsonl").read_bytes() == before
+
+
+def test_a_folder_that_cannot_be_made_is_explained(tmp_path):
+    (tmp_path / "file").write_text("x")
+    for folder in (tmp_path / "file", tmp_path / "file" / "run"):
+        with pytest.raises(SocialbotError, match="the folder of the run") as caught:
+            RunRecord(folder)
+        assert caught.value.where == str(folder)
+
+
+def test_results_are_written_to_be_read(tmp_path):
+    with RunRecord(tmp_path) as record:
+        path = record.write_results({"actions": [{"t_s": 1.5}], "graph": "waldo", "text": "è"})
+    assert path == tmp_path / "results.json"
+    assert json.loads(path.read_text("utf-8")) == {"actions": [{"t_s": 1.5}], "graph": "waldo", "text": "è"}
+    assert "\n  " in path.read_text("utf-8")
+
+
+def test_a_trace_alone_keeps_nothing_in_memory(tmp_path):
+    with RunRecord(tmp_path / "record") as record, RunTrace(tmp_path / "trace") as trace:
+        for taker in (record, trace):
+            taker.observe("/humans/bodies/detections", DETECTIONS)
+            taker.observe("/speech/say", UTTERANCE)
+    assert (tmp_path / "trace" / "trace.jsonl").read_bytes() == (tmp_path / "record" / "trace.jsonl").read_bytes()
+    assert not [kept for kept in vars(trace).values() if isinstance(kept, list)]

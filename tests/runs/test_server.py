@@ -1,0 +1,435 @@
+"""The inspector's server: what it answers, and to whom."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import httpx
+import pytest
+
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import AgentAnswer, TraceRecord
+from socialbot.graph.files import load_graph
+from socialbot.runs import sentences as log
+from socialbot.runs import server as server_module
+from socialbot.runs.folder import open_run
+from socialbot.runs.run import Picture, Run
+from socialbot.runs.server import COOKIE, Server
+from socialbot.runs.serving import Address, _listening
+from socialbot.runtime import live_run
+from socialbot.runtime.live_run import LiveRun, _Heard
+from tests.runs.runs import START, greeting, waldo_at_work
+
+HOME = "http://127.0.0.1:8765"
+TOKEN = "correct-horse"
+HALF_SECOND = 0.5
+
+
+class OnePicture:
+    """A picture from half a second on."""
+
+    def at(self, stamp: int) -> Picture | None:
+        at = START + round(HALF_SECOND * SECOND)
+        return Picture(at, b"\xff\xd8jpeg") if stamp >= at else None
+
+
+DONE = AgentAnswer(stamp=0, id="1", agent="bdi_engine", accepted=True)
+
+
+@dataclass
+class Desk:
+    """Takes what is asked of agents, and answers."""
+
+    answer: AgentAnswer | None = DONE
+    shut: str = ""
+    asked: list[tuple[str, str, str]] = field(default_factory=list)
+
+    async def ask(self, agent: str, command: str, text: str) -> AgentAnswer | None:
+        self.asked.append((agent, command, text))
+        return self.answer
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Run:
+    return open_run(greeting(tmp_path_factory.mktemp("runs") / "evening"), OnePicture())
+
+
+Get = Callable[..., httpx.Response]
+
+
+def client(run: Run, desk: Desk | None = None, token: str = "") -> Get:
+    """Asks a server of ``run`` for something."""
+    application = Server(run, desk).application(token)
+
+    def ask(path: str, method: str = "GET", **more: Any) -> httpx.Response:
+        async def asking() -> httpx.Response:
+            transport = httpx.ASGITransport(application)
+            async with httpx.AsyncClient(transport=transport, base_url=HOME) as browser:
+                return await browser.request(method, path, **more)
+
+        return asyncio.run(asking())
+
+    return ask
+
+
+@pytest.fixture
+def get(run: Run) -> Get:
+    return client(run)
+
+
+def test_a_run_in_short(get):
+    found = get("/api/run").json()
+    assert (found["title"], found["live"], found["duration_s"]) == ("Waldo: evening", False, 1.9)
+    assert (found["began_s"], found["since_s"]) == (START / SECOND, 0.0)
+    assert [(agent["name"], agent["called"]) for agent in found["agents"]] == [("bdi_engine", "Waldo")]
+    assert any(plan["chosen"] for plan in found["agents"][0]["plans"])
+    assert {node["name"] for node in found["graph"]["nodes"]} >= {"bdi_engine", "speech"}
+    assert found["has"] == {
+        "pictures": True, "world": False, "trees": False, "commands": False, "why_not": "this run is not live"
+    }  # fmt: skip
+    assert found["results"]["runner"] == "inline"
+
+
+@pytest.mark.parametrize(
+    ("silenced", "kind"),
+    [((), "utterance"), (("utterance",), "action"), (("utterance", "action"), "")],
+    ids=["word", "deed", "start"],
+)
+def test_a_run_opens_where_there_is_something_to_see(tmp_path, silenced, kind):
+    folder = greeting(tmp_path / "run")
+    trace = folder / "trace.jsonl"
+    lines = trace.read_text().splitlines(keepends=True)
+    trace.write_text("".join(line for line in lines if json.loads(line)["kind"] not in silenced))
+    run = open_run(folder)
+    first = next((run.history.seconds(each.stamp) for each in run.history if each.kind == kind), 0.0)
+    assert (first > 0) is bool(kind)
+    assert client(run)("/api/run").json()["opens_s"] == first
+
+
+def test_a_moment_is_that_of_the_time(get):
+    early, late = get("/api/moment?t=0.3").json(), get("/api/moment?t=1.9").json()
+    assert early["sight"]["persons"] == []
+    assert len(late["sight"]["persons"]) == 1
+    assert (early["at_s"], late["at_s"]) == (0.3, 1.9)
+    assert get("/api/moment").json() == late
+    assert any(belief["text"] == 'personDetected("Yes")' for belief in late["agents"][0]["beliefs"])
+
+
+def test_a_picture_is_the_newest_before_the_time_and_says_when_it_was(get):
+    found = get("/api/picture?t=1.5")
+    assert (found.headers["content-type"], found.headers["x-time"], found.content) == (
+        "image/jpeg",
+        "0.500000",
+        b"\xff\xd8jpeg",
+    )
+    early = get("/api/picture?t=0.1")
+    assert (early.status_code, early.content) == (204, b"")
+
+
+def test_a_world_that_is_not_there_is_missed(get):
+    assert get("/api/world?t=1").json() == {"error": "this run has no world to draw"}
+
+
+def test_nodes_trees_and_the_timeline(get):
+    assert {node["name"]: node["condition"] for node in get("/api/nodes?t=1").json()}.keys() >= {"bdi_engine"}
+    assert get("/api/trees?t=1").json() == []
+    lanes = {(lane["agent"], lane["name"]): lane["bars"] for lane in get("/api/timeline").json()["lanes"]}
+    assert lanes["", "people"][0].keys() == {"id", "kind", "text", "from", "to", "outcome"}
+
+
+def test_the_log_tells_what_happened_between_two_times(get):
+    lines = get("/api/log?from=0&to=1.9").json()
+    assert any(line["text"].startswith('Waldo believed personDetected("Yes")') for line in lines)
+    assert [line["t"] for line in lines] == sorted(line["t"] for line in lines)
+    assert get("/api/log?from=0&to=0.1").json() == []
+
+
+def test_why_goes_down_to_the_frame(get):
+    said = next(line for line in get("/api/log").json() if line["kind"] == "utterance")
+    found = get(f"/api/why?id={said['id']}").json()
+    assert found["chain"][0]["sentence"] == 'Waldo said "Hello! Nice to see you."'
+    assert found["chain"][-1]["kind"] == "detection"
+    assert found["frame_s"] == found["chain"][-1]["at_s"]
+    bar = next(lane for lane in get("/api/timeline").json()["lanes"] if lane["name"] == "people")["bars"][0]
+    assert get("/api/why", params={"id": bar["id"]}).json()["chain"][0]["kind"] == "detection"
+
+
+def test_why_a_plan_was_chosen_or_not(get):
+    label = get("/api/run").json()["agents"][0]["plans"][0]["label"]
+    assert [each["plan"] for each in get("/api/why", params={"plan": label}).json()] == [label]
+    missing = get("/api/why?plan=fly")
+    assert (missing.status_code, "was ever considered" in missing.json()["error"]) == (404, True)
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "error"),
+    [
+        ("/api/moment?t=soon", 400, "t is to be a time in seconds"),
+        ("/api/moment?t=nan", 400, "t is to be a time in seconds"),
+        ("/api/moment?t=1e300", 400, "t is to be a time in seconds"),
+        ("/api/why?id=nobody", 404, "there is no record 'nobody'"),
+        ("/api/nothing", 404, "Not Found"),
+        ("/page/nothing.js", 404, "Not Found"),
+        ("/page/../server.py", 404, "Not Found"),
+        ("/page/%2e%2e/server.py", 404, "Not Found"),
+        ("/page/..%2fserver.py", 404, "Not Found"),
+        ("/page//etc/passwd", 404, "Not Found"),
+    ],
+)
+def test_what_cannot_be_answered_is_an_error_as_json(get, path, status, error):
+    answer = get(path)
+    assert (answer.status_code, answer.json()) == (status, {"error": error})
+
+
+def test_a_recorded_run_has_no_news(get):
+    events = get("/api/live").text
+    assert events.startswith("event: moment\ndata: {")
+    assert events.endswith("event: ended\ndata: {}\n\n")
+
+
+def test_the_page_may_load_nothing_but_its_own_files(get):
+    headers = get("/").headers
+    assert "default-src 'none'" in headers["content-security-policy"]
+    assert "unsafe" not in headers["content-security-policy"]
+    assert (headers["x-content-type-options"], headers["x-frame-options"]) == ("nosniff", "DENY")
+
+
+# Who may ask
+
+
+@pytest.mark.parametrize("host", ["localhost:8765", "127.0.0.1", "[::1]:8765", "192.168.1.7:8765"])
+def test_the_server_answers_to_addresses(get, host):
+    assert get("/api/run", headers={"host": host}).status_code == 200
+
+
+@pytest.mark.parametrize("host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example:8765", "", "]["])
+def test_the_server_answers_to_no_other_name(get, host):
+    assert get("/api/run", headers={"host": host}).status_code == 421
+
+
+def test_with_a_token_nobody_is_answered_without_it(run):
+    get = client(run, token=TOKEN)
+    wrong = [{}, {"authorization": "Bearer wrong"}, {"authorization": f"Basic {TOKEN}"}, {"cookie": f"{COOKIE}=x"}]
+    for path in ("/", "/api/run", "/api/live", "/page/main.js", "/api/run?token=wrong"):
+        assert [get(path, headers=headers).status_code for headers in wrong] == [401] * 4
+    assert get("/api/run", headers={"authorization": f"Bearer {TOKEN}"}).status_code == 200
+
+
+def test_a_token_in_the_address_becomes_a_cookie(run):
+    get = client(run, token=TOKEN)
+    first = get(f"/?token={TOKEN}&t=7")
+    assert (first.status_code, first.headers["location"]) == (303, "/?t=7")
+    cookie = first.headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    assert TOKEN not in cookie
+    assert get("/api/run", headers={"cookie": cookie.partition(";")[0]}).status_code == 200
+
+
+def test_a_token_in_the_address_leads_to_no_other_site(run):
+    first = client(run, token=TOKEN)(f"//evil.example/?token={TOKEN}")
+    assert first.headers["location"].startswith("/")
+    assert not first.headers["location"].startswith("//")
+
+
+# What is asked of agents
+
+
+def command(**more: str) -> dict[str, Any]:
+    return {"json": {"agent": "bdi_engine", "command": "believe", "text": "news", **more}}
+
+
+def test_a_command_is_taken_to_the_agent_and_answered(run):
+    desk = Desk()
+    post = client(run, desk)
+    assert post("/api/run").json()["has"]["commands"] is True
+    assert post("/api/command", "POST", **command()).json() == {"accepted": True, "reason": ""}
+    assert desk.asked == [("bdi_engine", "believe", "news")]
+
+
+def test_a_refusal_comes_with_its_reason(run):
+    desk = Desk(AgentAnswer(stamp=0, id="1", agent="bdi_engine", accepted=False, reason="it is not paused"))
+    answer = client(run, desk)("/api/command", "POST", **command(command="step"))
+    assert answer.json() == {"accepted": False, "reason": "it is not paused"}
+
+
+@pytest.mark.parametrize(
+    ("more", "status"),
+    [
+        ({"content": b"{"}, 400),
+        (command(command="explode"), 400),
+        ({"json": {"agent": 1}}, 400),
+        ({"content": b"[" + b"1," * 40_000}, 413),
+    ],
+)
+def test_a_command_that_cannot_be_read_is_refused(run, more, status):
+    desk = Desk()
+    headers = {"content-type": "application/json"}
+    answer = client(run, desk)("/api/command", "POST", headers=headers, **more)
+    assert (answer.status_code, list(answer.json()), desk.asked) == (status, ["error"], [])
+
+
+def test_an_agent_that_is_silent_is_told(run):
+    answer = client(run, Desk(None))("/api/command", "POST", **command())
+    assert (answer.status_code, answer.json()) == (
+        504,
+        {"error": "bdi_engine does not answer: it is not there, or does not know this key"},
+    )
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": "http://evil.example"},
+        {"origin": "null"},
+        {"origin": "http://127.0.0.1:9999"},
+        {"sec-fetch-site": "cross-site"},
+        {"content-type": "text/plain"},
+        {"content-type": "application/x-www-form-urlencoded"},
+    ],
+)
+def test_no_other_site_asks_anything_of_agents(run, headers):
+    desk = Desk()
+    given = {"content-type": "application/json", **headers}
+    answer = client(run, desk)("/api/command", "POST", headers=given, content=b'{"agent":"a","command":"pause"}')
+    assert (answer.status_code, desk.asked) == (403, [])
+
+
+def test_the_page_itself_may(run):
+    headers = {"origin": HOME, "sec-fetch-site": "same-origin"}
+    assert client(run, Desk())("/api/command", "POST", headers=headers, **command()).status_code == 200
+
+
+def test_where_nothing_can_be_asked_the_reason_is_told(get):
+    assert get("/api/command", "POST", **command()).json() == {"error": "this run is not live"}
+
+
+# What happens
+
+
+def events(text: str) -> list[str]:
+    return [line.removeprefix("event: ") for line in text.splitlines() if line.startswith("event: ")]
+
+
+def test_a_live_run_shows_what_a_record_of_it_shows(tmp_path):
+    live = LiveRun(load_graph("waldo"))
+    runner = waldo_at_work(tmp_path / "run", live, range(20))
+    runner.close()
+    recorded = open_run(tmp_path / "run")
+    assert live.course.at(live.history.end) == recorded.course.at(recorded.end)
+    assert live.timeline.lanes() == recorded.timeline.lanes()
+    assert live.wording.name("bdi_engine") == "Waldo"
+
+
+def test_what_is_heard_is_taken_in_though_nobody_looks(tmp_path, monkeypatch):
+    monkeypatch.setattr(server_module, "KEEP_UP_S", 0.01)
+    live = LiveRun(load_graph("waldo"))
+    waldo_at_work(tmp_path / "run", live, range(20)).close()
+    assert live._heard
+
+    async def serving() -> None:
+        async with Server(live).application().router.lifespan_context(None):
+            while live._heard:
+                await asyncio.sleep(0.01)
+
+    asyncio.run(asyncio.wait_for(serving(), 20))
+
+
+def test_what_cannot_be_shown_keeps_nothing_else_from_being_taken_in(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(server_module, "KEEP_UP_S", 0.01)
+    live = LiveRun(load_graph("waldo"))
+    odd = TraceRecord(stamp=START, id="p1", source="ann", kind="plan_start", what="x", cause="", detail={"plan": []})
+    waldo_at_work(tmp_path / "run", live, range(2)).close()
+    live._heard.insert(1, _Heard("/bdi/trace", odd))
+
+    async def serving() -> None:
+        async with Server(live).application().router.lifespan_context(None):
+            while live._heard:
+                await asyncio.sleep(0.01)
+
+    asyncio.run(asyncio.wait_for(serving(), 20))
+    assert "cannot be shown" in caplog.text
+
+
+def test_of_a_long_run_the_beginning_is_forgotten_and_the_answers_say_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(live_run, "MOST_RECORDS", 600)
+    live = LiveRun(load_graph("waldo"))
+    runner = waldo_at_work(tmp_path / "run", live, range(20))
+    assert live.end
+    first = live.history[3].id
+    get = client(live)
+    assert get("/api/run").json()["since_s"] == 0.0
+    for begin in range(20, 1000, 20):
+        waldo_at_work(tmp_path / "run", live, range(begin, begin + 20), runner)
+    run = get("/api/run").json()
+    assert 30.0 < run["since_s"] < run["duration_s"] - 10.0
+    assert get("/api/moment?t=0").json() == get(f"/api/moment?t={run['since_s']}").json()
+    assert all(line["t"] >= run["since_s"] for line in get(f"/api/log?from=0&to={run['duration_s']}").json())
+    answer = get(f"/api/why?id={first}")
+    assert answer.status_code == 404
+    assert "it is forgotten: the record on disk may have it" in answer.json()["error"]
+    runner.close()
+
+
+def test_news_go_on_when_some_is_forgotten(tmp_path, monkeypatch):
+    monkeypatch.setattr(live_run, "MOST_RECORDS", 600)
+    live = LiveRun(load_graph("waldo"))
+    runner = waldo_at_work(tmp_path / "run", live, range(20))
+    broadcast = Server(live)._broadcast
+    told: list[str] = []
+    news = broadcast._news()
+    for begin in range(20, 1000, 20):
+        waldo_at_work(tmp_path / "run", live, range(begin, begin + 20), runner)
+        news = broadcast._news()
+        assert news is not None
+        told += [line.id for line in news.log]
+    assert news is not None
+    assert news.since_s > 30.0
+    assert len(told) == len(set(told)), "nothing is told twice"
+    assert told[-1] == log.told_between(live, live.history.since, live.end, 1)[0].id
+    runner.close()
+
+
+def test_answers_are_sent_at_once():
+    with _listening(Address(port=0)) as ear:
+        assert ear.proto == socket.IPPROTO_TCP, "asyncio looks at that, and else lets the end of an answer wait"
+
+
+def test_an_agent_of_which_nothing_was_heard_yet_is_there_all_the_same():
+    (agent,) = client(LiveRun(load_graph("waldo")))("/api/run").json()["agents"]
+    assert (agent["name"], agent["called"], agent["plans"]) == ("bdi_engine", "Waldo", [])
+
+
+def test_news_are_told_once_and_only_those_of_agents_that_have_changed(tmp_path):
+    live = LiveRun(load_graph("waldo"))
+    runner = waldo_at_work(tmp_path / "run", live, range(5))
+    server = Server(live)
+
+    async def listening() -> list[str]:
+        heard: list[str] = []
+        pages = server._broadcast.listen()
+        heard.append((await anext(pages)).decode())
+        while "event: news" not in heard[-1]:
+            heard.append((await anext(pages)).decode())
+        waldo_at_work(tmp_path / "run", live, range(5, 20), runner)
+        heard.append((await anext(pages)).decode())
+        while "event: news" not in heard[-1]:
+            heard.append((await anext(pages)).decode())
+        await server.show(open_run(tmp_path / "run"))
+        heard += [event.decode() async for event in pages]
+        await server._broadcast.close()
+        return heard
+
+    heard = asyncio.run(asyncio.wait_for(listening(), 20))
+    names = [name for event in heard for name in events(event)]
+    assert (names[0], names[-1]) == ("moment", "ended")
+    news = [event for event in heard if "event: news" in event]
+    assert 'personDetected(\\"Yes\\")' not in news[0]
+    assert 'personDetected(\\"Yes\\")' in news[1]
+    assert news[1].count('"kind":"person"') == 1
+    runner.close()

@@ -1,0 +1,162 @@
+"""What is seen and done, in messages that other packages of ROS know."""
+
+import math
+
+import msgspec
+import pytest
+
+from socialbot.bags.reader import RosbagsTypes
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import PersonDetection, PersonDetections
+from socialbot.runs.standard_messages import (
+    CAMERA,
+    OPTICAL,
+    PAN,
+    TILT,
+    HeadPose,
+    Mounting,
+    StandardMessages,
+    body_id,
+    place_of,
+)
+from socialbot.vision.camera import CameraModel
+
+TYPES = RosbagsTypes()
+SAY = StandardMessages(TYPES)
+ANN = PersonDetection(
+    x=100.0, y=40.0, w=80.0, h=200.0, score=0.9, track_id="t1", distance_m=4.0, bearing_rad=math.pi / 6
+)
+SOMEBODY = PersonDetection(x=-20.0, y=300.0, w=60.0, h=400.0, score=0.4)
+FOUND = PersonDetections(stamp=3 * SECOND + 5, frame_id="camera", width=640, height=480, persons=(ANN, SOMEBODY))
+
+
+def there_and_back(message):
+    """What is read of a message by whoever knows its type."""
+    return TYPES.deserialize(TYPES.serialize(message), message.__msgtype__)
+
+
+def turned(q, vector):
+    """``vector`` turned by a quaternion."""
+    x, y, z = vector
+    # v + 2 q x (q x v + w v)
+    ax, ay, az = (
+        q.y * z - q.z * y + q.w * x,
+        q.z * x - q.x * z + q.w * y,
+        q.x * y - q.y * x + q.w * z,
+    )
+    return (
+        x + 2 * (q.y * az - q.z * ay),
+        y + 2 * (q.z * ax - q.x * az),
+        z + 2 * (q.x * ay - q.y * ax),
+    )
+
+
+def test_where_somebody_stands():
+    assert place_of(ANN) == pytest.approx((4 * math.cos(math.pi / 6), 2.0, 0.0))
+    assert place_of(ANN, HeadPose(math.pi / 3, 0.0)) == pytest.approx((0.0, 4.0, 0.0)), (
+        "seen by a camera that is turned to the left"
+    )
+    assert place_of(SOMEBODY) is None
+
+
+def test_there_is_a_frame_for_each_body_of_whom_it_is_known_where_they_stand():
+    (body,) = there_and_back(SAY.bodies(FOUND)).transforms
+    assert (body.header.frame_id, body.child_frame_id) == ("base_link", "body_t1")
+    assert (body.header.stamp.sec, body.header.stamp.nanosec) == (3, 5)
+    assert (body.transform.translation.x, body.transform.translation.y) == pytest.approx(
+        (4 * math.cos(0.5236), 2.0), 1e-4
+    )
+    assert body.transform.translation.z == pytest.approx(0.9), "between the hips, as REP-155 has it"
+
+
+@pytest.mark.parametrize(
+    ("track", "expected"),
+    [
+        ("t1", "t1"),
+        ("7", "b7"),
+        ("a-b c", "a_b_c"),
+        ("../x", "x"),
+        ("\u00e9", "b"),
+        ("a__b", "a_b"),
+        ("x" * 999, "x" * 64),
+    ],
+)
+def test_an_id_may_stand_in_the_name_of_a_topic(track, expected):
+    assert body_id(PersonDetection(x=0.0, y=0.0, w=1.0, h=1.0, score=1.0, track_id=track)) == expected
+
+
+def test_a_head_that_looks_left_and_up_looks_left_and_up():
+    pan, tilt = there_and_back(SAY.head(0, HeadPose(0.5, 0.3))).transforms
+    assert (pan.header.frame_id, pan.child_frame_id) == ("base_link", "head_pan_link")
+    assert (tilt.header.frame_id, tilt.child_frame_id) == ("head_pan_link", "head_tilt_link")
+    ahead = turned(pan.transform.rotation, turned(tilt.transform.rotation, (1.0, 0.0, 0.0)))
+    assert ahead == pytest.approx((math.cos(0.3) * math.cos(0.5), math.cos(0.3) * math.sin(0.5), math.sin(0.3)))
+
+
+@pytest.mark.parametrize(("on_head", "holder"), [(True, "head_tilt_link"), (False, "base_link")])
+def test_the_camera_sits_on_the_head_or_on_the_base_and_its_optical_frame_looks_along_z(on_head, holder):
+    camera, optical = there_and_back(SAY.camera(0, Mounting(1.5, on_head=on_head, optical="eye"))).transforms
+    assert (camera.header.frame_id, camera.child_frame_id) == (holder, "camera_link")
+    assert camera.transform.translation.z == (0.0 if on_head else 1.5)
+    assert there_and_back(SAY.head(0, HeadPose(0.0, 0.0), 1.5)).transforms[0].transform.translation.z == 1.5
+    assert optical.child_frame_id == "eye"
+    turn = optical.transform.rotation
+    assert turned(turn, (0.0, 0.0, 1.0)) == pytest.approx((1.0, 0.0, 0.0))
+    assert turned(turn, (1.0, 0.0, 0.0)) == pytest.approx((0.0, -1.0, 0.0)), "its x is to the right"
+
+
+def test_no_frame_hangs_from_itself_when_pictures_are_in_the_frame_of_the_camera():
+    (camera,) = there_and_back(SAY.camera(0, Mounting(optical=CAMERA))).transforms
+    assert (camera.header.frame_id, camera.child_frame_id) == ("base_link", CAMERA)
+
+
+@pytest.mark.parametrize("pose", [HeadPose(0.0, 0.0), HeadPose(0.4, 0.3), HeadPose(-0.7, -0.4)])
+def test_a_body_stands_where_a_ray_through_the_frames_of_camera_and_head_goes(pose):
+    seeing = CameraModel(525.0, 525.0, 320.0, 240.0, 640, 480, pitch_rad=0.1)
+    u, v = 500.0, 120.0
+    bearing, elevation = seeing.direction(u, v)
+    person = msgspec.structs.replace(ANN, bearing_rad=bearing, elevation_rad=elevation)
+    frames = {
+        frame.child_frame_id: frame.transform.rotation
+        for frame in (*SAY.head(0, pose).transforms, *SAY.camera(0, Mounting(1.2, 0.1, on_head=True)).transforms)
+    }
+    ray = ((u - seeing.cx) / seeing.fx, (v - seeing.cy) / seeing.fy, 1.0)
+    for frame in (OPTICAL, CAMERA, TILT, PAN):
+        ray = turned(frames[frame], ray)
+    place = place_of(person, pose)
+    assert place is not None
+    x, y, _ = place
+    assert math.atan2(y, x) == pytest.approx(math.atan2(ray[1], ray[0]))
+    assert math.hypot(x, y) == pytest.approx(ANN.distance_m)
+    if pose == (0.0, 0.0):
+        assert math.atan2(ray[2], math.hypot(*ray[:2])) == pytest.approx(elevation)
+
+
+def test_boxes_have_centres_and_sizes_in_pixels():
+    boxes = there_and_back(SAY.boxes(FOUND))
+    assert boxes.header.frame_id == "camera"
+    first, second = boxes.detections
+    assert (first.id, second.id) == ("t1", "")
+    assert (first.bbox.center.position.x, first.bbox.center.position.y) == (140.0, 140.0)
+    assert (first.bbox.size_x, first.bbox.size_y) == (80.0, 200.0)
+    assert (first.results[0].hypothesis.class_id, first.results[0].hypothesis.score) == ("person", 0.9)
+
+
+def test_the_region_of_a_body_is_a_share_of_the_picture_and_ends_at_its_edges():
+    region = there_and_back(SAY.region(FOUND, ANN))
+    assert (region.xmin, region.xmax) == pytest.approx((100 / 640, 180 / 640))
+    assert (region.ymin, region.ymax) == pytest.approx((40 / 480, 0.5))
+    assert region.c == pytest.approx(0.9)
+    beyond = there_and_back(SAY.region(FOUND, SOMEBODY))
+    assert (beyond.xmin, beyond.ymax) == (0.0, 1.0)
+
+
+def test_who_is_followed_has_an_id():
+    assert there_and_back(SAY.ids(FOUND)).ids == ["t1"]
+
+
+def test_joints_are_named():
+    state = there_and_back(SAY.joints(0, ("head_pan_joint", "head_tilt_joint"), (0.5, -0.1)))
+    assert state.name == ["head_pan_joint", "head_tilt_joint"]
+    assert list(state.position) == [0.5, -0.1]
+    assert not len(state.velocity)

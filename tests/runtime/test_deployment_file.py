@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.bridge.environment import Across
+from socialbot.core.errors import GraphError, ParameterError, SocialbotError
+from socialbot.graph.files import load_graph
+from socialbot.runtime.deployment import Server, load_deployment, parse_deployment
+from socialbot.runtime.processes import RestartPolicy
+from tests.runtime.deployments import PAGE, deployment
+
+
+def test_a_file_says_what_runs_where():
+    read = deployment()
+    assert read.machines == {"robot": "10.77.0.1", "workstation": "10.77.0.2"}
+    assert read.places["head"] == "robot"
+    assert read.domain == 42
+    assert read.restart == RestartPolicy(times=3, within_s=30.0, first_s=0.5, longest_s=4.0)
+    assert read.keys == Path("/here/keys")
+    assert read.graph.placement("bdi_engine").parameters["greeting"] == "Hallo"
+    assert read.across("robot") == Across(peers=("10.77.0.2",))
+
+
+def test_most_of_it_may_be_left_out():
+    page = PAGE.replace("domain: 42\ndiscovery: peers\n", "").partition("pictures:")[0]
+    read = parse_deployment(page, where="d.yaml", folder=Path("/here"))
+    assert (read.domain, read.keys, read.restart) == (0, None, RestartPolicy())
+
+
+@pytest.mark.parametrize(("written", "port"), [("robot", 11811), ("robot:7000", 7000)])
+def test_a_discovery_server_runs_on_a_machine(written: str, port: int):
+    read = deployment(("discovery: peers", f"discovery: {{server: '{written}'}}"))
+    assert read.server == Server("robot", port)
+    assert read.across("workstation") == Across(server=f"10.77.0.1:{port}")
+
+
+def test_minds_are_kept_beside_the_file():
+    assert deployment(("parameters:", "minds: kept\nparameters:")).minds == Path("/here/kept")
+    assert deployment().minds is None
+
+
+def test_a_graph_may_stand_beside_the_file(tmp_path: Path):
+    (tmp_path / "g.yaml").write_text("name: eyes\nnodes:\n  camera: {type: camera}\n")
+    file = tmp_path / "d.yaml"
+    file.write_text("graph: g.yaml\nmachines: {laptop: {address: 127.0.0.1}}\nnodes: {camera: laptop}\n")
+    assert load_deployment(file).graph == load_graph(str(tmp_path / "g.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("domain: 42", "domians: 42", 2, ["unknown key 'domians'", "did you mean 'domain'?"]),
+        ("graph: waldo", "graph: wald", 1, ["no graph 'wald'", "did you mean 'waldo'?"]),
+        ("graph: waldo", "graph: 3", 1, ["'graph' must be a text, got 3"]),
+        ("domain: 42", "domain: 233", 2, ["a whole number from 0 to 232, got 233"]),
+        ("domain: 42", "domain: true", 2, ["a whole number", "got True"]),
+        ("discovery: peers", "discovery: multicast", 3, ["no kind of discovery: 'multicast'", "{server: MACHINE}"]),
+        ("discovery: peers", "discovery: {server: 'robot:70000'}", 3, ["no port: '70000'"]),
+        ("discovery: peers", "discovery: {server: rowboat}", 3, ["no machine 'rowboat'", "did you mean 'robot'?"]),
+        ("discovery: peers", "discovery: 7", 3, ["expected names with values, got 7"]),
+        ("  robot: {address: 10.77.0.1}", "  robot: {adress: 10.77.0.1}", 5, ["did you mean 'address'?"]),
+        ("  robot: {address: 10.77.0.1}", "  robot: {}", 5, ["'address' must be a text"]),
+        ("  robot: {address: 10.77.0.1}", "  robot: 10.77.0.1", 5, ["expected names with values"]),
+        ("10.77.0.1", "10.77.0.256", 5, ["no address: '10.77.0.256'", "IPv4"]),
+        ("10.77.0.1", "'::1'", 5, ["no address: '::1'"]),
+        ("10.77.0.1", "10.77.0.2", 5, ["two machines have the address 10.77.0.2"]),
+        ("  robot: {address", "  ro-bot: {address", 5, ["no name for a machine: 'ro-bot'"]),
+        ("  camera: robot", "  camera: robo", 8, ["no machine 'robo'", "did you mean 'robot'?"]),
+        ("  camera: robot", "  camra: robot", 8, ["waldo has no node 'camra'", "did you mean 'camera'?"]),
+        ("  camera: robot", "  camera: [robot]", 8, ["'camera' must be a text"]),
+        ("  camera: robot\n", "", 7, ["nothing says where these run: camera", "add camera: robot"]),
+        ("  camera: robot", "  camera: robot\n  camera: robot", 9, ["no valid YAML", "duplicate"]),
+        ("  /camera/image_raw:", "  /camera/image_ray:", 16, ["no topic of pictures", "'/camera/image_raw'?"]),
+        ("    transport: jpeg", "    transport: png", 17, ["no transport: 'png'", "jpeg, raw"]),
+        ("    quality: 70", "    quality: 700", 18, ["700 is out of range", "1 to 100"]),
+        ("    quality: 70", "    quality: high", 18, ["'high' is not of type int"]),
+        ("    rate_hz: 15", "    rate: 15", 19, ["unknown key 'rate'", "did you mean 'rate_hz'?"]),
+        ("times: 3", "times: -1", 20, ["'times' must be a whole number from 0"]),
+        ("first_s: 0.5", "first_s: .nan", 20, ["'first_s' must be a number"]),
+        ("{keys: keys}", "{key: keys}", 21, ["unknown key 'key'", "did you mean 'keys'?"]),
+        ("{keys: keys}", "{}", 21, ["'keys' must be a text"]),
+        ("  bdi_engine:\n", "  bdi_engin:\n", 23, ["no node 'bdi_engin'", "did you mean 'bdi_engine'?"]),
+        ("    greeting: Hallo", "    greetin: Hallo", 24, ["no parameter 'greetin'", "did you mean 'greeting'?"]),
+        ("    greeting: Hallo", "    greeting: 7", 24, ["7 is not of type str"]),
+        ("security: {keys: keys}", "security: {keys: keys", 22, ["no valid YAML"]),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_message_with_file_line_and_remedy(old: str, new: str, line: int, words: list[str]):
+    with pytest.raises((GraphError, ParameterError)) as caught:
+        deployment((old, new))
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+    place = re.match(r"dir/d\.yaml:(\d+)", caught.value.where or "")
+    assert place, f"no file and line: {caught.value}"
+    # YAML itself notices an end that is missing somewhat later.
+    assert int(place[1]) == line or ("no valid YAML" in words and int(place[1]) >= line), str(caught.value)
+
+
+@pytest.mark.parametrize("key", ["machines", "nodes"])
+def test_what_must_be_there_is_asked_for(key: str):
+    page = "\n".join(part for part in re.split(r"\n(?=\w)", PAGE) if not part.startswith(key))
+    with pytest.raises(GraphError, match=f"'{key}' is missing"):
+        parse_deployment(page, where="d.yaml", folder=Path("/here"))
+
+
+def test_a_mistake_in_the_graph_is_told_of_its_own_file(tmp_path: Path):
+    (tmp_path / "g.yaml").write_text("name: eyes\nnodes:\n  camera: {typ: camera}\n")
+    file = tmp_path / "d.yaml"
+    file.write_text("graph: g.yaml\nmachines: {laptop: {address: 127.0.0.1}}\nnodes: {camera: laptop}\n")
+    with pytest.raises(GraphError, match=r"g\.yaml:3"):
+        load_deployment(file)
+
+
+def test_a_file_that_cannot_be_read_is_explained(tmp_path: Path):
+    with pytest.raises(GraphError, match="cannot read the deployment"):
+        load_deployment(tmp_path / "none.yaml")
+
+
+@settings(max_examples=150)
+@given(st.text(st.sampled_from("abn:- \n{}[]'\"#&*!|>%@,0\t"), max_size=40))
+def test_whatever_the_text_is_errors_are_for_people(text: str):
+    with pytest.raises(SocialbotError):
+        parse_deployment(text, where="d.yaml", folder=Path("/here"))
+
+
+VALUES = st.recursive(
+    st.sampled_from(
+        ("1", "-1", "1e99", ".inf", ".nan", "true", "~", "robot", "'a.b'", "2026-99-01", "*a", "!!int x", "{[]: 1}")
+    ),
+    lambda inner: (
+        st.lists(inner, max_size=3).map(lambda items: f"[{', '.join(items)}]")
+        | st.dictionaries(st.sampled_from(("camera", "server", "address", "1", "a.b")), inner, max_size=3).map(
+            lambda items: "{" + ", ".join(f"{key}: {value}" for key, value in items.items()) + "}"
+        )
+    ),
+    max_leaves=5,
+)
+
+
+@settings(max_examples=150)
+@given(st.sampled_from([line for line in PAGE.splitlines() if not line.endswith(":")]), VALUES)
+def test_a_wrong_value_anywhere_names_the_file_or_is_right_after_all(line: str, value: str):
+    try:
+        read = deployment((line, f"{line.partition(':')[0]}: {value}"))
+    except SocialbotError as error:
+        where = error.where or ""
+    else:
+        where = "dir/d.yaml" if {one.name for one in read.written.placements} == read.places.keys() else ""
+    assert where.startswith("dir/d.yaml")
+
+
+def test_the_files_in_the_documentation_are_right():
+    text = (Path(__file__).parents[2] / "docs" / "deploy.md").read_text("utf-8")
+    laptop, two, pictures = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    for page in (laptop, two, two + pictures):
+        read = parse_deployment(page, where="deploy.md", folder=Path("/here"))
+        assert all(f"`{one.name}`" in text or one.name in page for one in read.graph.placements)

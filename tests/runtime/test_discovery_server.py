@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from socialbot.runtime.deployment import Server
+from socialbot.runtime.discovery_server import DiscoveryServer, listening
+from socialbot.runtime.machine import discovery
+from socialbot.runtime.processes import RestartPolicy
+from tests.runtime.deployments import deployment
+from tests.system.running import eventually
+
+pytestmark = pytest.mark.ros
+
+HASTY = RestartPolicy(times=1, first_s=0.01)
+PARENT = """
+import sys, time
+from pathlib import Path
+from socialbot.runtime.discovery_server import DiscoveryServer
+from socialbot.runtime.processes import RestartPolicy
+Path(sys.argv[2]).touch()
+with DiscoveryServer("127.0.0.1", int(sys.argv[1]), Path(sys.argv[2]), RestartPolicy()) as server:
+    while "running" not in Path(sys.argv[2]).read_text():
+        time.sleep(0.02)
+    print(server.pid, flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
+
+
+def lives(pid: int) -> bool:
+    """Whether there is such a process; one that has ended and waits for its parent to notice is none."""
+    status = Path(f"/proc/{pid}/stat")
+    return status.exists() and status.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+def test_it_is_started_again_and_ends_with_the_block(port: int, tmp_path: Path) -> None:
+    output = tmp_path / "log" / "server.log"
+    with DiscoveryServer("127.0.0.1", port, output, HASTY) as server:
+        assert eventually(lambda: output.exists() and "Server is running" in output.read_text())
+        first = server.pid
+        assert first is not None
+        os.kill(first, signal.SIGKILL)
+        assert eventually(lambda: server.pid not in (None, first))
+        second = server.pid
+    assert second is not None
+    assert not lives(second)
+
+
+def test_one_whose_port_is_taken_is_given_up(port: int, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", port))
+        with DiscoveryServer("127.0.0.1", port, tmp_path / "server.log", HASTY) as server:
+            assert eventually(lambda: "given up" in caplog.text)
+            assert server.pid is None
+    assert str(tmp_path / "server.log") in caplog.text
+
+
+def test_it_dies_with_the_process_that_has_started_it(port: int, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", PARENT, str(port), str(tmp_path / "server.log")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        pid = int(parent.stdout.readline())
+        assert lives(pid)
+        parent.kill()
+    assert eventually(lambda: not lives(pid))
+
+
+def test_it_listens_where_others_look_for_it() -> None:
+    assert listening("10.77.0.1") == "10.77.0.1"
+    assert listening("robot.local") == "0.0.0.0"
+
+
+def test_it_runs_on_its_own_machine_only(tmp_path: Path) -> None:
+    here = deployment(("10.77.0.1", "127.0.0.1"), ("discovery: peers", "discovery: {server: robot}"))
+    elsewhere = deployment(("discovery: peers", "discovery: {server: robot}"))
+    assert here.server == Server("robot")
+    assert isinstance(discovery(here, "robot", tmp_path), DiscoveryServer)
+    for one, machine in ((here, "workstation"), (elsewhere, "robot"), (deployment(), "robot")):
+        assert not isinstance(discovery(one, machine, tmp_path), DiscoveryServer)

@@ -1,0 +1,175 @@
+"""The demo of the hospital, its page and its bags, inline."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from socialbot.bags.reader import open_bag
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Message
+from socialbot.graph.files import load_graph
+from socialbot.runs.record import RunRecord
+from socialbot.runtime.replay import Outcome, Replay, replay
+from socialbot.runtime.simulate import replayable, results_of
+from tests.agents.hospital.runs import Told, carried_out, paper_run
+from tests.runs.pages import read
+from tests.system.running import results, socialbot
+
+BAGS = Path(__file__).parents[1] / "data" / "synthetic"
+
+
+def page_of(run: Told, folder: Path) -> str:
+    done = results_of(run.what, run.ran, run.report.summary().results())
+    with RunRecord(folder) as record:
+        record.describe(run.what.graph)
+        for message in run.messages:
+            record.observe("", message)
+        record.write_results(done)
+    return run.report.write(folder, "The hospital").read_text("utf-8")
+
+
+def data_of(page: str) -> dict[str, Any]:
+    found = re.search(r'id="data">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """The demo as people begin it: what it printed, and its folder."""
+    folder = tmp_path_factory.mktemp("demo") / "run"
+    done = socialbot("demo", "hospital", "--rate", 50, "--out", folder)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return done.stdout, folder
+
+
+def test_it_shows_the_ward_the_tasks_who_does_what_what_fails_and_the_new_plan(shown):
+    text = re.sub(r" +", " ", shown[0])
+    in_order = [
+        "room1 closed dirty ✓ nurse1",
+        "plans disinfect room1: 9 steps",
+        "· m_patrol_and_disinfect(spotrobot1, uvdrobot1, nurse_disinfected1) infected",
+        "spotrobot1 · goes to room1",
+        "✗ patrols room1: failed, dirty room",
+        "gives up plan 1 for disinfect room1",
+        "✗ a_patrol_room(spotrobot1, room1)",
+        "makes a new plan for disinfect room1: 8 steps",
+        "✚ a_adapt_room(nurse_disinfected1, room1)",
+        "has reached disinfect room1",
+        "1 room1 9 13 1 dirty room yes finished",
+    ]
+    places = [text.find(told) for told in in_order]
+    assert places == sorted(places), dict(zip(in_order, places, strict=True))
+    assert -1 not in places
+
+
+def test_its_folder_has_trace_results_page_and_ward(shown):
+    folder = shown[1]
+    assert {path.name for path in folder.iterdir()} == {
+        *("trace.jsonl", "seen.jsonl", "graph.yaml", "results.json", "report.html", "ward.svg"),
+    }
+    found = results(folder)
+    assert found["ended"] == "nobody wants anything more"
+    [mission] = found["missions"]
+    assert (mission["status"], mission["problems"], mission["recoveries"]) == ("finished", ["dirty room"], 1)
+    assert found["infected"] == []
+
+
+def test_its_page_tells_all_of_the_run_and_needs_nothing_else(tmp_path):
+    page = page_of(paper_run(100.0), tmp_path)
+    words = read(page)
+    for told in (
+        "1 of 1",
+        "plan 1 is given up: dirty room",
+        "a_adapt_room(nurse_disinfected1, room1)",
+        "inform Problem",
+    ):
+        assert told in words
+    assert not re.search(r"src\s*=|href=\"[^#]", page)
+    assert "http" not in page.replace("http://www.w3.org/2000/svg", "")
+    assert page.count('class="plan failed"') == 1
+    assert page.count('class="plan succeeded"') == 1
+    assert page.count('class="request problem"') == 1
+
+
+def test_its_film_shows_rooms_and_robots(tmp_path):
+    film = data_of(page_of(paper_run(100.0), tmp_path))["film"]
+    assert set(film["robots"]) == {"spotrobot1", "uvdrobot1", "nurse_disinfected1"}
+    looks = [film["drawings"][int(face)] for _, face in film["faces"]["room1"]]
+    assert any("door closed, dirty" in look for look in looks)
+    assert any("door open, dirty, to be disinfected" in look for look in looks)
+    assert "door open, tidy, disinfected" in looks[-1]
+
+
+def test_a_mission_that_is_given_up_is_not_reached():
+    run = paper_run(100.0, "none")
+    summary = run.report.summary()
+    assert not summary.reached
+    assert summary.results()["infected"] == ["room1"]
+    assert [mission["problems"] for mission in summary.results()["missions"]] == [["dirty room"]]
+    assert run.ran.ended == "nobody wants anything more"
+
+
+def test_the_graph_file_runs_with_the_page_too(tmp_path):
+    run = carried_out(load_graph("hospital"))
+    assert run.report.summary().reached
+    assert "The tasks, before and after" in page_of(run, tmp_path)
+
+
+def replayed(bag: Path, folder: Path, **changes: object) -> Outcome:
+    graph = load_graph(str(bag / "graph.yaml")).with_parameters({"coordinator": changes})
+    with open_bag(bag) as opened, RunRecord(folder) as record:
+        return replay(Replay(opened, graph, "inline"), record, lambda topic, message: None)
+
+
+def test_a_bag_replayed_without_the_world_gives_the_same_decisions_at_the_same_times(tmp_path):
+    graph = paper_run(100.0).what.graph
+    run = carried_out(graph, bag=tmp_path / "bag")
+    outcome = replayed(tmp_path / "bag", tmp_path / "run")
+    assert outcome.decisions is not None
+    assert outcome.decisions.exact
+    assert outcome.decisions.recorded > 100
+    told = (tmp_path / "run" / "trace.jsonl").read_text("utf-8").splitlines()
+    assert len(told) == len(run.records)
+
+
+def test_a_bag_has_what_is_said_and_done(tmp_path):
+    topics = replayable(paper_run(0.0).what.graph)
+    assert {f"/hospital/{name}" for name in ("state", "results", "commands", "messages", "missions")} <= set(topics)
+    assert "/spotrobot1/mind" not in topics
+
+
+def test_a_coordinator_that_is_set_otherwise_decides_otherwise(tmp_path):
+    outcome = replayed(BAGS / "hospital_replanned", tmp_path / "run", policy="none")
+    assert outcome.decisions is not None
+    assert outcome.decisions.difference.startswith("coordinator")
+
+
+@pytest.mark.parametrize("mission", ["plain", "replanned"])
+def test_the_committed_bags_give_the_decisions_that_they_hold(mission, tmp_path):
+    outcome = replayed(BAGS / f"hospital_{mission}", tmp_path / "run")
+    assert outcome.decisions is not None
+    assert outcome.decisions.difference == ""
+    assert outcome.decisions.recorded > 100
+
+
+@pytest.mark.parametrize(("mission", "plans"), [("plain", 1), ("replanned", 2)])
+def test_the_committed_bags_are_small_and_have_one_mission_each(mission, plans):
+    bag = BAGS / f"hospital_{mission}"
+    assert sum(file.stat().st_size for file in bag.iterdir()) < 500_000
+    with open_bag(bag) as opened:
+        views: list[Message] = [
+            message
+            for _, message in opened.messages(
+                {"/hospital/missions": "/hospital/missions"}, load_graph(str(bag / "graph.yaml")).topics()
+            )
+        ]
+        assert opened.start == SECOND
+    labels = {view.label for message in views for view in getattr(message, "missions", ())}
+    assert len(labels) == plans

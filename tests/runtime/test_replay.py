@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+
+from socialbot.bags.reader import open_bag
+from socialbot.core.errors import GraphError
+from socialbot.graph.node import Graph
+from socialbot.runs.record import RunRecord
+from socialbot.runs.report_writer import recorded
+from socialbot.runtime.replay import Replay, find_truth, graph_of, replay
+from tests.planning import busy
+from tests.system.running import socialbot_here
+from tests.vision.metrics.scenes import drawn_bag
+
+BAGS = Path(__file__).parents[1] / "data" / "synthetic"
+
+
+def test_the_truth_of_a_folder_lies_beside_it_under_the_folders_whole_name(tmp_path):
+    drawn_bag(tmp_path, "run", frames=3)
+    with open_bag(drawn_bag(tmp_path, "run.1", frames=2)) as bag:
+        truth = find_truth(Replay(bag, Graph("g", ())))
+    assert truth is not None
+    assert len(truth.frames) == 2
+
+
+def test_a_bag_says_of_which_graph_it_is_else_it_is_waldo_s(tmp_path):
+    assert graph_of(tmp_path).name == "waldo"
+    (tmp_path / "graph.yaml").write_text("name: mute\nnodes:\n  head: {type: head, remap: {detections: ~/seen}}\n")
+    with pytest.raises(GraphError, match=r"graph\.yaml:3: head.*nobody publishes"):
+        graph_of(tmp_path)
+    (tmp_path / "graph.yaml").write_text("name: mute\nnodes:\n  camera: {type: camera}\n")
+    assert graph_of(tmp_path).name == "mute"
+
+
+def test_code_that_lies_beside_a_bag_is_not_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "lies_beside.py").write_text("raise SystemExit('this was run')")
+    (tmp_path / "graph.yaml").write_text("name: odd\nnodes:\n  odd: {type: lies_beside:Node}\n")
+    with pytest.raises(GraphError, match="there is no module 'lies_beside'"):
+        graph_of(tmp_path)
+
+
+@pytest.mark.slow
+@busy.in_turn
+@busy.can_be_made
+def test_the_same_bag_gives_the_same_trace_twice_however_busy_the_machine_is(tmp_path):
+    bag = BAGS / "warehouse_run2"
+    graph = graph_of(bag).with_parameters({"gripper_a": {"planning_timeout_s": 0.5}})
+    traces = []
+    for name, machine in ("alone", nullcontext()), ("among others", busy.busy_machine()):
+        with machine, open_bag(bag) as opened, RunRecord(tmp_path / name) as record:
+            outcome = replay(Replay(opened, graph, "inline"), record, lambda topic, message: None)
+        assert outcome.decisions is not None
+        assert outcome.decisions.exact, outcome.decisions.told
+        traces.append((tmp_path / name / "trace.jsonl").read_bytes())
+    assert traces[0] == traces[1]
+
+
+def test_the_pictures_of_a_run_are_found_from_any_folder(tmp_path, monkeypatch):
+    drawn_bag(tmp_path, "visit", frames=3)
+    monkeypatch.chdir(tmp_path)
+    done = socialbot_here("replay", "visit", "--runner", "inline", "--no-video", "--out", "run")
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    with recorded(tmp_path / "run") as run:
+        assert run.damage == []
+        assert run.picture(run.end) is not None

@@ -1,0 +1,242 @@
+"""What dies or hangs is started again. Here small scripts stand for processes of nodes: they start in no time."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any
+
+import pytest
+
+from socialbot.bridge.supervisor_channel import LIFELINE_VARIABLE
+from socialbot.core.errors import NodeError, SocialbotError
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.runtime import supervisor as supervisor_module
+from socialbot.runtime.fork_server import ForkServer
+from socialbot.runtime.processes import RestartPolicy
+from socialbot.runtime.supervisor import ABSENT_S, RESTARTS_VARIABLE, Supervisor
+
+pytestmark = pytest.mark.ros
+
+WELL = """
+while True:
+    say("active")
+    time.sleep(0.05)
+"""
+POLICY = RestartPolicy(times=2, first_s=0.01, longest_s=0.05, hung_s=0.5, ready_s=5.0)
+SPEAKING = f"""
+import os, socket, sys, time
+line = socket.socket(fileno=int(os.environ["{LIFELINE_VARIABLE}"]))
+def say(word): line.send(f"{{sys.argv[1]}} {{word}}".encode())
+"""
+
+
+class Idle(Node):
+    """Does nothing."""
+
+
+GRAPH = Graph("idlers", (NodeConfig("one", Idle), NodeConfig("two", Idle)))
+
+
+@pytest.fixture
+def scripts(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """What the processes do, by the names of their nodes; `WELL` if nothing is said."""
+    bodies: dict[str, str] = {}
+
+    def start(_: ForkServer, arguments: list[str], log: Path, *, variables: dict[str, str], lifeline: int) -> Any:
+        name = arguments[-1]
+        with log.open("ab") as output:
+            return subprocess.Popen(
+                [sys.executable, "-S", "-c", SPEAKING + bodies.get(name, WELL), name],
+                env={**os.environ, **variables, LIFELINE_VARIABLE: str(lifeline)},
+                stdout=output,
+                stderr=output,
+                pass_fds=(lifeline,),
+            )
+
+    monkeypatch.setattr(ForkServer, "start", start)
+    return bodies
+
+
+def attended(supervisor: Supervisor, until: Callable[[], bool], timeout_s: float = 20.0) -> bool:
+    deadline = monotonic() + timeout_s
+    while not until():
+        if monotonic() > deadline:
+            return False
+        supervisor.attend(0.02)
+    return True
+
+
+def test_one_that_is_killed_is_started_again_and_the_others_go_on(
+    scripts: dict[str, str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == two.state == "active")
+        before = supervisor.pids
+        os.kill(before["one"], signal.SIGKILL)
+        assert attended(supervisor, lambda: one.restarts == 1)
+        assert attended(supervisor, lambda: one.state == "active")
+        assert supervisor.pids["one"] != before["one"]
+        assert supervisor.pids["two"] == before["two"]
+        assert one.last_error == "was ended by signal 9"
+        said, back = (record.getMessage() for record in caplog.records)
+        # How long it had lived is up to the machine.
+        assert re.fullmatch(r"one was ended by signal 9; started again (at once|in 0\.0 s) \(no\. 1\)", said)
+        assert back == "one is back"
+    assert one.state == two.state == "ended"
+
+
+def test_those_that_were_started_between_two_times_are_started_again_and_the_others_go_on(
+    scripts: dict[str, str], tmp_path: Path
+) -> None:
+    """That is no death: it is not counted as one, and may come as often as it likes."""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == two.state == "active")
+        before = supervisor.pids
+        supervisor.renew(one.started, (one.started + two.started) / 2)
+        for times in range(1, 2 * POLICY.times + 1):
+            assert attended(supervisor, lambda times=times: one.restarts == times and one.state == "active")
+            supervisor.renew(one.started, one.started)
+        assert attended(supervisor, lambda: one.restarts == 2 * POLICY.times + 1 and one.state == "active")
+        assert supervisor.pids["two"] == before["two"]
+        assert supervisor.pids["one"] != before["one"]
+        assert (one.last_error, one.is_given_up, two.restarts) == ("", False, 0)
+
+
+def test_one_that_has_been_well_before_all_was_started_again_may_fail_as_at_any_time(
+    scripts: dict[str, str], tmp_path: Path
+) -> None:
+    """As a camera does that was unplugged meanwhile."""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        assert attended(supervisor, lambda: supervisor.well == {"one", "two"})
+    scripts["one"] = f"""
+if os.environ["{RESTARTS_VARIABLE}"] == "0":
+    sys.exit(7)
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY, well=supervisor.well) as again:
+        one = again.members["one"]
+        assert attended(again, lambda: one.restarts == 1 and one.state == "active")
+    with pytest.raises(SocialbotError), Supervisor(GRAPH, tmp_path, policy=POLICY) as first:
+        attended(first, lambda: False)
+
+
+@pytest.mark.parametrize("cares", [True, False])
+def test_one_that_does_not_hear_that_it_is_to_be_started_again_is_asked_again_and_then_killed(
+    scripts: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cares: bool
+) -> None:
+    monkeypatch.setattr(supervisor_module, "ASKED_AGAIN_S", 0.05)
+    monkeypatch.setattr(supervisor_module, "GRACE_S", 60.0 if cares else 0.1)
+    again = "signal.signal(signal.SIGINT, signal.SIG_DFL)" if cares else "None"
+    scripts["one"] = f"import signal\nsignal.signal(signal.SIGINT, lambda *_: {again})" + WELL
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == two.state == "active")
+        before = supervisor.pids
+        supervisor.renew(one.started, one.started)
+        assert attended(supervisor, lambda: one.restarts == 1 and one.state == "active")
+        assert supervisor.pids["one"] != before["one"]
+        assert (one.last_error, one.is_given_up) == ("", False)
+
+
+def test_one_that_hangs_is_killed_and_started_again(scripts: dict[str, str], tmp_path: Path) -> None:
+    scripts["one"] = f"""
+if os.environ["{RESTARTS_VARIABLE}"] == "0":
+    say("active")
+    time.sleep(60)
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.restarts == 1)
+        assert one.last_error == "hung (one said nothing)"
+        assert attended(supervisor, lambda: one.state == "active")
+        assert two.restarts == 0
+
+
+def test_what_the_machine_sleeps_through_is_no_silence(scripts: dict[str, str], tmp_path: Path) -> None:
+    """As when a laptop is closed, or a virtual machine is halted: supervisor and nodes stand still together."""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == two.state == "active")
+        before = supervisor.pids
+        for pid in before.values():
+            os.kill(pid, signal.SIGSTOP)
+        supervisor.attend(0.0)
+        sleep(ABSENT_S + POLICY.hung_s)
+        supervisor.attend(0.02)
+        for pid in before.values():
+            os.kill(pid, signal.SIGCONT)
+        assert not attended(supervisor, lambda: bool(one.restarts or two.restarts), timeout_s=POLICY.hung_s)
+        assert supervisor.pids == before
+
+
+def test_a_machine_without_nodes_goes_on(tmp_path: Path) -> None:
+    with Supervisor(GRAPH, tmp_path, nodes=()) as supervisor:
+        supervisor.attend(0.0)
+
+
+def test_one_that_dies_again_and_again_is_given_up_and_the_others_go_on(
+    scripts: dict[str, str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    scripts["one"] = "raise SystemExit(9)"
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == "given up")
+        assert attended(supervisor, lambda: two.state == "active")
+        assert one.restarts == 2
+    (message,) = [record.getMessage() for record in caplog.records if record.levelno == logging.ERROR]
+    assert message == (
+        "one is given up: it has died more than 2 times in 60 s; at last it ended with exit code 9; "
+        f"its log: {tmp_path / 'one.log'}"
+    )
+
+
+def test_when_all_are_given_up_that_is_the_end(scripts: dict[str, str], tmp_path: Path) -> None:
+    scripts["one"] = scripts["two"] = "raise SystemExit(9)"
+    with (
+        pytest.raises(NodeError, match="all processes have died too often"),
+        Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor,
+    ):
+        attended(supervisor, lambda: False)
+
+
+def test_one_that_says_at_its_first_start_that_it_cannot_be_ends_them_all(
+    scripts: dict[str, str], tmp_path: Path
+) -> None:
+    scripts["one"] = "print('no such camera'); raise SystemExit(7)"
+    with (
+        pytest.raises(SocialbotError, match="no such camera") as caught,
+        Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor,
+    ):
+        attended(supervisor, lambda: False)
+    assert caught.value.exit_code == 7
+    assert supervisor.pids == {}
+
+
+def test_one_whose_device_has_vanished_is_tried_again(scripts: dict[str, str], tmp_path: Path) -> None:
+    scripts["one"] = f"""
+if os.environ["{RESTARTS_VARIABLE}"] < "2":
+    say("active")
+    raise SystemExit(7)
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one = supervisor.members["one"]
+        assert attended(supervisor, lambda: one.restarts == 2)
+        assert attended(supervisor, lambda: one.state == "active")
+
+
+def test_one_that_ends_well_was_ended_by_somebody_and_stays_so(scripts: dict[str, str], tmp_path: Path) -> None:
+    scripts["one"] = "say('active')"
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == "ended")
+        assert attended(supervisor, lambda: two.state == "active")
+        assert one.restarts == 0

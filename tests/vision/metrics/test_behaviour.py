@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import pytest
+
+from socialbot.vision.metrics.behaviour import behaviour, visits
+from tests.vision.metrics.scenes import START, TENTH, found, frame, person, seen
+
+
+def story(seconds: float, *people):
+    """Frames in which people are at a distance from and to a time (s): (who, from, to, distance)."""
+    return [
+        frame(
+            *(person(100 * n, distance=m, who=who) for n, (who, a, b, m) in enumerate(people) if a <= number / 10 < b),
+            number=number,
+        )
+        for number in range(round(10 * seconds))
+    ]
+
+
+def sight(seconds: float, *people):
+    """What a detector says; as `story`."""
+    return [
+        found(
+            *(seen(100 * n, distance=m, track=who) for n, (who, a, b, m) in enumerate(people) if a <= number / 10 < b),
+            number=number,
+        )
+        for number in range(round(10 * seconds))
+    ]
+
+
+def counts(truth, detections, deed):
+    count = behaviour(truth, detections).count(deed)
+    return {outcome: number for outcome, number in count.items() if number}
+
+
+A = ("a", 5, 20, 3.0)
+
+
+def test_a_detector_without_fault():
+    truth = story(30, A)
+    acted = behaviour(truth, sight(30, A))
+    assert acted.count("greeting") == {
+        "in time": 1, "late": 0, "missed": 0, "nobody": 0, "from afar": 0, "again": 0,
+    }  # fmt: skip
+    assert {name: count for name, count in acted.count("offer").items() if count} == {"in time": 1}
+    greeting, offer = acted.acts
+    assert greeting.delay_s == pytest.approx(0.5, abs=0.3)
+    assert (offer.time - START) / 1e9 == pytest.approx(13.5, abs=0.7)
+
+
+def test_somebody_who_is_seen_late_is_greeted_late():
+    truth = story(30, A)
+    assert counts(truth, sight(30, ("a", 8, 20, 3.0)), "greeting") == {"late": 1}
+
+
+def test_somebody_who_is_never_seen_is_missed():
+    truth = story(30, A)
+    assert counts(truth, sight(30), "greeting") == {"missed": 1}
+    assert counts(truth, sight(30), "offer") == {"missed": 1}
+
+
+def test_a_ghost_is_nobody():
+    truth = story(40)
+    assert counts(truth, sight(40, A), "greeting") == {"nobody": 1}
+    assert counts(truth, sight(40, A), "offer") == {"nobody": 1}
+
+
+def test_a_ghost_before_the_visitor_comes_leads_to_an_early_offer():
+    truth = story(30, ("a", 10, 28, 3.0))
+    # Seen from 4 s on, so that help is offered at 12.5 s, when A has been there for 2.5 s.
+    assert counts(truth, sight(30, ("a", 4, 28, 3.0)), "offer")["too early"] == 1
+
+
+def test_somebody_far_away_is_greeted_from_afar():
+    truth = story(20, ("a", 5, 18, 12.0))
+    assert counts(truth, sight(20, ("a", 5, 18, 4.0)), "greeting") == {"from afar": 1}
+
+
+def test_a_greeting_as_somebody_comes_near_is_in_time():
+    truth = story(20, ("a", 5, 7, 6.6), ("a", 7, 18, 5.0))
+    assert counts(truth, sight(20, ("a", 5, 18, 5.5)), "greeting") == {"in time": 1}
+
+
+def test_whoever_is_lost_from_sight_for_long_is_greeted_again():
+    stays = ("a", 5, 40, 3.0)
+    truth = story(40, stays)
+    broken = sight(40, ("a", 5, 15, 3.0), ("b", 28, 40, 3.0))
+    assert counts(truth, broken, "greeting") == {"in time": 1, "again": 1}
+
+
+def test_every_visit_is_judged():
+    both = (("a", 5, 18, 3.0), ("b", 40, 55, 3.0))
+    assert counts(story(60, *both), sight(60, both[0]), "greeting") == {"in time": 1, "missed": 1}
+    assert counts(story(60, *both), sight(60, *both), "greeting") == {"in time": 2}
+
+
+def test_visits():
+    frames = story(20, ("a", 1, 4, 3.0), ("a", 5, 8, 3.0), ("a", 14, 16, 3.0), ("b", 0, 20, 8.0))
+    times = [
+        (visit.person, (visit.begin - START) // TENTH, (visit.end - START) // TENTH)
+        for visit in visits(frames, 6.0, 2.5)
+    ]
+    assert times == [("a", 10, 79), ("a", 140, 159)]
+
+
+def test_hardly_visible_people_are_not_there():
+    assert visits([frame(person(visible=0.2))], 6.0, 2.5) == []
+
+
+def test_an_empty_recording():
+    acted = behaviour([], [])
+    assert (acted.acts, acted.visits) == ((), ())

@@ -1,0 +1,242 @@
+"""Whole evaluations, of small bags and pictures, with HOG, which needs nothing beyond OpenCV."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from socialbot.core.errors import ImageError, ParameterError, SocialbotError, TruthError
+from socialbot.runs.evaluation_figures import content
+from socialbot.vision.metrics.evaluation import Evaluation, Plan, evaluate, scene_names
+from socialbot.vision.metrics.frames import bag_source, picture_sources
+from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
+from socialbot.vision.metrics.scores import Curve
+from tests.vision.metrics.scenes import START, drawn_bag, drawn_pictures, evaluated, with_band
+
+HOG = PipelineSettings("hog")
+
+
+def carried_out(sources, **fields) -> Evaluation:
+    plan = Plan(tuple(sources), (HOG,), **{"threads": 0, **fields})
+    return evaluate(plan, lambda job, frames: None, lambda what: None)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return drawn_bag(tmp_path_factory.mktemp("bag"), scene="hall", split="tune")
+
+
+def test_drawn_people_are_found(bag):
+    result = evaluated([bag_source(bag)])
+    score = result.detectors["hog"].scenes["hall"].score
+    assert score.bands["2-10"].score.tp + score.bands["2-10"].score.fn == 12
+    assert score.bands["2-10"].score.tp >= 10
+    assert score.overall.ap is not None
+    assert score.overall.ap >= 0.8
+    assert result.scenes == ("hall",)
+
+
+def test_processes_do_not_change_the_figures(bag, tmp_path):
+    other = drawn_bag(tmp_path, "other", seed=50)
+    sources = [bag_source(bag), bag_source(other)]
+    here = content(evaluated(sources))
+    assert here == content(carried_out(sources, processes=1)) == content(carried_out(sources, processes=2))
+
+
+def test_progress_is_told_up_to_the_last_frame(bag):
+    told = []
+    plan = Plan((bag_source(bag),), (HOG,), processes=1)
+    evaluate(plan, lambda job, frames: told.append((job, frames)), lambda what: None)
+    assert told[-1] == (0, 12)
+    assert (0, 5) in told
+
+
+def test_raw_detections_are_the_same_whatever_tracking_makes_of_them(bag):
+    tracked = evaluated([bag_source(bag)]).detectors["hog"].scenes["hall"]
+    other = evaluated([bag_source(bag)], with_changes(HOG, ["hide_still=false", "bridge_s=1.0"]))
+    frames = other.detectors["hog"].scenes["hall"].clips[0].frames
+    assert [each.found.raw for each in tracked.clips[0].frames] == [each.found.raw for each in frames]
+
+
+def test_without_tracking_people_may_stand_anywhere(bag):
+    plain = evaluated([bag_source(bag)], with_changes(HOG, ["tracker=none"])).detectors["hog"].scenes["hall"]
+    tracked = evaluated([bag_source(bag)]).detectors["hog"].scenes["hall"]
+    counts = [sum(len(each.found.raw) for each in scene.clips[0].frames) for scene in (plain, tracked)]
+    assert counts[0] > counts[1] > 0
+    assert all(person.track_id for each in tracked.clips[0].frames for person in each.found.persons)
+    assert not any(person.track_id for each in plain.clips[0].frames for person in each.found.persons)
+
+
+def test_without_tracking_the_pipeline_finds_what_scores_enough(bag):
+    plain = evaluated([bag_source(bag)], with_changes(HOG, ["tracker=none"])).detectors["hog"].scenes["hall"]
+    for each in plain.clips[0].frames:
+        sure = [person for person in each.found.raw if person.score >= HOG.sure]
+        assert list(each.found.persons) == sure
+
+
+def test_pictures(tmp_path):
+    result = evaluated(picture_sources(drawn_pictures(tmp_path / "room")))
+    scene = result.detectors["hog"].scenes["room"]
+    assert scene.score.bands["2-10"].score.tp >= 2
+    assert scene.clips[0].behaviour is None
+
+
+def test_pictures_are_not_tracked(tmp_path):
+    result = evaluated(picture_sources(drawn_pictures(tmp_path / "room")))
+    frames = result.detectors["hog"].scenes["room"].clips[0].frames
+    assert not any(person.track_id for each in frames for person in each.found.persons)
+
+
+def test_labels_that_do_not_fit_their_picture(tmp_path):
+    folder = drawn_pictures(tmp_path / "room")
+    path = folder / "persons.json"
+    entries = json.loads(path.read_text())
+    entries[2]["boxes"][0]["x"] = 2000
+    path.write_text(json.dumps(entries))
+    with pytest.raises(TruthError, match=r"2\.png: a box begins at 2000, .*640x480"):
+        evaluated(picture_sources(folder))
+
+
+def test_labels_that_go_on_beyond_the_picture_are_cut_off(tmp_path):
+    folder = drawn_pictures(tmp_path / "room", 1)
+    path = folder / "persons.json"
+    entries = json.loads(path.read_text())
+    entries[0]["boxes"].append({"x": 600, "y": -50, "w": 100, "h": 200})
+    path.write_text(json.dumps(entries))
+    (judged,) = evaluated(picture_sources(folder)).detectors["hog"].scenes["room"].clips[0].frames
+    first, second = (each.box for each in judged.frame.persons)
+    assert first == pytest.approx([entries[0]["boxes"][0][name] for name in "xywh"])
+    assert second == (600, 0, 40, 150)
+
+
+def test_damaged_pictures_are_counted_and_left_out(tmp_path):
+    folder = drawn_pictures(tmp_path / "room")
+    (folder / "1.png").write_bytes(b"no picture")
+    clip = evaluated(picture_sources(folder)).detectors["hog"].scenes["room"].clips[0]
+    assert (len(clip.frames), clip.missing_frames, clip.damaged) == (2, 1, 1)
+    assert "1.png" in clip.first_damage
+
+
+def test_pictures_that_are_all_damaged(tmp_path):
+    folder = drawn_pictures(tmp_path / "room", 1)
+    (folder / "0.png").write_bytes(b"no picture")
+    with pytest.raises(ImageError, match=r"none of its pictures can be read; the first: .*0\.png"):
+        evaluated(picture_sources(folder))
+
+
+def test_truth_of_another_time(tmp_path):
+    bag = drawn_bag(tmp_path, frames=1)
+    path = tmp_path / "clip.truth.json"
+    path.write_text(path.read_text().replace(str(START), "12345"))
+    with pytest.raises(TruthError, match=f"clip: no picture has the stamp .* {START}, the first frame 12345"):
+        evaluated([bag_source(bag)])
+
+
+def test_footage_that_has_gone(tmp_path):
+    bag = drawn_bag(tmp_path)
+    source = bag_source(bag)
+    shutil.rmtree(bag)
+    with pytest.raises(SocialbotError, match="no such file or folder") as caught:
+        evaluated([source])
+    assert caught.value.remedy
+
+
+def test_the_speed_is_measured_when_asked_for(bag):
+    speed = carried_out([bag_source(bag)], threads=1).detectors["hog"].speed
+    assert speed is not None
+    assert (speed.frames, speed.threads) == (12 - 5, 1)
+    assert 0 < speed.decode_ms < speed.median_ms <= speed.p95_ms
+    assert 0 < speed.frames_per_s < 1000
+
+
+def test_the_speed_of_a_few_pictures(tmp_path):
+    speed = carried_out(picture_sources(drawn_pictures(tmp_path / "room", 1)), threads=1).detectors["hog"].speed
+    assert speed is not None
+    assert speed.frames == 1
+
+
+def test_scenes_with_several_splits_are_not_mixed(tmp_path):
+    one = bag_source(drawn_bag(tmp_path, "one", frames=1, scene="hall", split="tune"))
+    other = bag_source(drawn_bag(tmp_path, "two", frames=1, scene="hall", split="held-back"))
+    third = bag_source(drawn_bag(tmp_path, "three", frames=1, scene="stairs"))
+    assert scene_names([one, other, third]) == ["hall (tune)", "hall (held-back)", "stairs"]
+    assert scene_names([one, third]) == ["hall", "stairs"]
+
+
+def test_what_the_json_says(bag):
+    said = content(evaluated([bag_source(bag)]))
+    band = said["detectors"]["hog"]["scenes"]["hall"]["bands"]["2-10"]
+    assert band["tp"] + band["fn"] == 12
+    assert band["f1"] == pytest.approx(2 * band["tp"] / (2 * band["tp"] + band["fp"] + band["fn"]))
+    assert said["detectors"]["hog"]["scenes"]["hall"]["bands"]["10-20"]["recall"] is None
+    assert said["detectors"]["hog"]["frames_per_s"] is None
+    assert said["paper"]["Scene 1"]["bands"]["0-2"]["f1"] == pytest.approx(0.593, abs=0.001)
+    json.dumps(said, allow_nan=False)
+
+
+@pytest.mark.parametrize(("points", "kept"), [(0, 0), (1, 1), (200, 200), (399, 200), (1000, 200)])
+def test_curves_are_thinned_in_the_json_but_keep_their_ends(bag, points, kept):
+    result = evaluated([bag_source(bag)])
+    hog = result.detectors["hog"]
+    recall = np.arange(points) / 1000
+    band = replace(hog.scenes["hall"].score.bands["2-10"], curve=Curve(recall, recall, recall))
+    said = content(replace(result, detectors={"hog": with_band(hog, "hall", "2-10", band)}))
+    curve = said["detectors"]["hog"]["scenes"]["hall"]["bands"]["2-10"]["curve"]
+    assert [len(set(column)) for column in curve.values()] == [len(column) for column in curve.values()] == [kept] * 3
+    assert (curve["recall"][:1], curve["recall"][-1:]) == (recall[:1].tolist(), recall[-1:].tolist())
+
+
+def test_settings_are_those_of_the_node():
+    assert with_changes(HOG, ["bridge_s=0.2", "nanodet.threshold=0.9"]).changes == {"bridge_s": 0.2}
+    assert with_changes(PipelineSettings("nanodet"), ["nanodet.threshold=0.9"]).sure == 0.9
+    assert PipelineSettings("hog").sure == PipelineSettings("hog").spec.sure
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ("threshold", "cannot read"),
+        ("treshold=1", "did you mean 'threshold'"),
+        ("nonodet.threshold=1", "did you mean 'nanodet'"),
+        ("threshold=high", "not of type float"),
+        ("bridge_s=99", "out of range"),
+        ("tracker=lost", "unknown choice"),
+        ("threads=4", "no setting 'threads'"),
+    ],
+)
+def test_settings_that_do_not_fit(change, word):
+    with pytest.raises(ParameterError, match=word):
+        with_changes(HOG, [change])
+
+
+def test_a_cluster_gives_the_same_figures(bag, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    other = drawn_bag(tmp_path, "other", seed=50)
+    sources = [bag_source(bag), bag_source(other)]
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        there = carried_out(sources, scheduler=cluster.scheduler_address)
+        gone = bag_source(drawn_bag(tmp_path, "gone", frames=1))
+        shutil.rmtree(tmp_path / "gone")
+        with pytest.raises(SocialbotError, match="no such file or folder"):
+            carried_out([gone], scheduler=cluster.scheduler_address)
+    assert content(there) == content(evaluated(sources))
+
+
+def test_a_scheduler_that_does_not_answer(bag, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("socialbot.vision.metrics.workers.CONNECT_S", 0.5)
+    with pytest.raises(ParameterError, match="no Dask scheduler answers"):
+        carried_out([bag_source(bag)], scheduler="tcp://127.0.0.1:9")
+
+
+def test_without_the_extra_a_cluster_is_an_error_with_a_remedy(bag, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    with pytest.raises(SocialbotError, match=r"socialbot\[dask\]") as caught:
+        carried_out([bag_source(bag)], scheduler="tcp://127.0.0.1:9")
+    assert caught.value.exit_code == 5

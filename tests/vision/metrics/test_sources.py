@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from socialbot.core.errors import BagError, ImageError, TruthError
+from socialbot.vision.metrics.frames import bag_source, picture_sources
+from tests.vision.metrics.scenes import START, drawn_bag, drawn_pictures
+
+
+def test_a_bag_with_its_truth_beside_it(corridor):
+    source = bag_source(corridor)
+    assert (source.name, source.scene, source.split, len(source.frames)) == ("corridor", "corridor", "", 420)
+    blocks = [frame.block for frame in source.frames]
+    assert blocks == sorted(blocks)
+    assert [blocks.count(block) for block in range(14)] == [30] * 14
+    assert sum(len(frame.persons) for frame in source.frames) == 399
+
+
+def test_the_truth_in_a_bag_says_the_same_as_the_truth_beside_it(tmp_path):
+    beside = bag_source(drawn_bag(tmp_path, "one", scene="hall", split="tune"))
+    inside = bag_source(drawn_bag(tmp_path, "two", beside=False, inside=True, scene="hall", split="tune"))
+    assert (inside.scene, inside.split) == ("hall", "tune")
+    assert inside.frames == beside.frames
+
+
+def test_objects_of_the_recording_are_in_every_frame(tmp_path):
+    bag = drawn_bag(tmp_path, frames=2)
+    path = tmp_path / "clip.truth.json"
+    content = json.loads(path.read_text())
+    thing = {"x": 1, "y": 2, "w": 3, "h": 4}
+    content["objects"] = [{"kind": "poster", **thing}]
+    content["frames"][1]["objects"] = [{"kind": "shadow", **thing}]
+    path.write_text(json.dumps(content))
+    kinds = [[each.kind for each in frame.objects] for frame in bag_source(bag).frames]
+    assert kinds == [["poster"], ["poster", "shadow"]]
+
+
+@pytest.mark.parametrize("beside", [True, False])
+def test_what_follows_a_dot_belongs_to_the_name_of_a_folder(tmp_path, beside):
+    bags = [drawn_bag(tmp_path, name, frames=1, beside=beside, inside=not beside) for name in ("run.1", "run.2")]
+    assert [bag_source(bag).name for bag in bags] == ["run.1", "run.2"]
+
+
+def test_a_single_file_is_called_by_its_name_without_the_suffix(tmp_path):
+    folder = drawn_bag(tmp_path, frames=1)
+    (file,) = folder.glob("*.mcap")
+    alone = file.rename(tmp_path / "run.1.mcap")
+    (tmp_path / "clip.truth.json").rename(tmp_path / "run.1.truth.json")
+    assert bag_source(alone).name == "run.1"
+
+
+def test_a_bag_without_truth(tmp_path):
+    with pytest.raises(TruthError, match=r"clip: no ground truth.*\n.*clip\.truth\.json"):
+        bag_source(drawn_bag(tmp_path, beside=False))
+
+
+def test_truth_of_another_topic(tmp_path):
+    bag = drawn_bag(tmp_path, frames=1)
+    path = tmp_path / "clip.truth.json"
+    path.write_text(path.read_text().replace("/camera/image_raw/compressed", "/other"))
+    with pytest.raises(BagError, match="no topic '/other'"):
+        bag_source(bag)
+
+
+def test_labelled_pictures(tmp_path):
+    (source,) = picture_sources(drawn_pictures(tmp_path / "hall"))
+    assert (source.name, source.scene) == ("hall", "hall")
+    assert [frame.name for frame in source.frames] == ["0.png", "1.png", "2.png"]
+    assert [frame.stamp for frame in source.frames] == [encoded.stamp for encoded in source.footage.pictures()]
+    assert all(frame.ranged for frame in source.frames)
+    assert len({frame.block for frame in source.frames}) == 3
+
+
+def test_labels_may_name_scenes(tmp_path):
+    folder = drawn_pictures(tmp_path / "hall")
+    entries = json.loads((folder / "persons.json").read_text())
+    entries[1]["scene"] = "stairs"
+    (folder / "persons.json").write_text(json.dumps(entries))
+    assert {source.scene: len(source.frames) for source in picture_sources(folder)} == {"hall": 2, "stairs": 1}
+
+
+def test_where_no_distance_is_known_distances_mean_nothing(tmp_path):
+    (source,) = picture_sources(drawn_pictures(tmp_path / "hall", distance=None))
+    assert not any(frame.ranged for frame in source.frames)
+
+
+def test_images_that_are_missing(tmp_path):
+    folder = drawn_pictures(tmp_path / "hall")
+    (folder / "1.png").unlink()
+    with pytest.raises(ImageError, match=r"1 of 3 images.*the first: 1\.png"):
+        picture_sources(folder)
+
+
+def test_stamps_are_those_of_the_pictures(tmp_path):
+    source = bag_source(drawn_bag(tmp_path, frames=3))
+    assert [encoded.stamp for encoded in source.footage.pictures()] == [frame.stamp for frame in source.frames]
+    assert source.frames[0].stamp == START
+    assert source.frames[2].name == "0.2 s"

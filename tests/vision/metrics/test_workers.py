@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import os
+import time
+
+import pytest
+
+from socialbot.core.errors import NodeError, TruthError
+from socialbot.vision.metrics.pipeline import Found, FoundFrame
+from socialbot.vision.metrics.workers import apart
+from tests.vision.metrics.scenes import found
+
+
+def double(number: int) -> int:
+    return 2 * number
+
+
+def die(number: int) -> int:
+    os._exit(number)
+
+
+def dawdle(seconds: float) -> float:
+    time.sleep(seconds)
+    return seconds
+
+
+def test_results_come_in_the_order_of_the_arguments():
+    assert apart(dawdle, [(0.3,), (0.0,), (0.1,)], 2) == [0.3, 0.0, 0.1]
+    assert apart(double, [], 2) == []
+
+
+def test_results_are_told_as_they_come():
+    told = []
+    apart(double, [(3,), (4,)], 1, done=lambda number, result: told.append((number, result)))
+    assert told == [(0, 6), (1, 8)]
+
+
+def test_a_process_that_dies_is_an_error():
+    with pytest.raises(NodeError, match="died") as caught:
+        apart(die, [(3,)], 1)
+    assert caught.value.remedy
+
+
+def test_an_error_ends_what_is_still_going_on():
+    def refuse(number: int, result: float) -> None:
+        raise TruthError("no")
+
+    begun = time.monotonic()
+    with pytest.raises(TruthError):
+        apart(dawdle, [(0.0,), (300.0,)], 2, done=refuse)
+    assert time.monotonic() - begun < 60
+
+
+def send(value: Found | TruthError) -> Found:
+    if isinstance(value, TruthError):
+        raise value
+    return value
+
+
+def test_what_is_found_and_what_is_wrong_travel_between_processes():
+    frames: tuple[FoundFrame, ...] = (found(),)
+    there = Found(frames, 1, "damaged")
+    assert apart(send, [(there,)], 1) == [there]
+    with pytest.raises(TruthError, match="where: what") as caught:
+        apart(send, [(TruthError("what", where="where", remedy="that"),)], 1)
+    assert caught.value.remedy == "that"
