@@ -1,7 +1,7 @@
 """What runs in the process of `socialbot.planning.planners.engines`: an engine of unified-planning, asked once.
 
 ``python -m socialbot.planning.planners.unified_worker ENGINE DOMAIN PROBLEM TIMEOUT_S ANSWER``. The file ANSWER then
-holds the name of a verdict, a message, and the steps of the plan if there is one. This is where the library is imported.
+holds the name of a verdict, a message, and the steps of the plan if there is one. The library is imported here only.
 """
 
 from __future__ import annotations
