@@ -64,7 +64,7 @@ class Input(Generic[M]):
     One that is ``optional`` may stay unconnected: it is for people and programs outside of the graph.
 
     One with a ``deadline_s`` is silent when nothing has come for so long (see `socialbot.graph.health`); the node is
-    told by `Node.on_silence` and `Node.on_return`. What comes to another input that is ``instead_of`` it counts as well.
+    told by `Node.on_silence` and `Node.on_return`. Messages on an input that is ``alternative_to`` it count too.
     """
 
     def __init__(
