@@ -28,7 +28,7 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message
 from socialbot.graph.node import Graph
-from socialbot.runtime.processes import Launch
+from socialbot.runtime.launch import Launch
 
 TOPICS: Mapping[str, type[Message]] = {
     TOPIC: AclMessage,

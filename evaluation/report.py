@@ -17,10 +17,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from socialbot.core.errors import SocialbotError
+from socialbot.runs.record import versions
 from socialbot.runs.report_page import Page, Section, settings
 from socialbot.runs.report_page import table as html_table
 from socialbot.runs.report_series import series_charts
-from socialbot.runtime.replay import versions
 
 JsonOption = Annotated[
     Path | None,

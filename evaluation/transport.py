@@ -28,7 +28,7 @@ from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import ActionRequest, Message
 from socialbot.graph.node import Delivery, Graph, NodeConfig
-from socialbot.runtime.processes import Launch
+from socialbot.runtime.launch import Launch
 from socialbot.vision.images import ImageConverter
 
 DOMAIN = 77

@@ -20,9 +20,10 @@ from socialbot.runs.evaluation_figures import (
     scene_columns,
     told_bands,
 )
+from socialbot.vision.metrics.band_scores import BandScore, Interval
 from socialbot.vision.metrics.behaviour import OUTCOMES
 from socialbot.vision.metrics.evaluation import Evaluation
-from socialbot.vision.metrics.scores import BandScore, Interval, Score
+from socialbot.vision.metrics.scores import Score
 
 __all__ = ["show"]
 

@@ -6,7 +6,9 @@ truth is known, what became of the people in each frame. Of a run that lasts for
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Iterable, Iterator, Mapping
+from importlib import metadata
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, TypeVar
@@ -14,6 +16,7 @@ from typing import Any, Protocol, TypeVar
 import msgspec
 from msgspec.structs import replace
 
+from socialbot import __version__
 from socialbot.core import paths
 from socialbot.core.bounded_log import BoundedLog
 from socialbot.core.errors import SocialbotError
@@ -269,3 +272,17 @@ def _unusable(what: str, folder: Path, remedy: str) -> SocialbotError:
     error = SocialbotError(f"the folder of the run {what}", where=str(folder), remedy=remedy)
     error.exit_code = 4
     return error
+
+
+RECORDED_PACKAGES = ("numpy", "opencv-python-headless", "rosbags", "msgspec", "kairos-planner", "ros-jazzy-rclpy")
+
+
+def versions() -> dict[str, str]:
+    """The versions of Python, socialbot and what matters most beneath it."""
+    found = {"python": platform.python_version(), "socialbot": __version__}
+    for package in RECORDED_PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found

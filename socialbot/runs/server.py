@@ -186,7 +186,7 @@ T = TypeVar("T")
 log = logging.getLogger("socialbot.inspect")
 
 KEEP_UP_S = 2.0
-PAGE = Path(str(files("socialbot.inspect"))) / "page"
+PAGE = Path(str(files("socialbot.runs"))) / "page"
 MOST_LINES = 500
 """So many lines of the log are given at once."""
 

@@ -16,8 +16,8 @@ from socialbot.core import paths
 from socialbot.core.errors import ParameterError
 from socialbot.graph.node import Graph
 from socialbot.runtime.deployment import Deployment
+from socialbot.runtime.launch import node_arguments, write_graph
 from socialbot.runtime.live import keep_minds
-from socialbot.runtime.processes import node_arguments, write_graph
 
 
 @dataclass(frozen=True)

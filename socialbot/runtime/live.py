@@ -21,11 +21,11 @@ from socialbot.core.messages import Message
 from socialbot.core.process import Ending
 from socialbot.graph.node import Graph
 from socialbot.runs.console import Display, RunDisplay
-from socialbot.runs.record import WELL, RunTrace
+from socialbot.runs.record import WELL, RunTrace, versions
 from socialbot.runs.report_writer import RunReport, write_report
 from socialbot.runs.telling import telling
 from socialbot.runtime.processes import RestartPolicy
-from socialbot.runtime.replay import keep_speech, observed_topics, parameters_of, versions
+from socialbot.runtime.replay import keep_speech, observed_topics, parameters_of
 from socialbot.runtime.supervisor import Supervisor, Variables, no_variables
 
 ATTEND_S = 0.1

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import functools
 import itertools
-import platform
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 
-from socialbot import __version__
 from socialbot.bags.reader import Bag
 from socialbot.bags.topic_mapping import feeding, takes_pictures
 from socialbot.bridge.graph_observer import Fates, Onlooker, observing
@@ -29,12 +26,12 @@ from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, check_parameters
 from socialbot.runs.decisions import DECIDED, Comparison, compare
-from socialbot.runs.record import RECORDED, STOPPED, WELL, RunRecord
+from socialbot.runs.record import RECORDED, STOPPED, WELL, RunRecord, versions
 from socialbot.runs.telling import Observer, telling, told_topics
-from socialbot.runtime.processes import Launch
+from socialbot.runtime.launch import Launch
 from socialbot.speech.speaker import Speaker
 from socialbot.vision.metrics.scores import Scores, score
-from socialbot.vision.metrics.truth import Truth, load_truth
+from socialbot.vision.metrics.truth import Truth, load_truth, truth_beside
 
 Runner = Literal["ros", "inline"]
 TAIL_S = 3.0
@@ -48,8 +45,6 @@ DRAIN_S = 0.5
 
 BAG_GRAPH = "graph.yaml"
 """The file, in the folder of a bag, that says which graph it was recorded of."""
-
-RECORDED_PACKAGES = ("numpy", "opencv-python-headless", "rosbags", "msgspec", "kairos-planner", "ros-jazzy-rclpy")
 
 
 @dataclass(frozen=True)
@@ -172,17 +167,6 @@ def find_truth(plan: Replay) -> Truth | None:
     """The ground truth given, or the one that lies beside the bag. Raises TruthError when it does not fit."""
     path = plan.truth or truth_beside(plan.bag.path)
     return load_truth(path) if plan.truth is not None or path.exists() else None
-
-
-def bag_name(bag: Path) -> str:
-    """What people call ``bag``: a folder by its whole name, a file by its name without the suffix."""
-    bag = bag.resolve()
-    return bag.name if bag.is_dir() else bag.stem
-
-
-def truth_beside(bag: Path) -> Path:
-    """Where the ground truth of ``bag`` lies, if there is any: NAME.truth.json beside it."""
-    return bag.resolve().with_name(f"{bag_name(bag)}.truth.json")
 
 
 def keep_speech(graph: Graph, folder: Path, **parameters: object) -> Graph:
@@ -374,17 +358,6 @@ def scores_table(scores: Scores) -> dict[str, Any]:
             for name, band in scores.bands.items()
         },
     }
-
-
-def versions() -> dict[str, str]:
-    """The versions of Python, socialbot and what matters most beneath it."""
-    found = {"python": platform.python_version(), "socialbot": __version__}
-    for package in RECORDED_PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
 
 
 def _seconds_after(start: int, stamp: int) -> float:

@@ -25,10 +25,10 @@ from socialbot.graph.files import dump_graph
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
-from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, RECORDED, STOPPED, TIME_UP
+from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, RECORDED, STOPPED, TIME_UP, versions
 from socialbot.runs.telling import Observer, telling
-from socialbot.runtime.processes import Launch
-from socialbot.runtime.replay import BAG_GRAPH, GRAPH_TIMEOUT_S, Fate, keep_speech, parameters_of, ros_fates, versions
+from socialbot.runtime.launch import Launch
+from socialbot.runtime.replay import BAG_GRAPH, GRAPH_TIMEOUT_S, Fate, keep_speech, parameters_of, ros_fates
 
 STEP_S = 0.1
 """So much time passes between two looks at whether the run is over."""

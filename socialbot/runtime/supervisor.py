@@ -22,21 +22,16 @@ from socialbot.core.bounded_log import Rotation
 from socialbot.core.errors import NodeError
 from socialbot.graph.node import Graph
 from socialbot.runtime.fork_server import ForkServer
+from socialbot.runtime.launch import DOCUMENTED, failure, log_file, node_arguments, processes_of, write_graph
 from socialbot.runtime.processes import (
     ASKED_AGAIN_S,
-    DOCUMENTED,
     GRACE_S,
     Process,
     RestartBackoff,
     RestartPolicy,
     end_processes,
-    failure,
     how_it_ended,
     in_time,
-    log_file,
-    node_arguments,
-    processes_of,
-    write_graph,
 )
 
 CONFIGURED_S = 10.0

@@ -28,7 +28,7 @@ from socialbot.core.messages import (
 from socialbot.deliberation.messages import AgentRequest, PlanExecutionInfo
 from socialbot.graph.files import dump_graph, parse_graph
 from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output
-from tests.bridge.test_codec import messages
+from tests.bags.test_codec import messages
 from tools.interfaces import PACKAGE as FOLDER
 from tools.interfaces import definition_files
 

@@ -19,7 +19,7 @@ from socialbot.cli import doctor as doctor_module
 from socialbot.core.errors import NodeError
 from socialbot.vision import network_detector as nanodet_module
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 app = Typer()
 app.command()(doctor_command.doctor)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
 from socialbot.graph.files import GRAPHS, NODE_TYPES, dump_graph, load_graph, node_type, parse_graph
 from socialbot.graph.node import Graph, NodeConfig
-from tests.test_graph import Echo, Source
+from tests.graph.test_graph import Echo, Source
 
 GOOD = """\
 name: test
@@ -18,9 +18,9 @@ inputs: [/more]
 paced_by: /echo
 nodes:
   source:
-    type: tests.test_graph:Source
+    type: tests.graph.test_graph:Source
   echo:
-    type: tests.test_graph:Echo
+    type: tests.graph.test_graph:Echo
     parameters:
       volume: 0.4
       times: 3
@@ -46,7 +46,7 @@ def test_a_file_says_what_the_graph_is(tmp_path):
 
 def test_a_node_of_ones_own_may_stand_beside_the_file(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "own_node_beside.py").write_text("from tests.test_graph import Source\nclass Own(Source): ...\n")
+    (tmp_path / "own_node_beside.py").write_text("from tests.graph.test_graph import Source\nclass Own(Source): ...\n")
     path = tmp_path / "g.yaml"
     path.write_text("name: own\nnodes:\n  own: {type: own_node_beside:Own}\n")
     assert load_graph(str(path)).placement("own").type.__name__ == "Own"
@@ -55,7 +55,7 @@ def test_a_node_of_ones_own_may_stand_beside_the_file(tmp_path, monkeypatch):
 def test_a_node_of_ones_own_may_stand_in_the_working_directory(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "own_node_here.py").write_text("from tests.test_graph import Source\nclass Own(Source): ...\n")
+    (tmp_path / "own_node_here.py").write_text("from tests.graph.test_graph import Source\nclass Own(Source): ...\n")
     assert node_type("own_node_here:Own").__name__ == "Own"
 
 
@@ -118,19 +118,19 @@ def test_waldo_listens_to_the_camera_and_has_its_seven_nodes():
     [
         ("paced_by:", "pacedby:", 3, ["unknown key 'pacedby'", "did you mean 'paced_by'?"]),
         ("    remap:", "    remaps:", 12, ["unknown key 'remaps'", "did you mean 'remap'?"]),
-        ("tests.test_graph:Echo", "echo", 8, ["unknown node type 'echo'", "package.module:Class"]),
-        ("tests.test_graph:Echo", "tests.test_graph:Eco", 8, ["test_graph has no 'Eco'", "did you mean 'Echo'?"]),
-        ("tests.test_graph:Echo", "tests.no_graph:Echo", 8, ["no module 'tests.no_graph'", "beside the graph"]),
-        ("tests.test_graph:Echo", "tests.test_graph:graph", 8, ["is no node"]),
+        ("tests.graph.test_graph:Echo", "echo", 8, ["unknown node type 'echo'", "package.module:Class"]),
+        ("tests.graph.test_graph:Echo", "tests.graph.test_graph:Eco", 8, ["test_graph has no 'Eco'", "did you mean 'Echo'?"]),
+        ("tests.graph.test_graph:Echo", "tests.no_graph:Echo", 8, ["no module 'tests.no_graph'", "beside the graph"]),
+        ("tests.graph.test_graph:Echo", "tests.graph.test_graph:graph", 8, ["is no node"]),
         ("inputs: [/more]", "inputs: [/more", 3, ["no valid YAML"]),
         ("      times: 3", "      times: 3: 4", 11, ["no valid YAML"]),
         ("      times: 3", "      times: 3\n      times: 4", 12, ["no valid YAML", "duplicate"]),
         ("name: test", "name: 3", 1, ["'name' must be a text, got 3"]),
         ("inputs: [/more]", "inputs: /more", 2, ["'inputs' must be a list of texts"]),
         ("inputs: [/more]", "inputs: [1]", 2, ["'inputs' must be a list of texts"]),
-        ("    type: tests.test_graph:Echo\n", "", 8, ["'type'"]),
-        ("    type: tests.test_graph:Echo", "    type: 7", 8, ["'type' must be a text, got 7"]),
-        ("  source:\n    type: tests.test_graph:Source", "  source: here", 5, ["expected names with values"]),
+        ("    type: tests.graph.test_graph:Echo\n", "", 8, ["'type'"]),
+        ("    type: tests.graph.test_graph:Echo", "    type: 7", 8, ["'type' must be a text, got 7"]),
+        ("  source:\n    type: tests.graph.test_graph:Source", "  source: here", 5, ["expected names with values"]),
         ("      volume: 0.4", "      volume: 4.5", 10, ["4.5 is out of range", "echo.volume"]),
         ("      volume: 0.4", "      volume: loud", 10, ["'loud' is not of type float"]),
         ("      volume: 0.4", "      volumes: 0.4", 10, ["no parameter 'volumes'", "did you mean 'volume'?"]),

@@ -20,7 +20,7 @@ from tests.agents.hospital.runs import Told, carried_out, paper_run
 from tests.runs.pages import read
 from tests.system.running import results, socialbot
 
-BAGS = Path(__file__).parents[1] / "data" / "synthetic"
+BAGS = Path(__file__).parents[2] / "data" / "synthetic"
 
 
 def page_of(run: Told, folder: Path) -> str:

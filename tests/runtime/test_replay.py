@@ -16,7 +16,7 @@ from tests.planning import busy
 from tests.system.running import socialbot_here
 from tests.vision.metrics.scenes import drawn_bag
 
-BAGS = Path(__file__).parents[1] / "data" / "synthetic"
+BAGS = Path(__file__).parents[2] / "data" / "synthetic"
 
 
 def test_the_truth_of_a_folder_lies_beside_it_under_the_folders_whole_name(tmp_path):

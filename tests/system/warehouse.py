@@ -18,7 +18,7 @@ from socialbot.bridge.sim_clock import SimClock
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.deliberation.messages import BeliefSet, PlanExecutionInfo
 from socialbot.graph.node import Graph
-from socialbot.runtime.processes import Launch
+from socialbot.runtime.launch import Launch
 
 GRIPPER = "gripper_a"
 STEP_S = 0.2

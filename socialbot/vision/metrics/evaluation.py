@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from socialbot.core.errors import ImageError, SocialbotError, TruthError
+from socialbot.vision.metrics.band_scores import Judged, SceneScore, score_scene
 from socialbot.vision.metrics.behaviour import Behaviour, behaviour
 from socialbot.vision.metrics.frames import BagFootage, Frame, Source
 from socialbot.vision.metrics.matches import Rules, Verdict, judge
-from socialbot.vision.metrics.pipeline import Found, FoundFrame, Job, PipelineSettings, Speed, measure
-from socialbot.vision.metrics.scores import Judged, SceneScore, score_scene
+from socialbot.vision.metrics.pipeline import Found, FoundFrame, Job, PipelineSettings
+from socialbot.vision.metrics.speed import Speed, measure
 from socialbot.vision.metrics.workers import Advance, on_dask, on_processes
 
 __all__ = [

@@ -16,11 +16,19 @@ from socialbot.bags.types import RosbagsTypes
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
-from socialbot.runtime.replay import bag_name, truth_beside
 from socialbot.vision.detector import clip
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.metrics.scores import LEAST_VISIBLE
-from socialbot.vision.metrics.truth import TRUTH_TOPIC, Split, Truth, TruthObject, load_truth, truth_from_messages
+from socialbot.vision.metrics.truth import (
+    TRUTH_TOPIC,
+    Split,
+    Truth,
+    TruthObject,
+    bag_name,
+    load_truth,
+    truth_beside,
+    truth_from_messages,
+)
 
 __all__ = [
     "BLOCK_S",

@@ -27,7 +27,7 @@ import msgspec
 
 from socialbot.core.errors import TruthError
 
-__all__ = [
+__all__ = ["bag_name", "truth_beside",
     "TRUTH_TOPIC", "Split", "Truth", "TruthFrame", "TruthMessage", "TruthObject", "TruthPerson", "load_truth",
     "truth_from_messages",
 ]  # fmt: skip
@@ -163,3 +163,14 @@ def _check_order(frames: tuple[TruthFrame, ...], where: str) -> None:
             raise TruthError(
                 f"frame {after.stamp} follows {before.stamp}", where=where, remedy="sort the frames, one a stamp"
             )
+
+
+def bag_name(bag: Path) -> str:
+    """What people call ``bag``: a folder by its whole name, a file by its name without the suffix."""
+    bag = bag.resolve()
+    return bag.name if bag.is_dir() else bag.stem
+
+
+def truth_beside(bag: Path) -> Path:
+    """Where the ground truth of ``bag`` lies, if there is any: NAME.truth.json beside it."""
+    return bag.resolve().with_name(f"{bag_name(bag)}.truth.json")

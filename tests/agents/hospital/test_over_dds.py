@@ -19,7 +19,7 @@ from socialbot.bridge.graph_observer import Fates, observing
 from socialbot.bridge.readiness import expect_free_names
 from socialbot.core.messages import Message
 from socialbot.graph.node import Graph, NodeConfig
-from socialbot.runtime.processes import Launch
+from socialbot.runtime.launch import Launch
 from tests.agents.hospital.listings import LISTING_3, LISTING_4
 from tests.system.running import eventually
 

@@ -1,0 +1,105 @@
+"""Brings up a graph in processes of its own, watches them and takes them down.
+
+Here one that dies ends them all, as is right for a replay; `socialbot.runtime.supervisor` starts it anew.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from socialbot.bridge import environment
+from socialbot.core.errors import NodeError, SocialbotError
+from socialbot.graph.files import dump_graph
+from socialbot.graph.node import Graph
+from socialbot.runtime.fork_server import ForkServer
+from socialbot.runtime.processes import Process, end_processes, how_it_ended
+
+LOG_TAIL_LINES = 8
+DOCUMENTED = frozenset({3, 4, 5, 7})
+"""Exit codes by which a process says why it failed; any other failure of a node is 6."""
+
+
+class Launch:
+    """The processes of one graph. Use it as a context manager: leaving it ends them all.
+
+    ``folder`` takes the graph as it runs (graph.yaml) and a log for each process.
+    """
+
+    def __init__(self, graph: Graph, folder: Path, *, sim_time: bool = False, composed: bool = False) -> None:
+        self._graph = graph
+        self._folder = folder
+        self._sim_time = sim_time
+        self._composed = composed
+        self._nursery = ForkServer(graph, folder)
+        self._processes: dict[str, Process] = {}
+        self.exit_codes: dict[str, int] = {}
+
+    def __enter__(self) -> Launch:
+        environment.require_ros()
+        graph_file = write_graph(self._graph, self._folder)
+        try:
+            for name, nodes in processes_of(self._graph, composed=self._composed).items():
+                self.start(name, node_arguments(graph_file, nodes, sim_time=self._sim_time))
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def start(self, name: str, arguments: list[str]) -> Process:
+        """Starts ``socialbot *arguments`` as the process ``name``, with its log in the folder."""
+        process = self._processes[name] = self._nursery.start(arguments, log_file(self._folder, name))
+        return process
+
+    def check(self) -> None:
+        """Raises NodeError when a process has ended with an error."""
+        for name, process in self._processes.items():
+            code = process.poll()
+            if code:
+                raise failure(name, code, log_file(self._folder, name))
+
+    def stop(self) -> None:
+        """Ends all processes; then ``exit_codes`` holds how they ended."""
+        self._nursery.close()
+        self.exit_codes.update(end_processes(self._processes))
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """The process ids by name."""
+        return {name: process.pid for name, process in self._processes.items()}
+
+
+def write_graph(graph: Graph, folder: Path) -> Path:
+    """Writes ``graph`` into ``folder``, for its processes to read."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "graph.yaml"
+    file.write_text(dump_graph(graph), encoding="utf-8")
+    return file
+
+
+def processes_of(graph: Graph, *, composed: bool) -> dict[str, list[str]]:
+    """The nodes of each process by its name: one each, or all of them ``composed``."""
+    names = [placement.name for placement in graph.placements]
+    return {graph.name: names} if composed else {name: [name] for name in names}
+
+
+def node_arguments(graph_file: Path, nodes: list[str], *, sim_time: bool = False) -> list[str]:
+    """The arguments of ``socialbot`` for a process with these ``nodes``."""
+    return ["node", "--graph", str(graph_file), *(["--sim-time"] if sim_time else []), *nodes]
+
+
+def log_file(folder: Path, name: str) -> Path:
+    """The log of the process ``name``."""
+    return folder / f"{name}.log"
+
+
+def failure(name: str, code: int, log: Path) -> SocialbotError:
+    """The error that says that the process ``name`` ended with ``code``, and what it logged last."""
+    lines = log.read_text("utf-8", errors="replace").splitlines()[-LOG_TAIL_LINES:]
+    what = "\n    ".join([f"the process {how_it_ended(code)}", *lines])
+    error = NodeError(what, where=name, remedy=f"the whole log: {log}")
+    if code in DOCUMENTED:
+        error.exit_code = code
+    return error
