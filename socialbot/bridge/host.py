@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock as SteadyClock
@@ -29,7 +29,6 @@ from socialbot.bridge.parameters import declare_parameters, parameter_values, wa
 from socialbot.bridge.qos import DEPTH, publisher_qos, subscription_qos
 from socialbot.bridge.readiness import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.sim_clock import KEPT_TOPIC
-from socialbot.bridge.supervisor_channel import BEAT_S, SupervisorChannel
 from socialbot.bridge.transport import Receiver, Sender, reason_of, wire
 from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
 from socialbot.core.errors import MessageError, NodeError, SocialbotError
@@ -39,6 +38,9 @@ from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig
 
 AUTOSTART = "autostart"
 AUTOSTART_DOC = "whether the node configures and activates itself, or somebody else does"
+
+HEARTBEAT_S = 0.5
+"""The period of the state reports to a supervisor."""
 
 STEADY = SteadyClock(clock_type=ClockType.STEADY_TIME)
 
@@ -51,11 +53,23 @@ def clock_of(ros: RosNode, *, simulated: bool) -> Clock:
     return ForwardClock(lambda: source.now().nanoseconds)
 
 
+class SupervisorLink(Protocol):
+    """The connection to the process that supervises this one."""
+
+    def send(self, node: str, word: str, /) -> None:
+        """Report the state of a node; callable from any thread, never blocks."""
+        ...
+
+    def wait(self) -> tuple[str, str] | None:
+        """Wait for a command: a node and its wanted state. None when the supervisor is gone."""
+        ...
+
+
 class NodeHost:
     """Hosts the node of one placement as a ROS 2 lifecycle node.
 
     It is built when that is configured, started when it is activated, and stopped when it is deactivated; what is
-    activated then is built anew. ``failure`` is the error that kept it from starting, if any. With a ``lifeline`` a
+    activated then is built anew. ``failure`` is the error that kept it from starting, if any. With a ``supervisor`` a
     supervisor decides when it is activated, and hears how it is.
     """
 
@@ -66,13 +80,13 @@ class NodeHost:
         *,
         ros_context: RosContext,
         sim_time: bool,
-        lifeline: SupervisorChannel | None = None,
+        supervisor: SupervisorLink | None = None,
     ) -> None:
         self.name = placement.name
         self.statistics = Statistics()
         self._graph = graph
         self._placement = placement
-        self._lifeline = lifeline
+        self._supervisor = supervisor
         self._wire = wire(form=self._graph.wire)
         sealed = self._wire.sealed  # then there are no services: anybody could call them
         self._ros = ManagedNode(
@@ -103,8 +117,8 @@ class NodeHost:
         self._reporter = Reporter(self._ros, self.statistics, self._connections, self._lines, lambda: self._ros.state)
         if sealed:
             self._renewing = self._ros.create_timer(self._wire.renewal_s, lambda: self._wire.renew(), clock=STEADY)
-        if lifeline is not None:
-            self._beating = self._ros.create_timer(BEAT_S, self._beat, clock=STEADY)
+        if supervisor is not None:
+            self._beating = self._ros.create_timer(HEARTBEAT_S, self._beat, clock=STEADY)
 
     @property
     def ros_node(self) -> RosNode:
@@ -130,7 +144,7 @@ class NodeHost:
 
     def start(self) -> None:
         """Configures and activates the node, unless somebody else is to do that."""
-        if self._lifeline is not None:
+        if self._supervisor is not None:
             self.go(INACTIVE)
             self._beat()
         elif self._autostart:
@@ -273,9 +287,9 @@ class NodeHost:
     def _beat(self) -> None:
         if self._life is not None and self._life.started:
             self._life.ask()
-        elif self._lifeline is not None:
-            self._lifeline.say(self.name, self._ros.state)
+        elif self._supervisor is not None:
+            self._supervisor.send(self.name, self._ros.state)
 
     def _well(self) -> None:
-        if self._lifeline is not None:
-            self._lifeline.say(self.name, ACTIVE)
+        if self._supervisor is not None:
+            self._supervisor.send(self.name, ACTIVE)

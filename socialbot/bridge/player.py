@@ -6,6 +6,7 @@ machine makes the replay slower but not different. Where a graph takes no pictur
 
 from __future__ import annotations
 
+import functools
 import logging
 import threading
 import time
@@ -16,10 +17,12 @@ from typing import Any
 from socialbot.bags.codec import MESSAGE_TYPES, ROS_TYPES, STRING, decode, raw_stamp, with_stamp
 from socialbot.bags.reader import IMAGE_TYPES, Bag, RosbagsTypes
 from socialbot.bags.stamps import Stamps
+from socialbot.bags.world_replay import STEP_S, Played, Script, play
 from socialbot.bridge import environment
+from socialbot.bridge.qos import publisher_qos, subscription_qos
 from socialbot.bridge.readiness import Connection, await_graph, publisher_connection, subscription_connection
+from socialbot.bridge.sim_clock import SimClock
 from socialbot.bridge.transport import Receiver, Sender, message_class, wire
-from socialbot.bridge.world_replay import Played, Reenactment
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError, NodeError
 from socialbot.core.messages import CameraInfo, Health, Message
@@ -95,8 +98,6 @@ class Player:
 
     def __init__(self, ros: Any, bag: Bag, topics: Mapping[str, str], playing: Playing, ending: Ending) -> None:
         from rosgraph_msgs.msg import Clock
-
-        from socialbot.bridge.qos import publisher_qos
 
         self._bag = bag
         self._topics = topics
@@ -189,6 +190,72 @@ class Player:
             self._clock.publish(message)
             if self._now >= until:
                 return
+
+
+class Reenactment:
+    """Plays ``topics`` (bag topic to graph topic) of ``bag`` to ``graph``, which has no world of its own."""
+
+    def __init__(
+        self, ros: Any, bag: Bag, topics: Mapping[str, str], graph: Graph, rate: float, ending: Ending
+    ) -> None:
+        self._rate, self._ending = rate, ending
+        self._script = Script(bag, topics, graph)
+        self._skipped = bag.skipped
+        own = wire(form=graph.wire)
+        self._publishers = {
+            topic: ros.create_publisher(own.message_class(graph.topics()[topic]), topic, publisher_qos(Delivery.EVERY))
+            for topic in topics.values()
+        }
+        self._outlets = {topic: own.outlet(publisher) for topic, publisher in self._publishers.items()}
+        self._subscriptions = {
+            topic: ros.create_subscription(
+                own.message_class(kind),
+                topic,
+                functools.partial(self._hear, topic, kind, own.inlet(topic)),
+                subscription_qos(Delivery.EVERY, outside=False),
+            )
+            for topic, kind in self._script.told.items()
+        }
+        self._keeper = SimClock(ros, [placement.name for placement in graph.placements], start=bag.start)
+        self._start, self._begun = bag.start, 0.0
+
+    def connections(self, graph: Graph) -> list[Connection]:
+        """The player's own connections to ``graph``."""
+        return [
+            *(publisher_connection(graph, topic, one) for topic, one in self._publishers.items()),
+            *(subscription_connection(graph, topic, one) for topic, one in self._subscriptions.items()),
+        ]
+
+    def play(self) -> Played:
+        """Plays from the first message to the last, or until asked to end."""
+        self._begun = time.monotonic()
+        play(self._script, self, self._ending)
+        return Played(self._script.sent, self._script.unanswered, self._skipped)
+
+    @property
+    def now(self) -> int:
+        """The time of the graph, ns."""
+        return self._keeper.now
+
+    def advance(self, until: int) -> None:
+        """Moves the clock, no faster than at the rate."""
+        self._keeper.advance(0.0)
+        while self._keeper.now < until and not self._ending.asked:
+            self._keeper.advance(min(nanoseconds(STEP_S), until - self._keeper.now) / SECOND)
+        time.sleep(max(0.0, self._begun + (self._keeper.now - self._start) / SECOND / self._rate - time.monotonic()))
+
+    def say(self, topic: str, message: Message) -> None:
+        """Sends a message to the agents."""
+        self._outlets[topic].publish(message)
+
+    def _hear(self, topic: str, kind: type[Message], inlet: Receiver, ros_message: Any) -> None:
+        try:
+            command = inlet.decode(kind, ros_message)
+        except MessageError as error:
+            log.warning("%s: %s", topic, error)
+            return
+        if command is not None:
+            self._script.hear(topic, command)
 
 
 def play_bag(bag: Bag, topics: Mapping[str, str], playing: Playing, *, parent: int | None = None) -> Played:

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 from socialbot.bridge import environment
 from socialbot.bridge.readiness import expect_free_names
-from socialbot.bridge.supervisor_channel import SupervisorChannel, own_lifeline
 from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.core.process import Ending
@@ -24,7 +23,7 @@ from socialbot.graph.node import Graph
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
-    from socialbot.bridge.host import NodeHost
+    from socialbot.bridge.host import NodeHost, SupervisorLink
 
 LOOK_ROUND_S = 0.2
 """How often the process looks whether it should end."""
@@ -37,11 +36,12 @@ def run_nodes(
     sim_time: bool,
     parent: int | None = None,
     ros_args: list[str] | None = None,
+    supervisor: SupervisorLink | None = None,
 ) -> None:
     """Runs the nodes ``names`` of ``graph`` until SIGINT or SIGTERM comes, or the process ``parent`` has ended.
 
     Raises the error of a node that cannot start, and NodeError when others of these names are running; a ``parent`` has
-    seen to that.
+    seen to that. A ``supervisor`` decides when the nodes are activated.
     """
     environment.require_ros()
     from rclpy.executors import SingleThreadedExecutor
@@ -50,7 +50,6 @@ def run_nodes(
     from socialbot.bridge.rclpy_context import ros_context
 
     _read_by_udp(graph, names)
-    lifeline = own_lifeline()
     with Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
         hosts: list[NodeHost] = []
         executor = SingleThreadedExecutor(context=context)
@@ -59,15 +58,17 @@ def run_nodes(
                 _expect_free_names(graph, names)
             for name in names if not ending.asked else ():
                 placement = graph.placement(name)
-                hosts.append(NodeHost(graph, placement, ros_context=context, sim_time=sim_time, lifeline=lifeline))
+                hosts.append(NodeHost(graph, placement, ros_context=context, sim_time=sim_time, supervisor=supervisor))
                 executor.add_node(hosts[-1].ros_node)
             # What there is by now stays: to look through it for garbage would take 50 ms each time.
             gc.freeze()
             with _logging_to(hosts):
                 for host in hosts:
                     host.start()
-                if lifeline is not None:
-                    threading.Thread(target=_obey, args=(lifeline, hosts, executor), name="orders", daemon=True).start()
+                if supervisor is not None:
+                    threading.Thread(
+                        target=_obey, args=(supervisor, hosts, executor), name="orders", daemon=True
+                    ).start()
                 while not ending.asked and not any(host.ended for host in hosts):
                     executor.spin_once(timeout_sec=LOOK_ROUND_S)
         finally:
@@ -90,10 +91,10 @@ def _read_by_udp(graph: Graph, names: Collection[str]) -> None:
     environment.read_by_udp(topics, folder / f"dds_{'_'.join(names)[:80]}.xml")
 
 
-def _obey(lifeline: SupervisorChannel, hosts: list[NodeHost], executor: Executor) -> None:
+def _obey(supervisor: SupervisorLink, hosts: list[NodeHost], executor: Executor) -> None:
     """Has the executor take nodes to the states that the supervisor orders."""
     named = {host.name: host for host in hosts}
-    while (order := lifeline.wait()) is not None:
+    while (order := supervisor.wait()) is not None:
         name, state = order
         executor.create_task(named[name].go, state)
 

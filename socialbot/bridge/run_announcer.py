@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import logging
 import os
-import re
 import secrets
-import socket
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, TypeVar
@@ -23,32 +21,6 @@ from socialbot.core.clock import WallClock
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import DownRequest, Structured, UpState, UpStatus
 from socialbot.graph.node import Delivery
-
-SOCKETS = Path("/proc/net/unix")
-_NAME = re.compile(r"@socialbot/up/(\d+)/([\da-f]+)/(\d+)$", re.MULTILINE)
-
-
-class RunLock:
-    """Shows, until it is taken down, that the run with this id is up here in the ROS domain of this process."""
-
-    def __init__(self, run: str) -> None:
-        self._socket = socket.socket(socket.AF_UNIX)
-        self._socket.bind(f"\0socialbot/up/{_domain()}/{run}/{os.getpid()}")
-
-    def take_down(self) -> None:
-        """Shows it no longer."""
-        self._socket.close()
-
-
-def shown() -> Mapping[str, int]:
-    """The runs that are up here in the ROS domain of this process, each with the id of its process."""
-    found = _NAME.findall(SOCKETS.read_text("utf-8", errors="replace"))
-    return {run: int(pid) for domain, run, pid in found if int(domain) == _domain()}
-
-
-def _domain() -> int:
-    return int(os.environ.get("ROS_DOMAIN_ID") or 0)
-
 
 UP_TOPIC, DOWN_TOPIC = "/socialbot/up", "/socialbot/down"
 
@@ -82,7 +54,6 @@ class RunAnnouncer:
         self._asked = False
         self._ended = False
         self._speaking = threading.Lock()
-        self._placard = RunLock(self.run)
         self._publisher = ros.create_publisher(
             message_class(ros_type(UpStatus)), UP_TOPIC, publisher_qos(Delivery.EVERY)
         )
@@ -99,7 +70,6 @@ class RunAnnouncer:
 
         self._say("ended", str(error) if error is not None else "")
         self._publisher.wait_for_all_acked(Duration(seconds=HEARD_S))
-        self._placard.take_down()
 
     @property
     def refused(self) -> int:

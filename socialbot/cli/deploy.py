@@ -131,7 +131,8 @@ def down(
     """
     target = _enter(file, machine)
     from socialbot.bridge.rclpy_context import spinning_node
-    from socialbot.bridge.run_announcer import Runs, shown
+    from socialbot.bridge.run_announcer import Runs
+    from socialbot.runtime.run_lock import locked_runs
 
     with Ending().on_signals() as ending, spinning_node("down") as ros:
         runs = Runs(ros)
@@ -139,7 +140,7 @@ def down(
         for one in found:
             typer.echo(f"{_named(one)}: asked to end")
         left = end(runs, found, ending, timeout)
-        silent = [pid for run, pid in shown().items() if target.here and run not in runs.heard]
+        silent = [pid for run, pid in locked_runs().items() if target.here and run not in runs.heard]
         refused = runs.refused
     unheard = [name for name in target.machines if name not in {one.machine for one in found}]
     for name in (name for name in unheard if not silent or name != target.own):
@@ -163,13 +164,13 @@ def heard(runs: Runs, target: Target, ending: Ending, timeout_s: float) -> list[
     It listens until everything that is up on this computer has been heard, and all machines of ``target`` are among
     those found: for ``timeout_s`` at most, and for `LISTEN_S` where nothing is known of who is missing.
     """
-    from socialbot.bridge.run_announcer import shown
+    from socialbot.runtime.run_lock import locked_runs
 
     begun = time.monotonic()
     while True:
         found = [one for one in tuple(runs.heard.values()) if one.state != "ended" and target.wanted(one)]
         others = set(target.machines) - {one.machine for one in found} - {target.own}
-        here = not target.here or shown().keys() <= runs.heard.keys()
+        here = not target.here or locked_runs().keys() <= runs.heard.keys()
         passed = time.monotonic() - begun
         known = not here or (others and runs.unheard)
         if (here and not others) or ending.asked or passed > (max(timeout_s, LISTEN_S) if known else LISTEN_S):
@@ -179,9 +180,10 @@ def heard(runs: Runs, target: Target, ending: Ending, timeout_s: float) -> list[
 
 def end(runs: Runs, found: Sequence[UpStatus], ending: Ending, timeout_s: float) -> list[UpStatus]:
     """Asks ``found`` to end, and tells of each that has. Returns those that have not after ``timeout_s``."""
-    from socialbot.bridge.run_announcer import is_gone, shown
+    from socialbot.bridge.run_announcer import is_gone
+    from socialbot.runtime.run_lock import locked_runs
 
-    here = shown().keys()
+    here = locked_runs().keys()
     begun = time.monotonic()
     asked_at = -ASK_EVERY_S
     left = [one.run for one in found]
@@ -191,7 +193,7 @@ def end(runs: Runs, found: Sequence[UpStatus], ending: Ending, timeout_s: float)
             for run in left:
                 if runs.heard[run].state == "up":
                     runs.ask_to_end(run)
-        vanished = here - shown().keys()
+        vanished = here - locked_runs().keys()
         for run in [run for run in left if is_gone(runs.heard[run], vanished=run in vanished)]:
             left.remove(run)
             last = runs.heard[run]

@@ -206,10 +206,13 @@ def node(
     """
     from socialbot.bridge.process import run_nodes
     from socialbot.graph.files import load_graph
+    from socialbot.runtime.supervisor_channel import own_channel
 
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", handlers=[])
     graph_with_changes = with_changes(load_graph(graph), changes or [])
-    run_nodes(graph_with_changes, names, sim_time=sim_time, parent=parent, ros_args=context.obj)
+    run_nodes(
+        graph_with_changes, names, sim_time=sim_time, parent=parent, ros_args=context.obj, supervisor=own_channel()
+    )
 
 
 @app.command(name="graph")

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from socialbot.bridge.supervisor_channel import LIFELINE_VARIABLE
+from socialbot.runtime.supervisor_channel import CHANNEL_VARIABLE
 
 LONGEST = 2**17
 PR_SET_NAME = 15
@@ -111,7 +111,7 @@ def become(order: Order, files: Sequence[int]) -> None:
     os.close(log)
     os.environ.update(order.variables)
     for file in lifeline:
-        os.environ[LIFELINE_VARIABLE] = str(file)
+        os.environ[CHANNEL_VARIABLE] = str(file)
     sys.argv = ["socialbot", *order.arguments]
     ctypes.CDLL(None).prctl(PR_SET_NAME, order.name.encode(), 0, 0, 0)
 

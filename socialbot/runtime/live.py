@@ -26,6 +26,7 @@ from socialbot.runs.report_writer import RunReport, write_report
 from socialbot.runs.telling import telling
 from socialbot.runtime.processes import RestartPolicy
 from socialbot.runtime.replay import keep_speech, observed_topics, parameters_of
+from socialbot.runtime.run_lock import run_lock
 from socialbot.runtime.supervisor import Supervisor, Variables, no_variables
 
 ATTEND_S = 0.1
@@ -101,25 +102,26 @@ def run_live(
                 observing(topics_of(graph, nodes), telling(graph, observe), note, graph.wire) as onlooker,
             ):
                 presence = RunAnnouncer(onlooker.ros, graph.name, ending.ask)
-                if well is None:  # later a twin is told of, as when it is found while all goes on
-                    expect_free_names(onlooker.ros, graph, nodes)
-                supervisor = Supervisor(
-                    graph,
-                    record.folder / "log",
-                    composed=composed,
-                    policy=policy,
-                    nodes=nodes,
-                    variables=variables,
-                    well=well or (),
-                )
-                with presence, supervisor:
-                    obituaries = Obituaries(onlooker.ros, supervisor)
-                    while not (ending.asked or renewed(supervisor, begun, around)):
-                        supervisor.attend(ATTEND_S)
-                        obituaries.tell()
-                        presence.tell()
-                        watch.look()
-                    well = supervisor.well
+                with run_lock(presence.run):
+                    if well is None:  # later a twin is told of, as when it is found while all goes on
+                        expect_free_names(onlooker.ros, graph, nodes)
+                    supervisor = Supervisor(
+                        graph,
+                        record.folder / "log",
+                        composed=composed,
+                        policy=policy,
+                        nodes=nodes,
+                        variables=variables,
+                        well=well or (),
+                    )
+                    with presence, supervisor:
+                        obituaries = Obituaries(onlooker.ros, supervisor)
+                        while not (ending.asked or renewed(supervisor, begun, around)):
+                            supervisor.attend(ATTEND_S)
+                            obituaries.tell()
+                            presence.tell()
+                            watch.look()
+                        well = supervisor.well
             if not ending.asked:
                 log.warning("all is started again, as it has missed what came later")
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Protocol
 
 from socialbot.bridge import environment
-from socialbot.bridge.supervisor_channel import LIFELINE_VARIABLE
 from socialbot.core.process import ENDING_SIGNALS
+from socialbot.runtime.supervisor_channel import CHANNEL_VARIABLE
 
 GRACE_S = 8.0
 """How long processes may take to end after SIGINT before they are killed."""
@@ -57,7 +57,7 @@ def start_process(
     """
     inherited = {**environment_of(log.parent), **(variables or {})}
     if lifeline is not None:
-        inherited[LIFELINE_VARIABLE] = str(lifeline)
+        inherited[CHANNEL_VARIABLE] = str(lifeline)
     with log.open("ab") as output, blocked_signals():
         return subprocess.Popen(
             [sys.executable, "-m", "socialbot", *until_parent_ends(arguments)],

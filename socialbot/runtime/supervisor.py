@@ -17,7 +17,6 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsOutlet, machine
 from socialbot.bridge.environment import remove_stale
-from socialbot.bridge.supervisor_channel import SupervisorChannel, lifelines
 from socialbot.core.bounded_log import Rotation
 from socialbot.core.errors import NodeError
 from socialbot.graph.node import Graph
@@ -33,6 +32,7 @@ from socialbot.runtime.processes import (
     how_it_ended,
     in_time,
 )
+from socialbot.runtime.supervisor_channel import SupervisorChannel, channel_pair
 
 CONFIGURED_S = 10.0
 """So long it is waited until all nodes are configured; then those begin that are."""
@@ -261,7 +261,7 @@ class Supervisor:
         return {name: one.process.pid for name, one in self.members.items() if one.process is not None}
 
     def _start(self, member: Member) -> None:
-        line, theirs = lifelines()
+        line, theirs = channel_pair()
         with theirs:
             member.process = self._nursery.start(
                 node_arguments(self._file, member.nodes),
@@ -288,7 +288,7 @@ class Supervisor:
             time.sleep(wait_s)
             return
         for line in select.select(list(lines), [], [], wait_s)[0]:
-            for node, word in line.hear():
+            for node, word in line.receive():
                 self._note(lines[line], node, word)
 
     def _go_on_bringing_up(self, now: float) -> None:
@@ -300,7 +300,7 @@ class Supervisor:
     def _activate(self, node: str) -> None:
         for member in self.members.values():
             if node in member.nodes and member.line is not None:
-                member.line.say(node, ACTIVE)
+                member.line.send(node, ACTIVE)
 
     def _note(self, member: Member, node: str, word: str) -> None:
         if word == INACTIVE and member.restarts and node not in member.words:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -116,34 +114,6 @@ def test_the_same_half_up_twice_is_told_once(caplog: pytest.LogCaptureFixture):
             assert not eventually(lambda: any((first.tell(), second.tell())) or len(caplog.records) > 2, 1.5)
     assert {record.levelname for record in caplog.records} == {"ERROR"}
     assert all("is up twice, the other here" in record.getMessage() for record in caplog.records)
-
-
-def test_this_computer_knows_what_is_up_on_it(monkeypatch: pytest.MonkeyPatch):
-    from socialbot.bridge.run_announcer import RunLock, shown
-
-    before = shown()
-    placard = RunLock("0123456789abcdef")
-    assert shown() == {**before, "0123456789abcdef": os.getpid()}
-    with monkeypatch.context() as elsewhere:
-        elsewhere.setenv("ROS_DOMAIN_ID", "7")
-        assert "0123456789abcdef" not in shown()
-    placard.take_down()
-    assert shown() == before
-    gone = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            "from socialbot.bridge.run_announcer import Placard; p = Placard('abc'); print(); input()",
-        ],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    )
-    assert gone.stdout is not None
-    gone.stdout.readline()
-    assert shown() == {**before, "abc": gone.pid}
-    gone.kill()
-    gone.wait()
-    assert shown() == before
 
 
 def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():

@@ -11,8 +11,8 @@ from socialbot.agents.hospital.ward.messages import ActionCancel, ActionCommand,
 from socialbot.agents.warehouse.messages import MoveCommand
 from socialbot.bags.reader import open_bag
 from socialbot.bags.topic_mapping import feeding
+from socialbot.bags.world_replay import Commands, InlineStage, Script, commands, play
 from socialbot.bags.writer import BagWriter
-from socialbot.bridge.world_replay import Commands, InlineStage, Script, commands, play
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Message
 from socialbot.core.process import Ending

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 from socialbot.agents.warehouse.messages import GripperStatus, MoveCommand
 from socialbot.bags.reader import open_bag
+from socialbot.bags.world_replay import commands
 from socialbot.bags.writer import BagWriter
-from socialbot.bridge.world_replay import commands
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
 from socialbot.graph.files import load_graph

@@ -15,13 +15,13 @@ from typing import Any
 
 import pytest
 
-from socialbot.bridge.supervisor_channel import LIFELINE_VARIABLE
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.runtime import supervisor as supervisor_module
 from socialbot.runtime.fork_server import ForkServer
 from socialbot.runtime.processes import RestartPolicy
 from socialbot.runtime.supervisor import ABSENT_S, RESTARTS_VARIABLE, Supervisor
+from socialbot.runtime.supervisor_channel import CHANNEL_VARIABLE
 
 pytestmark = pytest.mark.ros
 
@@ -33,7 +33,7 @@ while True:
 POLICY = RestartPolicy(times=2, first_s=0.01, longest_s=0.05, hung_s=0.5, ready_s=5.0)
 SPEAKING = f"""
 import os, socket, sys, time
-line = socket.socket(fileno=int(os.environ["{LIFELINE_VARIABLE}"]))
+line = socket.socket(fileno=int(os.environ["{CHANNEL_VARIABLE}"]))
 def say(word): line.send(f"{{sys.argv[1]}} {{word}}".encode())
 """
 
@@ -55,7 +55,7 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
         with log.open("ab") as output:
             return subprocess.Popen(
                 [sys.executable, "-S", "-c", SPEAKING + bodies.get(name, WELL), name],
-                env={**os.environ, **variables, LIFELINE_VARIABLE: str(lifeline)},
+                env={**os.environ, **variables, CHANNEL_VARIABLE: str(lifeline)},
                 stdout=output,
                 stderr=output,
                 pass_fds=(lifeline,),
