@@ -18,6 +18,7 @@ from socialbot.bridge.security import new_key
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import DownRequest, UpStatus
 from socialbot.core.process import Ending
+from socialbot.runtime.run_lock import run_lock
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -129,7 +130,8 @@ def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
         presence = RunAnnouncer(up, "waldo", lambda: None)
         late = threading.Timer(LISTEN_S + 1.0, presence.tell)
         late.start()
-        assert [one.run for one in heard(runs, everything, Ending(), 20.0)] == [presence.run]
+        with run_lock(presence.run):
+            assert [one.run for one in heard(runs, everything, Ending(), 20.0)] == [presence.run]
         assert time.monotonic() - begun > LISTEN_S
         with presence:
             late.join()
