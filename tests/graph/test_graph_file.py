@@ -119,7 +119,12 @@ def test_waldo_listens_to_the_camera_and_has_its_seven_nodes():
         ("paced_by:", "pacedby:", 3, ["unknown key 'pacedby'", "did you mean 'paced_by'?"]),
         ("    remap:", "    remaps:", 12, ["unknown key 'remaps'", "did you mean 'remap'?"]),
         ("tests.graph.test_graph:Echo", "echo", 8, ["unknown node type 'echo'", "package.module:Class"]),
-        ("tests.graph.test_graph:Echo", "tests.graph.test_graph:Eco", 8, ["test_graph has no 'Eco'", "did you mean 'Echo'?"]),
+        (
+            "tests.graph.test_graph:Echo",
+            "tests.graph.test_graph:Eco",
+            8,
+            ["test_graph has no 'Eco'", "did you mean 'Echo'?"],
+        ),
         ("tests.graph.test_graph:Echo", "tests.no_graph:Echo", 8, ["no module 'tests.no_graph'", "beside the graph"]),
         ("tests.graph.test_graph:Echo", "tests.graph.test_graph:graph", 8, ["is no node"]),
         ("inputs: [/more]", "inputs: [/more", 3, ["no valid YAML"]),
