@@ -22,8 +22,8 @@ from evaluation.engine_peers import Workload, peers
 from evaluation.engine_workloads import QUICK, WORKLOADS, Figures, Scale
 from evaluation.report import JsonOption, Machine, QuickOption, run, setting, write
 from socialbot.core.errors import SocialbotError
-from socialbot.runs.report_page import Page, Section
-from socialbot.runs.report_page import table as html_table
+from socialbot.runs.pages import Page, Section
+from socialbot.runs.pages import table as html_table
 
 OnlyOption = Annotated[
     str | None, typer.Option("--only", metavar="W1,W2a", help="Only these workloads (W1 to W6, latency).")

@@ -17,10 +17,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from socialbot.core.errors import SocialbotError
+from socialbot.runs.pages import Page, Section, series_charts, settings
+from socialbot.runs.pages import table as html_table
 from socialbot.runs.record import versions
-from socialbot.runs.report_page import Page, Section, settings
-from socialbot.runs.report_page import table as html_table
-from socialbot.runs.report_series import series_charts
 
 JsonOption = Annotated[
     Path | None,

@@ -13,8 +13,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from http.cookies import SimpleCookie
-from importlib.resources import files
-from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlencode, urlsplit
 
@@ -35,6 +33,7 @@ from socialbot.core.messages import Command
 from socialbot.runs.broadcast import Broadcast
 from socialbot.runs.commands import Office, Shut
 from socialbot.runs.overview import overview
+from socialbot.runs.pages import PAGE
 from socialbot.runs.run import Run, node_views
 from socialbot.runs.sentences import LogLine, told_between
 from socialbot.runs.why import explain, why_not
@@ -186,7 +185,6 @@ T = TypeVar("T")
 log = logging.getLogger("socialbot.inspect")
 
 KEEP_UP_S = 2.0
-PAGE = Path(str(files("socialbot.runs"))) / "page"
 MOST_LINES = 500
 """So many lines of the log are given at once."""
 

@@ -37,7 +37,7 @@ class Page {
     this.playhead = new Playhead(run.duration_s, run.live);
     this.playhead.since = run.since_s;
     const pick = record => this.pick(record.id, record.from ?? record.t);
-    this.timeline = new Timeline(this.playhead, { seek: t => this.playhead.seek(t), pick, called: name => this.called(name) });
+    this.timeline = new Timeline(find('timeline'), this.playhead, { seek: t => this.playhead.seek(t), pick, called: name => this.called(name) });
     this.log = new Log(pick);
     this.why = new Why({ seek: (t, id) => this.#jump(t, id), open: () => openTab('why') });
     this.mind = new Mind(id => this.pick(id));

@@ -1,6 +1,6 @@
 // Everything as bars in lanes, with the time that is shown as a line through all of them.
 
-import { byNumber, drawn, element, find, say, seconds, sync } from './dom.js';
+import { byNumber, drawn, element, say, seconds, sync } from './dom.js';
 import { drawable, packed } from './rows.js';
 import { colour } from './sight.js';
 
@@ -26,13 +26,13 @@ export class Timeline {
   #due = false;
   #width = 0;
 
-  /** `seek` is called with a time, `pick` with a bar, `called` gives the name of an agent. */
-  constructor(playhead, { seek, pick, called }) {
-    Object.assign(this, { playhead, seek, pick, called });
+  /** Fills `host`. `seek` is called with a time, `pick` with a bar; `called` gives the display name of an agent. */
+  constructor(host, playhead, { seek, pick, called }) {
+    Object.assign(this, { host, playhead, seek, pick, called });
     this.#view = playhead.live ? { from: playhead.end - LIVE_S, to: playhead.end } : { from: 0, to: playhead.end || 1 };
     this.#chart.prepend(this.#axis);
     this.#box.append(this.#chart, this.#cursor);
-    find('timeline').append(this.#names, this.#box);
+    this.host.append(this.#names, this.#box);
     this.#listen();
     new ResizeObserver(() => this.#fit()).observe(this.#box);
     playhead.watch(() => this.#move());
@@ -85,7 +85,7 @@ export class Timeline {
 
   #find() {
     const title = this.#names.known?.get(`agent ${this.#agent}`);
-    if (title) find('timeline').scrollTop = title.offsetTop - AXIS;
+    if (title) this.host.scrollTop = title.offsetTop - AXIS;
   }
 
   select(id) {
@@ -169,7 +169,7 @@ export class Timeline {
       row.style.height = `${name.height}px`;
     });
     sync(this.#bars, bars, item => item.bar.id, makeBar, (group, item) => this.#updateBar(group, item));
-    find('timeline').style.setProperty('--height', `${y + 6}px`);
+    this.host.style.setProperty('--height', `${y + 6}px`);
     this.#place();
   }
 

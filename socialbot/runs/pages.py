@@ -1,0 +1,245 @@
+"""Self-contained HTML pages: Jinja2 templates, tables, charts and the bundled modules of the run page."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from socialbot.core.errors import SocialbotError
+
+PAGE = Path(str(files("socialbot.runs"))) / "page"
+
+Cells = Sequence[tuple[str, str]]
+"""Table row: the text and style of each cell. Styles: "", r (right), good, bad, code."""
+
+_FEWEST_POINTS = 3
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+_IMPORT = re.compile(r"""(?<=from )'\./([\w-]+\.js)'|(?<=import )'\./([\w-]+\.js)'""")
+
+_environment = Environment(
+    loader=PackageLoader("socialbot.runs"),
+    autoescape=True,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    undefined=StrictUndefined,
+)
+
+
+class Series(msgspec.Struct, frozen=True, omit_defaults=True):
+    """One series of a chart.
+
+    Args:
+        name: Label in the legend.
+        points: Pairs of x and y, ascending in x for lines; None as y interrupts the line.
+        colour: Index of a page colour (0 to 5), "good", "bad", "soft" or a CSS colour.
+        style: Line, dots or diamonds.
+        dash: Whether the line is dashed.
+    """
+
+    name: str
+    points: Sequence[tuple[float, float | None]]
+    colour: int | str = 0
+    style: Literal["line", "points", "diamonds"] = "line"
+    dash: bool = False
+
+
+class Chart(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Chart that uPlot draws in the page.
+
+    Args:
+        title: Heading, also the accessible name.
+        series: Series that share the axes.
+        x_label: Unit or name of the x axis.
+        y_label: Unit or name of the y axis.
+        x_range: Fixed limits of the x axis.
+        y_range: Fixed limits of the y axis; from 0 to the largest value by default.
+        categories: Labels of x = 0, 1, ... instead of numbers.
+        marks: Vertical lines: x and text.
+    """
+
+    title: str
+    series: Sequence[Series]
+    x_label: str = "s"
+    y_label: str = ""
+    x_range: tuple[float, float] | None = None
+    y_range: tuple[float, float] | None = None
+    categories: Sequence[str] = ()
+    marks: Sequence[tuple[float, str]] = ()
+
+
+@dataclass(frozen=True)
+class Section:
+    """Titled part of a page with a note on how to read it."""
+
+    title: str
+    content: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Page:
+    """Document with figures (``tiles``), warnings at the top and sections; empty sections are left out."""
+
+    title: str
+    lead: str = ""
+    verdict: str = ""
+    good: bool = True
+    warnings: Sequence[str] = ()
+    tiles: Sequence[tuple[str, str]] = ()
+    sections: Sequence[Section] = ()
+
+    def html(self) -> str:
+        """Return the page as one HTML document without external files."""
+        sections = [section for section in self.sections if section.content]
+        contents = "".join(section.content for section in sections)
+        return render(
+            "document.html",
+            page=self,
+            sections=sections,
+            bundle=bundle("document.js", charts='class="plot"' in contents),
+        )
+
+    def write(self, path: Path) -> Path:
+        """Write the page to ``path``.
+
+        Raises:
+            SocialbotError: The file cannot be written.
+        """
+        return write_html(path, self.html())
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Style sheets and scripts of a page, to be embedded in it."""
+
+    style: Markup
+    charts: Markup
+    imports: Markup
+    entry: str
+
+
+def write_html(path: Path, html: str) -> Path:
+    """Write a page to ``path`` and create its folder.
+
+    Raises:
+        SocialbotError: The file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(html, encoding="utf-8")
+    except OSError as error:
+        raise SocialbotError(f"cannot be written: {error.strerror}", where=str(path)) from error
+    return path
+
+
+def render(template: str, **values: Any) -> Markup:
+    """Render a template of ``socialbot/runs/templates``."""
+    return Markup(_environment.get_template(template).render(**values))
+
+
+def table(
+    heads: Sequence[str], rows: Iterable[Cells], *, right: Sequence[int] = (), groups: Iterable[tuple[str, int]] = ()
+) -> Markup:
+    """Return a table.
+
+    Args:
+        heads: Column headings.
+        rows: Cells with their styles.
+        right: Numbers of the right-aligned columns.
+        groups: Headings above the columns, each with its column count.
+    """
+    return _part("table", list(heads), list(rows), list(right), list(groups))
+
+
+def settings(values: Mapping[str, object]) -> Markup:
+    """Return a table of names and values; empty without any."""
+    return (
+        table(("", ""), [[(name, ""), (str(value), "code")] for name, value in values.items()]) if values else Markup()
+    )
+
+
+def folded(summary: str, content: str, *, opened: bool = False) -> Markup:
+    """Return ``content`` (HTML) that a click on ``summary`` unfolds."""
+    return _part("folded", summary, Markup(content), opened)
+
+
+def charts(drawn: Iterable[Chart]) -> Markup:
+    """Return a grid of charts; empty without any."""
+    return _part("charts", [(chart.title, json_script(chart)) for chart in drawn])
+
+
+def series_charts(rows: Mapping[str, Mapping[str, object]]) -> Markup:
+    """Return one chart per numeric column of a table whose row names are ascending numbers; empty for other tables."""
+    found = [_NUMBER.match(name) for name in rows]
+    along = [float(each[0]) for each in found if each is not None]
+    if len(along) < _FEWEST_POINTS or len(along) != len(found) or sorted(set(along)) != along:
+        return Markup()
+    drawn = []
+    for column in dict.fromkeys(column for row in rows.values() for column in row):
+        values = [row.get(column) for row in rows.values()]
+        points = [
+            (x, float(y))
+            for x, y in zip(along, values, strict=True)
+            if isinstance(y, int | float) and not isinstance(y, bool)
+        ]
+        if len(points) >= _FEWEST_POINTS and len({y for _, y in points}) > 1:
+            drawn.append(Chart(column, (Series(column, points),), x_label=""))
+    return charts(drawn)
+
+
+def timeline(lanes: Sequence[Any], end_s: float, at_s: float | None = None) -> Markup:
+    """Return the timeline component with ``lanes`` (`socialbot.runs.timeline.Lane`) and a cursor at ``at_s``."""
+    return _part("timeline", json_script({"lanes": lanes, "end": end_s, "at": at_s})) if lanes else Markup()
+
+
+def json_script(content: Any) -> Markup:
+    """Return ``content`` as JSON that is safe inside a script element."""
+    return Markup(msgspec.json.encode(content).decode().replace("<", "\\u003c"))
+
+
+@cache
+def bundle(entry: str, *, charts: bool, instead: tuple[tuple[str, str], ...] = ()) -> Bundle:
+    """Embed a module of the page with all modules that it imports.
+
+    Modules become data URLs in an import map, so that the page works from a file and needs no build tool.
+
+    Args:
+        entry: File name of the module to start.
+        charts: Whether the chart library is needed.
+        instead: Pairs of file names: the second module answers to the name of the first.
+    """
+    replaced = dict(instead)
+    found: dict[str, str] = {}
+    pending = [entry]
+    while pending:
+        name = pending.pop()
+        if name not in found:
+            source = (PAGE / replaced.get(name, name)).read_text("utf-8")
+            pending += ["".join(match) for match in _IMPORT.findall(source)]
+            found[name] = _IMPORT.sub(lambda match: f"'page/{match[1] or match[2]}'", source)
+    imports = {
+        f"page/{name}": f"data:text/javascript;base64,{base64.b64encode(source.encode()).decode()}"
+        for name, source in sorted(found.items())
+    }
+    styles = ["style.css", "document.css", *(["vendor/uPlot.min.css"] if charts else [])]
+    return Bundle(
+        style=Markup("\n".join((PAGE / name).read_text("utf-8") for name in styles)),
+        charts=Markup((PAGE / "vendor/uPlot.iife.min.js").read_text("utf-8") if charts else ""),
+        imports=Markup(json.dumps({"imports": imports}, separators=(",", ":"))),
+        entry=f"page/{entry}",
+    )
+
+
+def _part(name: str, *values: Any) -> Markup:
+    return getattr(_environment.get_template("parts.html").module, name)(*values)
