@@ -29,9 +29,8 @@ from socialbot.runs.evaluation_figures import (
     told_bands,
     told_of_any,
 )
-from socialbot.runs.pages import Page, Section
 from socialbot.runs.record import versions
-from socialbot.runs.report_page import wide
+from socialbot.runs.report_page import Page, Section, wide
 from socialbot.vision.metrics.band_scores import DRAWS, BandScore, Interval
 from socialbot.vision.metrics.behaviour import GREET_S, OUTCOMES, Deed
 from socialbot.vision.metrics.evaluation import ClipResult, Evaluation, JudgedFrame

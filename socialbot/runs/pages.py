@@ -108,6 +108,7 @@ class Page:
             page=self,
             sections=sections,
             bundle=bundle("document.js", charts='class="plot"' in contents),
+            is_drawn='class="plot"' in contents or 'class="timeline"' in contents,
         )
 
     def write(self, path: Path) -> Path:

@@ -80,4 +80,4 @@ def test_beside_the_json_there_is_a_page(report, tmp_path, capsys):
     assert "1 of 2 requirements are met; not met: latency_p99_ms." in words
     for told in ("latency", "20.5", "at most 15", "80", "python -m", "numpy"):
         assert told in words
-    assert html.count('class="line"') == 1
+    assert html.count('<figure class="plot">') == 1
