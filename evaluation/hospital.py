@@ -117,13 +117,12 @@ def sample(rates: Sequence[float], count: int, growth: int) -> list[Setting]:
 
 def play_inline(todo: Sequence[Setting], jobs: int, scheduler: str | None) -> list[MissionRecord]:
     """Plays the missions in simulated time, many side by side."""
-    # What it takes to look at pictures comes with it, and each process would import that as well.
-    from socialbot.vision.metrics.workers import apart, elsewhere
+    from socialbot.vision.metrics.workers import run_in_processes, run_on_dask
 
     with Bar("in simulated time", len(todo)) as bar:
         if scheduler is not None:
-            return elsewhere(play, todo, scheduler, done=bar.advance)
-        return apart(play, todo, jobs, begin=hush, done=bar.advance)
+            return run_on_dask(play, todo, scheduler, done=bar.advance)
+        return run_in_processes(play, todo, jobs, initializer=hush, done=bar.advance)
 
 
 def play_ros(todo: Sequence[Setting], folder: Path) -> list[MissionRecord]:

@@ -98,21 +98,20 @@ def hush() -> None:
 
 def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]]:
     """Plays all runs, so many side by side; what comes out, and its order, does not depend on how many that are."""
-    # What it takes to look at pictures comes with it, and each process would import that as well.
-    from socialbot.vision.metrics.workers import apart
+    from socialbot.vision.metrics.workers import run_in_processes
 
     everything = [(story,) for some in kinds.values() for story in some]
     with Bar("runs", len(everything)) as bar:
-        results = iter(apart(play, everything, jobs, begin=hush, done=bar.advance))
+        results = iter(run_in_processes(play, everything, jobs, initializer=hush, done=bar.advance))
     return {kind: list(itertools.islice(results, len(some))) for kind, some in kinds.items()}
 
 
 def grow(sizes: Sequence[tuple[int, int]]) -> list[Result]:
     """Plays a run in each ward, one after the other, each in a process of its own as its memory is measured."""
-    from socialbot.vision.metrics.workers import apart
+    from socialbot.vision.metrics.workers import run_in_processes
 
     with Bar("wards that grow", len(sizes)) as bar:
-        return [apart(play, [(grown(*size),)], 1, begin=hush, done=bar.advance)[0] for size in sizes]
+        return [run_in_processes(play, [(grown(*size),)], 1, initializer=hush, done=bar.advance)[0] for size in sizes]
 
 
 # What came of it

@@ -11,7 +11,7 @@ from html import escape
 
 import numpy as np
 
-from socialbot.vision.metrics.band_scores import Curve
+from socialbot.vision.metrics.scores import Curve
 
 __all__ = ["COLOURS", "Line", "Mark", "Point", "Track", "curves_chart", "sheet", "timeline"]
 

@@ -16,11 +16,10 @@ import numpy as np
 from socialbot.core.errors import SocialbotError
 from socialbot.runs.evaluation_chart import COLOURS, Line, Point, curves_chart
 from socialbot.runs.record import versions
-from socialbot.vision.metrics.band_scores import COVERAGE, DRAWS, BandScore, Curve
 from socialbot.vision.metrics.behaviour import OUTCOMES, Behaviour
 from socialbot.vision.metrics.evaluation import ClipResult, DetectorResult, Evaluation, SceneResult
 from socialbot.vision.metrics.frames import BLOCK_S
-from socialbot.vision.metrics.scores import Score
+from socialbot.vision.metrics.scores import COVERAGE, DRAWS, BandScore, Curve, Score
 
 __all__ = [
     "CONFIDENCE",

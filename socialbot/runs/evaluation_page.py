@@ -31,11 +31,11 @@ from socialbot.runs.evaluation_figures import (
 )
 from socialbot.runs.record import versions
 from socialbot.runs.report_page import Page, Section, wide
-from socialbot.vision.metrics.band_scores import DRAWS, BandScore, Interval
 from socialbot.vision.metrics.behaviour import GREET_S, OUTCOMES, Deed
 from socialbot.vision.metrics.evaluation import ClipResult, Evaluation, JudgedFrame
 from socialbot.vision.metrics.frames import BLOCK_S, Box, Source
 from socialbot.vision.metrics.matches import CAUSES, Verdict
+from socialbot.vision.metrics.scores import DRAWS, BandScore, Interval
 
 __all__ = ["Pictures", "STYLES", "Snapshot", "bar", "cell", "drawn", "interval", "key", "page", "row", "table", "worst"]
 

@@ -20,10 +20,9 @@ from socialbot.runs.evaluation_figures import (
     scene_columns,
     told_bands,
 )
-from socialbot.vision.metrics.band_scores import BandScore, Interval
 from socialbot.vision.metrics.behaviour import OUTCOMES
 from socialbot.vision.metrics.evaluation import Evaluation
-from socialbot.vision.metrics.scores import Score
+from socialbot.vision.metrics.scores import BandScore, Interval, Score
 
 __all__ = ["show"]
 

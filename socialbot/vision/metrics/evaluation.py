@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import multiprocessing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from socialbot.core.errors import ImageError, SocialbotError, TruthError
-from socialbot.vision.metrics.band_scores import Judged, SceneScore, score_scene
 from socialbot.vision.metrics.behaviour import Behaviour, behaviour
 from socialbot.vision.metrics.frames import BagFootage, Frame, Source
 from socialbot.vision.metrics.matches import Rules, Verdict, judge
-from socialbot.vision.metrics.pipeline import Found, FoundFrame, Job, PipelineSettings
-from socialbot.vision.metrics.speed import Speed, measure
-from socialbot.vision.metrics.workers import Advance, on_dask, on_processes
+from socialbot.vision.metrics.pipeline import Found, FoundFrame, Job, PipelineSettings, Speed, measure, run_job
+from socialbot.vision.metrics.scores import Judged, SceneScore, score_scene
+from socialbot.vision.metrics.workers import run_in_processes, run_on_dask
 
 __all__ = [
     "ClipResult",
@@ -28,7 +29,16 @@ __all__ = [
 ]
 
 SPEED_SOURCES = 4
-"""The speed is measured on the first so many sources."""
+"""Number of sources, from the first, on which the speed is measured."""
+
+Advance = Callable[[int, int], None]
+"""Progress callback: the number of the job and how many frames it has done."""
+
+_PROGRESS_FRAMES = 5
+"""A worker process reports progress once per this many frames."""
+
+_progress: Any = None
+"""In a worker process: the queue for its progress."""
 
 
 @dataclass(frozen=True)
@@ -129,12 +139,44 @@ def evaluate(plan: Plan, advance: Advance, say: Callable[[str], None]) -> Evalua
         else:
             speeds.append(None)
     say("looking for people")
-    if plan.scheduler is not None:
-        found = on_dask(jobs, plan.scheduler, advance)
-    else:
-        found = on_processes(jobs, plan.processes, advance)
+    found = _run_jobs(jobs, plan, advance)
     say("judging")
     return judged(plan, found, speeds)
+
+
+def _run_jobs(jobs: Sequence[Job], plan: Plan, advance: Advance) -> list[Found]:
+    def done(number: int, result: Found) -> None:
+        advance(number, jobs[number].frames)
+
+    def drain() -> None:
+        while not progress.empty():
+            advance(*progress.get())
+
+    if plan.scheduler is not None:
+        names = [job.name for job in jobs]
+        return run_on_dask(_run_quietly, [(job,) for job in jobs], plan.scheduler, done=done, names=names)
+    progress = multiprocessing.get_context("spawn").SimpleQueue()
+    numbered = list(enumerate(jobs))
+    return run_in_processes(
+        _run_numbered, numbered, plan.processes, initializer=_set_progress, initargs=(progress,), done=done, poll=drain
+    )
+
+
+def _set_progress(queue: Any) -> None:
+    global _progress
+    _progress = queue
+
+
+def _run_numbered(number: int, job: Job) -> Found:
+    def told(done: int) -> None:
+        if done % _PROGRESS_FRAMES == 0:
+            _progress.put((number, done))
+
+    return run_job(job, told)
+
+
+def _run_quietly(job: Job) -> Found:
+    return run_job(job, lambda done: None)
 
 
 def jobs_of(plan: Plan) -> list[Job]:

@@ -18,8 +18,8 @@ from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
 from socialbot.vision.detector import clip
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
-from socialbot.vision.metrics.scores import LEAST_VISIBLE
 from socialbot.vision.metrics.truth import (
+    LEAST_VISIBLE,
     TRUTH_TOPIC,
     Split,
     Truth,

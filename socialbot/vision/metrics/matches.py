@@ -22,9 +22,20 @@ from socialbot.core.errors import ParameterError
 from socialbot.core.messages import PersonDetection
 from socialbot.vision.detector import iou
 from socialbot.vision.metrics.frames import Box, Frame, Person
-from socialbot.vision.metrics.scores import BANDS, FALSE, LEAST_IOU, OUTSIDE, UNKNOWN, Band, pair, ranked
 
-__all__ = ["CAUSES", "Rules", "Verdict", "band_key", "judge", "parse_bands"]
+__all__ = [
+    "BANDS", "Band", "CAUSES", "FALSE", "OUTSIDE", "Rules", "SPARED", "UNKNOWN", "Verdict", "band_key", "judge", "pair",
+    "parse_bands", "ranked",
+]  # fmt: skip
+
+Band = tuple[float, float]
+"""From (included) and to (excluded), m."""
+
+BANDS: tuple[Band, ...] = ((0.0, 2.0), (2.0, 10.0), (10.0, 20.0))
+OUTSIDE, UNKNOWN = "outside", "unknown"
+LEAST_IOU = 0.5
+FALSE, SPARED = -1, -2
+"""`pair` returns these for a false positive and for a detection that is not scored."""
 
 Kind = Literal["hit", "false", "missed", "spared"]
 
@@ -112,6 +123,36 @@ def _band(word: str, text: str) -> Band:
             remedy="write metres as NEAR-FAR, such as 0-2,2-10,10-20",
         )
     return low, high
+
+
+def pair(found: np.ndarray, people: np.ndarray, spared: np.ndarray, least_iou: float = LEAST_IOU) -> list[int]:
+    """Whom each detection finds: an index into ``people``, or `FALSE`, or `SPARED`.
+
+    ``found``, best first, ``people`` and ``spared`` are boxes of shape (n, 4), x, y, w, h. Each detection takes the
+    free person it overlaps most, given an IoU of at least ``least_iou``; where there is none, it is spared if it
+    overlaps one of ``spared`` as much.
+    """
+    free = np.ones(len(people), dtype=bool)
+    result = []
+    for box in found:
+        overlaps = np.where(free, iou(box, people), -1.0)
+        best = int(np.argmax(overlaps)) if len(people) else -1
+        if best >= 0 and overlaps[best] >= least_iou:
+            free[best] = False
+            result.append(best)
+        else:
+            result.append(SPARED if len(spared) and iou(box, spared).max() >= least_iou else FALSE)
+    return result
+
+
+def ranked(found: Iterable[PersonDetection]) -> list[PersonDetection]:
+    """``found``, best first; of equal scores box, distance and track decide, so that their order does not matter."""
+
+    def key(person: PersonDetection) -> tuple[float | str, ...]:
+        distance = math.inf if person.distance_m is None else person.distance_m
+        return -person.score, person.x, person.y, person.w, person.h, distance, person.track_id
+
+    return sorted(found, key=key)
 
 
 def judge(frame: Frame, found: Iterable[PersonDetection], rules: Rules) -> tuple[Verdict, ...]:

@@ -1,41 +1,22 @@
-"""How good detections are, judged by ground truth: precision, recall and F1, by distance.
-
-In each frame the detections, best score first, take the free true person they overlap most, given an IoU of
-at least 0.5. True positives and misses belong to the distance band of the true person. A false positive has no true
-distance and belongs to the band of the distance the detector gave it, or to "unknown" where it gave none.
-People and false positives beyond all bands are counted under "outside".
-
-People of whom less than a quarter is visible are neither asked for nor held against a detector that finds them.
-"""
+"""Precision, recall, F1 and average precision by distance band, with intervals and curves."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
 
 from socialbot.core.messages import PersonDetection, PersonDetections
-from socialbot.vision.detector import iou
-from socialbot.vision.metrics.truth import Truth, TruthFrame, TruthPerson
+from socialbot.vision.metrics.matches import BANDS, FALSE, OUTSIDE, UNKNOWN, Band, Verdict, pair, ranked
+from socialbot.vision.metrics.truth import LEAST_VISIBLE, Truth, TruthFrame, TruthPerson
 
 __all__ = [
-    "BANDS", "FALSE", "LEAST_IOU", "LEAST_VISIBLE", "OUTSIDE", "SPARED", "UNKNOWN", "Band", "Score", "ScoredFrame",
-    "Scores", "band_name", "pair", "ranked", "score",
+    "BandScore", "COVERAGE", "Curve", "DRAWS", "Interval", "Judged", "SceneScore", "Score", "ScoredFrame", "Scores",
+    "average_precision", "band_name", "score", "score_scene",
 ]  # fmt: skip
-
-Band = tuple[float, float]
-"""From (included) and to (excluded), m."""
-
-BANDS: tuple[Band, ...] = ((0.0, 2.0), (2.0, 10.0), (10.0, 20.0))
-OUTSIDE = "outside"
-UNKNOWN = "unknown"
-LEAST_IOU = 0.5
-LEAST_VISIBLE = 0.25
-FALSE, SPARED = -1, -2
-"""What `pair` says of a detection that finds nobody, and of one that is not held against the detector."""
 
 
 @dataclass
@@ -135,36 +116,6 @@ def score(truth: Truth, detections: Iterable[PersonDetections], bands: Sequence[
     return result
 
 
-def pair(found: np.ndarray, people: np.ndarray, spared: np.ndarray, least_iou: float = LEAST_IOU) -> list[int]:
-    """Whom each detection finds: an index into ``people``, or `FALSE`, or `SPARED`.
-
-    ``found``, best first, ``people`` and ``spared`` are boxes of shape (n, 4), x, y, w, h. Each detection takes the
-    free person it overlaps most, given an IoU of at least ``least_iou``; where there is none, it is spared if it
-    overlaps one of ``spared`` as much.
-    """
-    free = np.ones(len(people), dtype=bool)
-    result = []
-    for box in found:
-        overlaps = np.where(free, iou(box, people), -1.0)
-        best = int(np.argmax(overlaps)) if len(people) else -1
-        if best >= 0 and overlaps[best] >= least_iou:
-            free[best] = False
-            result.append(best)
-        else:
-            result.append(SPARED if len(spared) and iou(box, spared).max() >= least_iou else FALSE)
-    return result
-
-
-def ranked(found: Iterable[PersonDetection]) -> list[PersonDetection]:
-    """``found``, best first; of equal scores box, distance and track decide, so that their order does not matter."""
-
-    def key(person: PersonDetection) -> tuple[float | str, ...]:
-        distance = math.inf if person.distance_m is None else person.distance_m
-        return -person.score, person.x, person.y, person.w, person.h, distance, person.track_id
-
-    return sorted(found, key=key)
-
-
 def _scored(frame: TruthFrame, found: Sequence[PersonDetection]) -> ScoredFrame:
     counted = [person for person in frame.persons if person.visible >= LEAST_VISIBLE]
     ignored = [person for person in frame.persons if person.visible < LEAST_VISIBLE]
@@ -195,3 +146,165 @@ def _band_of(distance: float | None, bands: Sequence[Band]) -> str:
     if distance is None:
         return UNKNOWN
     return next((band_name(band) for band in bands if band[0] <= distance < band[1]), OUTSIDE)
+
+
+DRAWS = 1000
+COVERAGE = 0.95
+LEAST_BLOCKS = 4
+"""With fewer blocks of people or detections there is no interval: there would be nothing to draw from."""
+_SEED = 20211108
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The verdicts on one frame; frames of one ``block`` belong together."""
+
+    block: Hashable
+    verdicts: tuple[Verdict, ...]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Precision and recall for falling thresholds, each of shape (n,); ``scores`` are the thresholds."""
+
+    recall: np.ndarray
+    precision: np.ndarray
+    scores: np.ndarray
+
+
+@dataclass(frozen=True)
+class BandScore:
+    """The score of one band.
+
+    ``intervals`` are those of "precision", "recall", "f1" and "ap" where they are defined. ``ap`` and
+    ``curve`` judge the detector alone, at all its thresholds; ``causes`` count the false alarms.
+    """
+
+    score: Score
+    intervals: Mapping[str, Interval] = field(default_factory=dict)
+    ap: float | None = None
+    curve: Curve | None = None
+    causes: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SceneScore:
+    """The scores of one scene by band, and of all bands together; ``blocks`` were drawn from for the intervals."""
+
+    bands: Mapping[str, BandScore]
+    overall: BandScore
+    frames: int
+    blocks: int
+
+
+def score_scene(judged: Sequence[Judged], raw: Sequence[Judged], keys: Sequence[str]) -> SceneScore:
+    """The scores of a scene by bands named ``keys``.
+
+    ``judged`` are the verdicts on what the pipeline says, ``raw`` those on every box of the detector down to low
+    scores, of the same frames in the same order.
+    """
+    names = list(dict.fromkeys(frame.block for frame in judged))
+    index = {name: number for number, name in enumerate(names)}
+    blocks = np.array([index[frame.block] for frame in judged], dtype=np.intp)
+    draws = _draws(len(names))
+    bands = {key: _band_score(judged, raw, blocks, draws, {key}) for key in keys}
+    overall = _band_score(judged, raw, blocks, draws, set(keys))
+    return SceneScore(bands, overall, len(judged), len(names))
+
+
+def average_precision(recall: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """The area under curves of shape (..., n) whose recall rises along the last axis, shape (...,)."""
+    falling = np.maximum.accumulate(precision[..., ::-1], axis=-1)[..., ::-1]
+    return np.sum(np.diff(recall, axis=-1, prepend=0.0) * falling, axis=-1)
+
+
+def _draws(blocks: int) -> np.ndarray:
+    """How often each block is drawn, shape (DRAWS, blocks)."""
+    if not blocks:
+        return np.zeros((DRAWS, 0), dtype=np.int64)
+    return np.random.default_rng(_SEED).multinomial(blocks, np.full(blocks, 1 / blocks), size=DRAWS)
+
+
+def _band_score(
+    judged: Sequence[Judged], raw: Sequence[Judged], blocks: np.ndarray, draws: np.ndarray, keys: set[str]
+) -> BandScore:
+    counts = np.zeros((draws.shape[1], 3), dtype=np.int64)
+    column = {"hit": 0, "false": 1, "missed": 2}
+    causes: Counter[str] = Counter()
+    for block, frame in zip(blocks, judged, strict=True):
+        for verdict in frame.verdicts:
+            if verdict.band in keys and verdict.kind in column:
+                counts[block, column[verdict.kind]] += 1
+                causes.update([verdict.cause] if verdict.cause else [])
+    score = Score(*map(int, counts.sum(axis=0)))
+    curve, area, areas = _curve(raw, blocks, draws, keys)
+    intervals: dict[str, Interval] = {}
+    if np.count_nonzero(counts.sum(axis=1)) >= LEAST_BLOCKS:
+        intervals = _intervals(score, draws @ counts)
+        if area is not None:
+            intervals["ap"] = _interval(areas, area)
+    return BandScore(score, intervals, area, curve, dict(sorted(causes.items(), key=lambda item: (-item[1], item[0]))))
+
+
+def _intervals(score: Score, drawn: np.ndarray) -> dict[str, Interval]:
+    """The intervals of the rates; ``drawn`` holds hits, false alarms and misses of each draw, shape (draws, 3)."""
+    hits, false, missed = drawn.T
+    rates = {
+        "precision": (score.precision, _ratio(hits, hits + false)),
+        "recall": (score.recall, _ratio(hits, hits + missed)),
+        "f1": (score.f1, _ratio(2 * hits, 2 * hits + false + missed)),
+    }
+    return {name: _interval(values, rate) for name, (rate, values) in rates.items() if rate is not None}
+
+
+def _interval(values: np.ndarray, figure: float) -> Interval:
+    """The middle of ``values`` that are numbers, widened to ``figure``."""
+    known = values[~np.isnan(values)]
+    if not known.size:
+        return figure, figure
+    low, high = np.quantile(known, [(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
+    return min(float(low), figure), max(float(high), figure)
+
+
+def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    return np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0)
+
+
+def _curve(
+    raw: Sequence[Judged], blocks: np.ndarray, draws: np.ndarray, keys: set[str]
+) -> tuple[Curve | None, float | None, np.ndarray]:
+    """The curve of a band, its area, and the areas of all draws."""
+    people = np.zeros(draws.shape[1], dtype=np.int64)
+    found: list[tuple[float, bool, int]] = []
+    for block, frame in zip(blocks, raw, strict=True):
+        for verdict in frame.verdicts:
+            if verdict.band in keys:
+                people[block] += verdict.kind in ("hit", "missed")
+                if verdict.kind in ("hit", "false"):
+                    found.append((verdict.score, verdict.kind == "hit", int(block)))
+    if not people.sum():
+        return None, None, np.empty(0)
+    found.sort(key=lambda item: (-item[0], not item[1]))
+    scores = np.array([score for score, _, _ in found], dtype=np.float64)
+    hit = np.array([hit for _, hit, _ in found], dtype=bool)
+    of_block = np.array([block for _, _, block in found], dtype=np.intp)
+    # Detections of one score come and go together: only the last of them is a point of the curve.
+    last = np.append(np.diff(scores) != 0, True)[: len(scores)]
+    weights = np.vstack([np.ones(draws.shape[1], dtype=np.int64), draws])
+    areas = np.full(len(weights), np.nan)
+    curve = Curve(np.empty(0), np.empty(0), np.empty(0))
+    for number, weight in enumerate(weights):
+        drawn = weight[of_block]
+        hits = np.cumsum(drawn * hit)[last]
+        all_found = np.cumsum(drawn)[last]
+        there = int(weight @ people)
+        if not there:
+            continue
+        precision = np.divide(hits, all_found, out=np.ones(len(hits)), where=all_found > 0)
+        # Over the number of hits, and divided once, so that what is perfect is 1 and not a rounding error less.
+        areas[number] = average_precision(hits, precision) / there
+        if number == 0:
+            curve = Curve(hits / there, precision, scores[last])
+    return curve, float(areas[0]), areas[1:]

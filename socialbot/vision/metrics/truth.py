@@ -27,13 +27,16 @@ import msgspec
 
 from socialbot.core.errors import TruthError
 
-__all__ = ["bag_name", "truth_beside",
-    "TRUTH_TOPIC", "Split", "Truth", "TruthFrame", "TruthMessage", "TruthObject", "TruthPerson", "load_truth",
-    "truth_from_messages",
+__all__ = [
+    "LEAST_VISIBLE", "TRUTH_TOPIC", "Split", "Truth", "TruthFrame", "TruthMessage", "TruthObject", "TruthPerson",
+    "bag_name", "load_truth", "truth_beside", "truth_from_messages",
 ]  # fmt: skip
 
 TRUTH_TOPIC = "/ground_truth/persons"
 """The topic of a bag that holds its truth."""
+
+LEAST_VISIBLE = 0.25
+"""People of whom a smaller share is visible are not scored."""
 
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Split = Literal["", "tune", "held-back"]
@@ -107,6 +110,17 @@ class _Header(msgspec.Struct):
     version: Literal[1]
 
 
+def bag_name(bag: Path) -> str:
+    """The display name of ``bag``: the folder name, or the file name without its suffix."""
+    bag = bag.resolve()
+    return bag.name if bag.is_dir() else bag.stem
+
+
+def truth_beside(bag: Path) -> Path:
+    """The path of the ground truth file of ``bag``, NAME.truth.json beside it, whether or not it exists."""
+    return bag.resolve().with_name(f"{bag_name(bag)}.truth.json")
+
+
 def load_truth(path: str | Path) -> Truth:
     """The ground truth in the file ``path``. Raises TruthError, with the file's name, when it does not fit."""
     where = str(path)
@@ -163,14 +177,3 @@ def _check_order(frames: tuple[TruthFrame, ...], where: str) -> None:
             raise TruthError(
                 f"frame {after.stamp} follows {before.stamp}", where=where, remedy="sort the frames, one a stamp"
             )
-
-
-def bag_name(bag: Path) -> str:
-    """What people call ``bag``: a folder by its whole name, a file by its name without the suffix."""
-    bag = bag.resolve()
-    return bag.name if bag.is_dir() else bag.stem
-
-
-def truth_beside(bag: Path) -> Path:
-    """Where the ground truth of ``bag`` lies, if there is any: NAME.truth.json beside it."""
-    return bag.resolve().with_name(f"{bag_name(bag)}.truth.json")

@@ -14,11 +14,11 @@ from socialbot.bags.types import RosbagsTypes
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import CameraInfo, CompressedImage, PersonDetection
-from socialbot.vision.metrics.band_scores import BandScore
 from socialbot.vision.metrics.evaluation import DetectorResult, Evaluation, Plan, jobs_of, judged
 from socialbot.vision.metrics.frames import Frame, Person, Source
 from socialbot.vision.metrics.matches import Rules
 from socialbot.vision.metrics.pipeline import FoundFrame, PipelineSettings, run_job
+from socialbot.vision.metrics.scores import BandScore
 from tests.vision.drawn import add_person, corridor
 
 START = 1_700_000_000 * SECOND

@@ -11,10 +11,10 @@ import pytest
 
 from socialbot.core.errors import ImageError, ParameterError, SocialbotError, TruthError
 from socialbot.runs.evaluation_figures import content
-from socialbot.vision.metrics.band_scores import Curve
 from socialbot.vision.metrics.evaluation import Evaluation, Plan, evaluate, scene_names
 from socialbot.vision.metrics.frames import bag_source, picture_sources
 from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
+from socialbot.vision.metrics.scores import Curve
 from tests.vision.metrics.scenes import START, drawn_bag, drawn_pictures, evaluated, with_band
 
 HOG = PipelineSettings("hog")

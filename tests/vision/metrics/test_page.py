@@ -15,11 +15,10 @@ from socialbot.runs.evaluation_markdown import markdown, write_markdown
 from socialbot.runs.evaluation_page import page as page_of
 from socialbot.runs.evaluation_tables import show
 from socialbot.runs.report_page import STYLE
-from socialbot.vision.metrics.band_scores import BandScore, Curve
 from socialbot.vision.metrics.frames import bag_source, picture_sources
 from socialbot.vision.metrics.matches import Rules
 from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
-from socialbot.vision.metrics.scores import Score
+from socialbot.vision.metrics.scores import BandScore, Curve, Score
 from tests.runs.pages import headings
 from tests.vision.metrics.scenes import drawn_bag, drawn_pictures, evaluated, with_band
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.metrics.band_scores import Judged, average_precision, score_scene
 from socialbot.vision.metrics.matches import Verdict
+from socialbot.vision.metrics.scores import Judged, average_precision, score_scene
 
 KEYS = ("0-2", "2-10")
 

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.core.messages import PersonDetection, PersonDetections
-from socialbot.vision.metrics.scores import FALSE, SPARED, Score, pair, score
+from socialbot.vision.metrics.matches import FALSE, SPARED, pair
+from socialbot.vision.metrics.scores import Score, score
 from socialbot.vision.metrics.truth import Truth, TruthFrame, TruthPerson
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from socialbot.core.errors import NodeError, TruthError
 from socialbot.vision.metrics.pipeline import Found, FoundFrame
-from socialbot.vision.metrics.workers import apart
+from socialbot.vision.metrics.workers import run_in_processes
 from tests.vision.metrics.scenes import found
 
 
@@ -25,19 +25,19 @@ def dawdle(seconds: float) -> float:
 
 
 def test_results_come_in_the_order_of_the_arguments():
-    assert apart(dawdle, [(0.3,), (0.0,), (0.1,)], 2) == [0.3, 0.0, 0.1]
-    assert apart(double, [], 2) == []
+    assert run_in_processes(dawdle, [(0.3,), (0.0,), (0.1,)], 2) == [0.3, 0.0, 0.1]
+    assert run_in_processes(double, [], 2) == []
 
 
 def test_results_are_told_as_they_come():
     told = []
-    apart(double, [(3,), (4,)], 1, done=lambda number, result: told.append((number, result)))
+    run_in_processes(double, [(3,), (4,)], 1, done=lambda number, result: told.append((number, result)))
     assert told == [(0, 6), (1, 8)]
 
 
 def test_a_process_that_dies_is_an_error():
     with pytest.raises(NodeError, match="died") as caught:
-        apart(die, [(3,)], 1)
+        run_in_processes(die, [(3,)], 1)
     assert caught.value.remedy
 
 
@@ -47,7 +47,7 @@ def test_an_error_ends_what_is_still_going_on():
 
     begun = time.monotonic()
     with pytest.raises(TruthError):
-        apart(dawdle, [(0.0,), (300.0,)], 2, done=refuse)
+        run_in_processes(dawdle, [(0.0,), (300.0,)], 2, done=refuse)
     assert time.monotonic() - begun < 60
 
 
@@ -60,7 +60,7 @@ def send(value: Found | TruthError) -> Found:
 def test_what_is_found_and_what_is_wrong_travel_between_processes():
     frames: tuple[FoundFrame, ...] = (found(),)
     there = Found(frames, 1, "damaged")
-    assert apart(send, [(there,)], 1) == [there]
+    assert run_in_processes(send, [(there,)], 1) == [there]
     with pytest.raises(TruthError, match="where: what") as caught:
-        apart(send, [(TruthError("what", where="where", remedy="that"),)], 1)
+        run_in_processes(send, [(TruthError("what", where="where", remedy="that"),)], 1)
     assert caught.value.remedy == "that"
