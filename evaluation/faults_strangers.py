@@ -23,8 +23,8 @@ from evaluation.faults_plan import Plan
 from evaluation.faults_processes import await_, beside
 from evaluation.report import Report, Value
 from socialbot.bridge import environment
+from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.security import REASONS, SCHEMA, Keys, Stream, load_keys, new_key
-from socialbot.bridge.transport import KEYS_VARIABLE
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import (
     ActionRequest,

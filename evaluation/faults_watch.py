@@ -20,7 +20,7 @@ import msgspec
 
 from socialbot.bags.codec import ros_type
 from socialbot.bridge import environment
-from socialbot.bridge.transport import KEYS_VARIABLE
+from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Health, Image, Message
 from socialbot.core.process import keep_freed_memory

@@ -20,9 +20,10 @@ from evaluation.report import DomainOption, JsonOption, QuickOption, Report, Val
 from evaluation.transport_nodes import Answerer, Begin, Camera, IdleDetector, Look
 from socialbot.bags.codec import encode, ros_type
 from socialbot.bridge import environment
+from socialbot.bridge.diagnostics import Connection, publisher_connection
 from socialbot.bridge.graph_observer import Onlooker, observing
 from socialbot.bridge.qos import publisher_qos
-from socialbot.bridge.readiness import Connection, await_graph, publisher_connection
+from socialbot.bridge.readiness import await_graph
 from socialbot.bridge.transport import RclpyTypes, message_class
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import NodeError

@@ -7,8 +7,9 @@ import secrets
 from typing import Any
 
 from socialbot.agents.base.agent_node import AGENT_ANSWERS, AGENT_COMMANDS
+from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.qos import publisher_qos, subscription_qos
-from socialbot.bridge.transport import KEYS_VARIABLE, reason_of, wire
+from socialbot.bridge.transport import reason_of, wire
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import AgentAnswer, AgentCommand, Command, Health

@@ -8,7 +8,7 @@ import os
 import resource
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from socket import gethostname
 from typing import Any
@@ -20,9 +20,9 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node as RosNode
 
 from socialbot.bridge.callback_queue import Line
-from socialbot.bridge.readiness import UNCONNECTED, Connection, unconnected
 from socialbot.bridge.transport import reason_of, wire
 from socialbot.core.errors import MessageError
+from socialbot.graph.node import Graph
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
 SEAL = "seal"
@@ -108,6 +108,38 @@ def is_ours(values: Mapping[str, str]) -> bool:
 def values_of(status: Any) -> dict[str, str]:
     """The values of a status by their keys."""
     return {pair.key: pair.value for pair in status.values}
+
+
+UNCONNECTED = "unconnected"
+"""The key on /diagnostics: what a node still misses, empty when it is connected."""
+
+
+@dataclass(frozen=True)
+class Connection:
+    """One end of a connection: how many peers it should have, and a way to count them."""
+
+    topic: str
+    wanted: int
+    count: Callable[[], int]
+    end: Any
+    """The rclpy publisher or subscription."""
+
+
+def publisher_connection(graph: Graph, topic: str, publisher: Any) -> Connection:
+    """The connection of an rclpy publisher to the listeners in ``graph``."""
+    listeners = sum(topic == listened for placement in graph.placements for listened, _ in placement.subscriptions)
+    return Connection(topic, listeners, publisher.get_subscription_count, publisher)
+
+
+def subscription_connection(graph: Graph, topic: str, subscription: Any) -> Connection:
+    """The connection of an rclpy subscription to the publishers in ``graph``."""
+    publishers = sum(topic == published for placement in graph.placements for published, _ in placement.publications)
+    return Connection(topic, publishers, subscription.get_publisher_count, subscription)
+
+
+def unconnected(connections: Iterable[Connection]) -> str:
+    """The topics that lack a peer, separated by commas."""
+    return ", ".join(one.topic for one in connections if one.count() < one.wanted)
 
 
 MACHINE_VARIABLE = "SOCIALBOT_MACHINE"

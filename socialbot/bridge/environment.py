@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import importlib.util
+import logging
 import os
 import re
 import tempfile
@@ -159,3 +160,20 @@ def require_ros() -> None:
             remedy="on x86-64 Linux: pip install socialbot (brings the ROS wheels); elsewhere: source a ROS 2 Jazzy "
             "installation; or use --runner inline, which needs no ROS",
         )
+
+
+KEYS_VARIABLE = "SOCIALBOT_KEYS"
+"""Names the folder of keys, and one's own among them: FOLDER or FOLDER:NAME."""
+
+log = logging.getLogger("socialbot.security")
+
+
+def has_keys(environment: MutableMapping[str, str] = os.environ) -> bool:
+    """Whether messages are to be sealed."""
+    return KEYS_VARIABLE in environment
+
+
+def warn_if_open(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Warns when strangers in the network could command the graph."""
+    if (way := reach(environment)) and not has_keys(environment):
+        log.warning("open to the network (%s) without keys: anybody there can command it; see docs/security.md", way)

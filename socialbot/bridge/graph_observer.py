@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialbot.bridge import environment
-from socialbot.bridge.readiness import Connection, subscription_connection
+from socialbot.bridge.diagnostics import Connection, subscription_connection
 from socialbot.bridge.transport import Receiver, wire
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import Message

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from socialbot.bridge.callback_queue import Alarm, Inbox, Line
-from socialbot.bridge.diagnostics import Statistics, restarts
-from socialbot.bridge.readiness import LOOK_AGAIN_S, Connection, unconnected
+from socialbot.bridge.diagnostics import Connection, Statistics, restarts, unconnected
+from socialbot.bridge.readiness import LOOK_AGAIN_S
 from socialbot.bridge.transport import Sender
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import NodeError, SocialbotError

@@ -19,8 +19,9 @@ from socialbot.bags.reader import IMAGE_TYPES, Bag, RosbagsTypes
 from socialbot.bags.stamps import Stamps
 from socialbot.bags.world_replay import STEP_S, Played, Script, play
 from socialbot.bridge import environment
+from socialbot.bridge.diagnostics import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.qos import publisher_qos, subscription_qos
-from socialbot.bridge.readiness import Connection, await_graph, publisher_connection, subscription_connection
+from socialbot.bridge.readiness import await_graph
 from socialbot.bridge.sim_clock import SimClock
 from socialbot.bridge.transport import Receiver, Sender, message_class, wire
 from socialbot.core.clock import SECOND, nanoseconds

@@ -5,27 +5,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
-
-from socialbot.bridge import environment
-from socialbot.bridge.transport import warn_if_open
 from socialbot.core.errors import ParameterError
 
-environment.require_ros()
-
-
-REFUSALS = (
-    rclpy_implementation.RCLError,
-    rclpy_implementation.RCLInvalidROSArgsError,
-    rclpy_implementation.UnknownROSArgsError,
-)
+if TYPE_CHECKING:
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
 
 
 _LOOKS_AGAIN_S = 0.5
@@ -35,12 +22,19 @@ _LOOKS_AGAIN_S = 0.5
 @contextmanager
 def ros_context(args: list[str] | None = None) -> Iterator[Context]:
     """A context of its own, with signals left to the caller. Raises ParameterError for ``args`` that ROS refuses."""
-    environment.prepare()
+    require_ros()
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
+    from rclpy.signals import SignalHandlerOptions
+    from rclpy.utilities import try_shutdown
+
+    prepare()
     warn_if_open()
     context = Context()
     try:
         rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
-    except REFUSALS as error:
+    except (rcl.RCLError, rcl.RCLInvalidROSArgsError, rcl.UnknownROSArgsError) as error:
         if not args:
             raise
         remedy = "write -p NAME:=VALUE, -r FROM:=TO or --params-file FILE"
@@ -57,6 +51,10 @@ def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
 
     Raises ParameterError for ``args`` that ROS refuses.
     """
+    require_ros()
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+
     with ros_context(args) as context:
         node = Node(name, context=context, start_parameter_services=False)
         executor = SingleThreadedExecutor(context=context)
@@ -74,6 +72,8 @@ def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
 
 
 def _spin(executor: SingleThreadedExecutor, ended: threading.Event) -> None:
+    from rclpy.executors import ExternalShutdownException
+
     # On a busy machine an executor may sleep through what was added to its node as it began to spin, for ever.
     try:
         while not ended.is_set():

@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
+from socialbot.bridge.diagnostics import UNCONNECTED, Connection, DiagnosticsInlet, unconnected
 from socialbot.core.errors import NodeError
 from socialbot.graph.node import Graph
-
-UNCONNECTED = "unconnected"
-"""The key on /diagnostics: what a node still misses, empty when it is connected."""
 
 LOOK_AGAIN_S = 0.02
 LOOK_ROUND_S = 0.8
@@ -24,40 +21,10 @@ SPEAKS_S = 2.5
 """Every node that is alive says something on /diagnostics within this time."""
 
 
-@dataclass(frozen=True)
-class Connection:
-    """One end of a connection: how many peers it should have, and a way to count them."""
-
-    topic: str
-    wanted: int
-    count: Callable[[], int]
-    end: Any
-    """The rclpy publisher or subscription."""
-
-
-def publisher_connection(graph: Graph, topic: str, publisher: Any) -> Connection:
-    """The connection of an rclpy publisher to the listeners in ``graph``."""
-    listeners = sum(topic == listened for placement in graph.placements for listened, _ in placement.subscriptions)
-    return Connection(topic, listeners, publisher.get_subscription_count, publisher)
-
-
-def subscription_connection(graph: Graph, topic: str, subscription: Any) -> Connection:
-    """The connection of an rclpy subscription to the publishers in ``graph``."""
-    publishers = sum(topic == published for placement in graph.placements for published, _ in placement.publications)
-    return Connection(topic, publishers, subscription.get_publisher_count, subscription)
-
-
-def unconnected(connections: Iterable[Connection]) -> str:
-    """The topics that lack a peer, separated by commas."""
-    return ", ".join(one.topic for one in connections if one.count() < one.wanted)
-
-
 class Readiness:
     """Watches, through the rclpy node ``ros``, whether ``graph`` stands."""
 
     def __init__(self, ros: Any, graph: Graph) -> None:
-        from socialbot.bridge.diagnostics import DiagnosticsInlet
-
         self._lacking = dict.fromkeys((placement.name for placement in graph.placements), "everything")
         self._inlet = DiagnosticsInlet(ros, self._note)
 
@@ -99,8 +66,6 @@ def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = Non
     spinning: a node that was killed stays known for a while, but does not speak on /diagnostics any more. With keys
     only who has one counts: a stranger keeps no graph from starting.
     """
-    from socialbot.bridge.diagnostics import DiagnosticsInlet
-
     ours = {placement.name for placement in graph.placements if only is None or placement.name in only}
     speaking: set[str] = set()
 

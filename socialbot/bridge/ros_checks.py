@@ -17,9 +17,9 @@ from typing import Literal
 from xml.etree import ElementTree
 
 from socialbot.bridge import environment
-from socialbot.bridge.environment import stale_locks
+from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, stale_locks
 from socialbot.bridge.round_trip import cause, try_round_trip
-from socialbot.bridge.transport import KEYS_VARIABLE, has_keys, wire
+from socialbot.bridge.transport import wire
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
 
 State = Literal["ok", "warning", "error"]

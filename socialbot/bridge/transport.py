@@ -5,7 +5,6 @@ from __future__ import annotations
 import array
 import functools
 import importlib
-import logging
 import math
 import os
 import threading
@@ -17,7 +16,7 @@ import numpy as np
 
 from socialbot.bags.codec import STRING, TYPED, TypeFactory, decode, encode, ros_type
 from socialbot.bags.types import PACKAGE
-from socialbot.bridge.environment import check_domain, reach
+from socialbot.bridge.environment import KEYS_VARIABLE, check_domain, has_keys
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.messages import Message, Structured
 from socialbot.graph.node import WireForm
@@ -73,9 +72,6 @@ def _fill(message: Any, name: str, numbers: np.ndarray) -> None:
 
 M = TypeVar("M", bound=Message)
 
-KEYS_VARIABLE = "SOCIALBOT_KEYS"
-"""Names the folder of keys, and one's own among them: FOLDER or FOLDER:NAME."""
-
 WINDOW_VARIABLE = "SOCIALBOT_KEYS_WINDOW_S"
 SEALED = '{"schema":"socialbot/Sealed/'
 """What is sealed begins so. Who has no keys need not load what opens it to know that."""
@@ -84,8 +80,6 @@ LEAST_WINDOW_S, LONGEST_WINDOW_S = 0.1, 60.0
 
 RENEWALS_A_WINDOW = 2
 """How often in each window what is latched is sealed anew, so that it is never too old for who joins late."""
-
-log = logging.getLogger("socialbot.security")
 
 
 class Sender:
@@ -227,17 +221,6 @@ def wire(environment: MutableMapping[str, str] = os.environ, *, form: WireForm =
 def reason_of(error: MessageError) -> str:
     """Why a message was refused, in a word or two, to be counted by."""
     return getattr(error, "reason", "unfit")
-
-
-def has_keys(environment: MutableMapping[str, str] = os.environ) -> bool:
-    """Whether messages are to be sealed."""
-    return KEYS_VARIABLE in environment
-
-
-def warn_if_open(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Warns when strangers in the network could command the graph."""
-    if (way := reach(environment)) and not has_keys(environment):
-        log.warning("open to the network (%s) without keys: anybody there can command it; see docs/security.md", way)
 
 
 def _seal(environment: MutableMapping[str, str]) -> Seal | None:

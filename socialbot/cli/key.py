@@ -58,6 +58,7 @@ def check(
 
 
 def _folder(given: Path | None) -> Path:
-    from socialbot.bridge.transport import KEYS_VARIABLE, split_keys
+    from socialbot.bridge.environment import KEYS_VARIABLE
+    from socialbot.bridge.transport import split_keys
 
     return given or Path(split_keys(os.environ.get(KEYS_VARIABLE, ""))[0] or "keys")

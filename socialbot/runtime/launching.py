@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from socialbot.bridge import environment
-from socialbot.bridge.transport import KEYS_VARIABLE
+from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.core import paths
 from socialbot.core.errors import ParameterError
 from socialbot.graph.node import Graph

@@ -20,7 +20,7 @@ from rich.console import Console
 
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import MACHINE_VARIABLE
-from socialbot.bridge.transport import KEYS_VARIABLE
+from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.graph.node import Graph
 from socialbot.runs.record import RunTrace
 from socialbot.runtime.deployment import Deployment, is_own

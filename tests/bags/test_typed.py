@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from socialbot.agents.registry import STRUCTURED
 from socialbot.bags import codec
 from socialbot.bags.types import PACKAGE, TYPED, RosbagsTypes, definitions, fields_of, type_name, types_with
-from socialbot.bridge.transport import KEYS_VARIABLE, RclpyTypes, message_class, wire
+from socialbot.bridge.environment import KEYS_VARIABLE
+from socialbot.bridge.transport import RclpyTypes, message_class, wire
 from socialbot.cli.main import with_changes
 from socialbot.core.errors import GraphError, InstallationError, MessageError, ParameterError
 from socialbot.core.messages import (

@@ -9,12 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 from socialbot.bags.reader import open_bag
+from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.graph_observer import observing
 from socialbot.bridge.publish_once import send
 from socialbot.bridge.recorder import Recording, record
 from socialbot.bridge.security import new_key
 from socialbot.bridge.topics import onlooker
-from socialbot.bridge.transport import KEYS_VARIABLE
 from socialbot.cli.topic import topic
 from socialbot.core.messages import Message, Utterance
 from tests.system.running import eventually

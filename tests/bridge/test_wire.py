@@ -11,18 +11,9 @@ import pytest
 
 from socialbot.bags.codec import STRING, encode
 from socialbot.bridge import ros_checks
-from socialbot.bridge.environment import reach
+from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, reach, warn_if_open
 from socialbot.bridge.security import SCHEMA, Seal, SealError, SecurityError, load_keys, new_key
-from socialbot.bridge.transport import (
-    KEYS_VARIABLE,
-    WINDOW_VARIABLE,
-    Wire,
-    has_keys,
-    reason_of,
-    split_keys,
-    warn_if_open,
-    wire,
-)
+from socialbot.bridge.transport import WINDOW_VARIABLE, Wire, reason_of, split_keys, wire
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CompressedImage, HeadCommand, Utterance
 
