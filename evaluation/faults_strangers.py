@@ -226,7 +226,7 @@ def _besiege(
 ) -> tuple[Counter[tuple[str, str]], Counter[tuple[str, str]], Counter[str], float]:
     """What had been done when the friend had spoken, and in the end; what was refused; how long it took (s)."""
     from socialbot.bridge.graph_observer import Fates, observing
-    from socialbot.bridge.publish_once import send
+    from socialbot.bridge.topics import send
 
     graph = load_graph(str(folder / "graph.yaml"))
     effects, fates = Effects(), Fates(graph)
@@ -270,7 +270,7 @@ class Mouth:
     def __init__(self, ros: Any, topic: str) -> None:
         from std_msgs.msg import String
 
-        from socialbot.bridge.qos import publisher_qos
+        from socialbot.bridge.transport import publisher_qos
 
         self._string = String
         self.heard: list[str] = []

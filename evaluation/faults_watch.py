@@ -61,8 +61,7 @@ def stamp_of(data: bytes) -> int:
 def watch(deployment: Deployment, topics: list[str], file: Path, end: threading.Event) -> None:
     """Watches ``topics`` until the ``end``, in an environment that is prepared."""
     from socialbot.bridge.graph_observer import observing
-    from socialbot.bridge.qos import subscription_qos
-    from socialbot.bridge.transport import message_class
+    from socialbot.bridge.transport import message_class, subscription_qos
 
     encoder = msgspec.json.Encoder()
     kinds: dict[str, type[Message]] = {HEALTH_TOPIC: Health, **deployment.graph.topics()}

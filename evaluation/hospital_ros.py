@@ -22,8 +22,7 @@ from socialbot.agents.hospital.graphs import WORLD
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState
 from socialbot.agents.hospital.ward.ward import paper_ward
-from socialbot.bridge.graph_observer import Fates, observing
-from socialbot.bridge.readiness import expect_free_names
+from socialbot.bridge.graph_observer import Fates, expect_free_names, observing
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message

@@ -25,8 +25,7 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 
 from socialbot.bags import codec
-from socialbot.bags.repair import salvage
-from socialbot.bags.stamps import Receptions, Stamps
+from socialbot.bags.repair import Receptions, Stamps, salvage
 from socialbot.bags.types import PACKAGE, TYPED, RosbagsTypes, deserialize, is_known, to_cdr
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND

@@ -23,12 +23,18 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
 from socialbot.bridge.diagnostics import Connection, Reporter, Statistics, publisher_connection, subscription_connection
-from socialbot.bridge.lifecycle import ACTIVE, FINALIZED, INACTIVE, ManagedNode
+from socialbot.bridge.lifecycle import (
+    ACTIVE,
+    FINALIZED,
+    INACTIVE,
+    ManagedNode,
+    declare_parameters,
+    parameter_values,
+    watch_parameters,
+)
 from socialbot.bridge.node_thread import NodeThread, report
-from socialbot.bridge.parameters import declare_parameters, parameter_values, watch_parameters
-from socialbot.bridge.qos import DEPTH, publisher_qos, subscription_qos
 from socialbot.bridge.sim_clock import KEPT_TOPIC
-from socialbot.bridge.transport import Receiver, Sender, reason_of, wire
+from socialbot.bridge.transport import DEPTH, Receiver, Sender, publisher_qos, reason_of, subscription_qos, wire
 from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
 from socialbot.core.errors import MessageError, NodeError, SocialbotError
 from socialbot.core.messages import Health, Message

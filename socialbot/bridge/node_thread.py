@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from socialbot.bridge.callback_queue import Alarm, Inbox, Line
 from socialbot.bridge.diagnostics import Connection, Statistics, restarts, unconnected
-from socialbot.bridge.readiness import LOOK_AGAIN_S
+from socialbot.bridge.graph_observer import LOOK_AGAIN_S
 from socialbot.bridge.transport import Sender
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import NodeError, SocialbotError

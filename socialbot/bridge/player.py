@@ -16,14 +16,13 @@ from typing import Any
 
 from socialbot.bags.codec import MESSAGE_TYPES, ROS_TYPES, STRING, decode, raw_stamp, with_stamp
 from socialbot.bags.reader import IMAGE_TYPES, Bag, RosbagsTypes
-from socialbot.bags.stamps import Stamps
+from socialbot.bags.repair import Stamps
 from socialbot.bags.world_replay import STEP_S, Played, Script, play
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import Connection, publisher_connection, subscription_connection
-from socialbot.bridge.qos import publisher_qos, subscription_qos
-from socialbot.bridge.readiness import await_graph
+from socialbot.bridge.graph_observer import await_graph
 from socialbot.bridge.sim_clock import SimClock
-from socialbot.bridge.transport import Receiver, Sender, message_class, wire
+from socialbot.bridge.transport import Receiver, Sender, message_class, publisher_qos, subscription_qos, wire
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError, NodeError
 from socialbot.core.messages import CameraInfo, Health, Message
@@ -262,7 +261,7 @@ class Reenactment:
 def play_bag(bag: Bag, topics: Mapping[str, str], playing: Playing, *, parent: int | None = None) -> Played:
     """Plays ``bag`` in a process of its own. Raises NodeError when the graph to wait for does not come."""
     environment.require_ros()
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
 
     with Ending(parent).on_signals() as ending, spinning_node("bag_player") as ros:
         graph = playing.await_graph

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bridge import environment
-from socialbot.bridge.readiness import expect_free_names
+from socialbot.bridge.graph_observer import expect_free_names
 from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.core.process import Ending
@@ -46,8 +46,8 @@ def run_nodes(
     environment.require_ros()
     from rclpy.executors import SingleThreadedExecutor
 
+    from socialbot.bridge.environment import ros_context
     from socialbot.bridge.host import NodeHost
-    from socialbot.bridge.rclpy_context import ros_context
 
     _read_by_udp(graph, names)
     with Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
@@ -100,7 +100,7 @@ def _obey(supervisor: SupervisorLink, hosts: list[NodeHost], executor: Executor)
 
 
 def _expect_free_names(graph: Graph, names: Collection[str]) -> None:
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
 
     for name in names:
         graph.placement(name)

@@ -59,7 +59,7 @@ def record(
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
 
-    from socialbot.bridge.rclpy_context import ros_context
+    from socialbot.bridge.environment import ros_context
 
     with BagWriter(out, storage=storage) as bag, ros_context() as context:
         node = Node("bag_recorder", context=context, start_parameter_services=False)

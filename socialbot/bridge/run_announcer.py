@@ -15,8 +15,7 @@ from typing import Any, Generic, TypeVar
 from socialbot.bags.codec import ros_type
 from socialbot.bridge.diagnostics import machine
 from socialbot.bridge.graph_observer import rounded
-from socialbot.bridge.qos import publisher_qos, subscription_qos
-from socialbot.bridge.transport import message_class, wire
+from socialbot.bridge.transport import message_class, publisher_qos, subscription_qos, wire
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import DownRequest, Structured, UpState, UpStatus

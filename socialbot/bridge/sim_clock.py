@@ -38,7 +38,7 @@ class SimClock:
         from rosgraph_msgs.msg import Clock
         from std_msgs.msg import Header
 
-        from socialbot.bridge.qos import publisher_qos, subscription_qos
+        from socialbot.bridge.transport import publisher_qos, subscription_qos
         from socialbot.graph.node import Delivery
 
         self.now = start

@@ -10,8 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from socialbot.bridge.qos import publisher_qos
-from socialbot.bridge.transport import RclpyTypes, message_class
+from socialbot.bridge.transport import RclpyTypes, message_class, publisher_qos
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.messages import JointTrajectory, Message, PersonDetections
 from socialbot.graph.node import Delivery, Graph

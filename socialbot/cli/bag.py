@@ -94,12 +94,14 @@ def import_(
     duration: Annotated[float | None, typer.Option(help="Take no more than this many seconds.")] = None,
 ) -> None:
     """Makes a bag of a video, a folder of images or a camera; a camera is recorded until Ctrl-C."""
-    from socialbot.bags.importing import import_bag
+    from socialbot.bags.conversion import import_bag
+    from socialbot.vision.cameras import is_device, open_frames
 
     with Ending().on_signals() as ending, bar(f"writing {out}", "pictures") as advance:
         made = import_bag(
             source,
             out,
+            camera=open_frames(source) if is_device(source) else None,
             rate_hz=rate,
             start=round(start * SECOND),
             hfov_deg=hfov,
@@ -149,7 +151,7 @@ def convert(
     storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
 ) -> None:
     """Writes a bag anew, with structured messages as JSON or as ROS types of their own; nothing is lost."""
-    from socialbot.bags.convert import convert_bag
+    from socialbot.bags.conversion import convert_bag
 
     console = Console(highlight=False)
     with console.status(f"writing {out}"):

@@ -130,7 +130,7 @@ def down(
     With keys only who has one can do that.
     """
     target = _enter(file, machine)
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.run_announcer import Runs
     from socialbot.runtime.run_lock import locked_runs
 

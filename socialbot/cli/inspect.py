@@ -104,9 +104,8 @@ def graph_of(file: str, machine: str | None) -> Graph:
 @contextmanager
 def presence(graph: Graph) -> Iterator[tuple[Pictures | None, Office]]:
     """A node of one's own beside ``graph``: it sees what the camera sees, and takes requests to agents."""
-    from socialbot.bridge.command_client import RosOffice
-    from socialbot.bridge.live_images import LivePictures, picture_topic
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
+    from socialbot.bridge.inspection import LivePictures, RosOffice, picture_topic
 
     with spinning_node("inspector") as ros:
         topic = picture_topic(graph)
@@ -200,8 +199,8 @@ def translate(
 
     Takes the arguments of ROS, too: --ros-args -r /tf:=/robot/tf -p use_sim_time:=true.
     """
+    from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.graph_observer import observing
-    from socialbot.bridge.rclpy_context import spinning_node
     from socialbot.bridge.translator import Translator, translated_topics
     from socialbot.cli.main import with_changes
 

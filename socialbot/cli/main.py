@@ -16,7 +16,7 @@ from rich.table import Table
 from typer.core import TyperGroup
 
 from socialbot import __version__
-from socialbot.bridge.rclpy_context import divided
+from socialbot.bridge.environment import divided
 from socialbot.cli.completion import graph_names, node_names
 from socialbot.cli.inspect import PORT, InspectOption, PortOption, watched
 from socialbot.core.errors import ParameterError, SocialbotError

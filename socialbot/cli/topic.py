@@ -118,8 +118,7 @@ def pub(
 
     socialbot topic pub /gripper_a/del_desire DesireItem '{desire: {name: sort_boxes}}'
     """
-    from socialbot.bridge.publish_once import message_from, send
-    from socialbot.bridge.topics import onlooker
+    from socialbot.bridge.topics import message_from, onlooker, send
 
     message = message_from(schema, fields, stamp=time.time_ns())
     with Ending().on_signals() as ending, onlooker() as ros:

@@ -12,8 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from socialbot.agents.base.agent_node import AgentNode
-from socialbot.bridge.graph_observer import observing
-from socialbot.bridge.readiness import expect_free_names
+from socialbot.bridge.graph_observer import expect_free_names, observing
 from socialbot.core import paths
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import ParameterError, SocialbotError

@@ -15,8 +15,7 @@ import msgspec
 from socialbot.bags.reader import Bag
 from socialbot.bags.topic_mapping import feeding, takes_pictures
 from socialbot.bags.world_replay import InlineStage, Played, Script, play
-from socialbot.bridge.graph_observer import Fates, Onlooker, observing
-from socialbot.bridge.readiness import await_graph, expect_free_names
+from socialbot.bridge.graph_observer import Fates, Onlooker, await_graph, expect_free_names, observing
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, GraphError, NodeError, SocialbotError
 from socialbot.core.messages import Health, Message, Structured, TraceRecord

@@ -14,8 +14,7 @@ import msgspec
 from socialbot.agents.hospital.messages import AclMessage, Missions
 from socialbot.agents.hospital.result import Infections, ward_in
 from socialbot.bags.writer import BagWriter
-from socialbot.bridge.graph_observer import Fates, observing
-from socialbot.bridge.readiness import await_graph, expect_free_names
+from socialbot.bridge.graph_observer import Fates, await_graph, expect_free_names, observing
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import AgentCommand, Health, Message, TraceRecord

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from socialbot.bags import codec
-from socialbot.bags.convert import convert_bag
+from socialbot.bags.conversion import convert_bag
 from socialbot.bags.reader import BagWriter, RosbagsTypes, open_bag
 from socialbot.cli.bag import bag as commands
 from socialbot.core.errors import BagError

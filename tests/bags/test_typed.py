@@ -122,11 +122,10 @@ def test_nodes_of_a_typed_graph_hear_and_speak_types_of_ros() -> None:
     pytest.importorskip("rclpy")
     from rclpy.executors import SingleThreadedExecutor
 
+    from socialbot.bridge.environment import ros_context
     from socialbot.bridge.graph_observer import observing
     from socialbot.bridge.host import NodeHost
-    from socialbot.bridge.publish_once import send
-    from socialbot.bridge.rclpy_context import ros_context
-    from socialbot.bridge.topics import onlooker, topics_now
+    from socialbot.bridge.topics import onlooker, send, topics_now
 
     graph = Graph("g", (NodeConfig("mouth", Mouth),), frozenset({"/speech/heard"}), wire="typed")
     said: list[Message] = []

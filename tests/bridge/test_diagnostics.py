@@ -18,7 +18,7 @@ pytestmark = pytest.mark.ros
 
 @contextmanager
 def two_nodes() -> Iterator[tuple[Any, Any]]:
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
 
     with ExitStack() as stack:
         yield stack.enter_context(spinning_node("speaker")), stack.enter_context(spinning_node("hearer"))
@@ -90,7 +90,7 @@ def test_with_keys_what_is_forged_altered_or_said_again_is_not_believed(
 
 def test_nobody_without_a_key_keeps_a_graph_from_starting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     from socialbot.bridge.diagnostics import DiagnosticsOutlet
-    from socialbot.bridge.readiness import expect_free_names
+    from socialbot.bridge.graph_observer import expect_free_names
     from socialbot.core.errors import NodeError
     from socialbot.graph.node import Graph, Node, NodeConfig
 

@@ -49,8 +49,8 @@ def hosting() -> Iterator[Any]:
     """Hosts nodes of `GRAPH` by their names, in this process."""
     from rclpy.executors import SingleThreadedExecutor
 
+    from socialbot.bridge.environment import ros_context
     from socialbot.bridge.host import NodeHost
-    from socialbot.bridge.rclpy_context import ros_context
 
     hosts: list[NodeHost] = []
     with ros_context() as context:

@@ -19,9 +19,8 @@ RECORDS = 1500
 def test_nothing_is_lost_while_an_onlooker_is_held_up() -> None:
     from rclpy.duration import Duration
 
-    from socialbot.bridge.qos import publisher_qos
-    from socialbot.bridge.rclpy_context import spinning_node
-    from socialbot.bridge.transport import wire
+    from socialbot.bridge.environment import spinning_node
+    from socialbot.bridge.transport import publisher_qos, wire
     from socialbot.graph.node import Delivery
 
     heard: list[str] = []

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.ros
 
 @contextmanager
 def two_nodes() -> Iterator[tuple[Any, Any]]:
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
 
     with ExitStack() as stack:
         yield stack.enter_context(spinning_node("observer")), stack.enter_context(spinning_node("down"))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.bridge.rclpy_context import divided
+from socialbot.bridge.environment import divided
 
 OURS = ["--graph", "waldo", "head"]
 

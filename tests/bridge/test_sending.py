@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.bridge.publish_once import message_from
+from socialbot.bridge.topics import message_from
 from socialbot.core.errors import MessageError
 from socialbot.deliberation.messages import Belief, Desire, DesireItem, Fact
 

@@ -16,9 +16,8 @@ import pytest
 from socialbot.agents.waldo.nodes import Listener
 from socialbot.bridge import transport as wires
 from socialbot.bridge.graph_observer import observing
-from socialbot.bridge.publish_once import send
 from socialbot.bridge.security import SCHEMA, Keys, Stream, load_keys, new_key
-from socialbot.bridge.topics import onlooker
+from socialbot.bridge.topics import onlooker, send
 from socialbot.core.messages import HeadCommand, Utterance
 from socialbot.graph.node import Context, Delivery, Graph, Input, Node, NodeConfig, Output
 from tests.system.running import eventually
@@ -82,8 +81,8 @@ def hosted(*kinds: type[Node], whole: tuple[type[Node], ...] = ()) -> Iterator[l
     """Hosts of nodes of these kinds, running, in a graph of these or of the ``whole``."""
     from rclpy.executors import SingleThreadedExecutor
 
+    from socialbot.bridge.environment import ros_context
     from socialbot.bridge.host import NodeHost
-    from socialbot.bridge.rclpy_context import ros_context
 
     inputs = frozenset(topic for kind in kinds for topic in (port.topic for port in kind.inputs().values()))
     graph = Graph("g", tuple(NodeConfig(kind.__name__.lower(), kind) for kind in whole or kinds), inputs=inputs)
@@ -123,7 +122,7 @@ class Stranger:
     def __init__(self, ros: Any, topic: str = TOPIC, delivery: Delivery = Delivery.EVERY) -> None:
         from std_msgs.msg import String
 
-        from socialbot.bridge.qos import publisher_qos
+        from socialbot.bridge.transport import publisher_qos
 
         self._string = String
         self.heard: list[str] = []

@@ -11,10 +11,9 @@ from typer.testing import CliRunner
 from socialbot.bags.reader import open_bag
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.graph_observer import observing
-from socialbot.bridge.publish_once import send
 from socialbot.bridge.recorder import Recording, record
 from socialbot.bridge.security import new_key
-from socialbot.bridge.topics import onlooker
+from socialbot.bridge.topics import onlooker, send
 from socialbot.cli.topic import topic
 from socialbot.core.messages import Message, Utterance
 from tests.system.running import eventually
@@ -78,7 +77,7 @@ def test_a_bag_holds_what_was_said_and_nothing_of_a_stranger(tmp_path):
 def test_echo_shows_what_was_said_and_tells_of_strangers():
     from std_msgs.msg import String
 
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
 
     ended = threading.Event()
 

@@ -17,9 +17,8 @@ import pytest
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
-from socialbot.bridge.publish_once import send
 from socialbot.bridge.round_trip import free_domain
-from socialbot.bridge.topics import Arrivals, Rate, Topic, message_text, messages, onlooker, settled_topics
+from socialbot.bridge.topics import Arrivals, Rate, Topic, message_text, messages, onlooker, send, settled_topics
 from socialbot.cli.topic import rate_line, topic
 from socialbot.core.errors import GraphError, InstallationError
 from tests.system.running import eventually
@@ -245,7 +244,7 @@ class TestCommands:
     def test_pub_sends_one_message_that_arrives(self):
         from std_msgs.msg import String
 
-        from socialbot.bridge.rclpy_context import spinning_node
+        from socialbot.bridge.environment import spinning_node
 
         heard: list[Any] = []
         with spinning_node("listener") as ros:
@@ -261,7 +260,7 @@ class TestCommands:
     def test_pub_waits_for_all_who_listen(self, monkeypatch):
         from std_msgs.msg import String
 
-        from socialbot.bridge.rclpy_context import spinning_node
+        from socialbot.bridge.environment import spinning_node
         from socialbot.core.messages import Utterance
 
         heard: list[str] = []
@@ -313,7 +312,7 @@ class TestMessages:
         from rclpy.qos import qos_profile_sensor_data
         from std_msgs.msg import String
 
-        from socialbot.bridge.rclpy_context import spinning_node
+        from socialbot.bridge.environment import spinning_node
 
         deadline = time.monotonic() + 8
         with spinning_node("driver") as driver, onlooker() as ros:

@@ -58,7 +58,7 @@ def test_what_is_seen_comes_as_markers_and_a_head_as_joints() -> None:
     from sensor_msgs.msg import JointState
     from visualization_msgs.msg import MarkerArray
 
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.translator import JOINTS, MARKERS, Translator
 
     heard = SimpleNamespace(markers=[], joints=[])
@@ -85,7 +85,7 @@ def test_what_is_seen_comes_as_markers_and_a_head_as_joints() -> None:
 def test_people_stand_where_they_are_seen_by_a_camera_that_turns_with_the_head() -> None:
     from visualization_msgs.msg import MarkerArray
 
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.translator import MARKERS, Translator
 
     heard: list[Any] = []
@@ -106,7 +106,7 @@ def test_people_stand_where_they_are_seen_by_a_camera_that_turns_with_the_head()
 
 
 def test_a_time_that_ros_does_not_know_is_passed_over() -> None:
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.translator import Translator
 
     with spinning_node("translator") as ros:
@@ -116,7 +116,7 @@ def test_a_time_that_ros_does_not_know_is_passed_over() -> None:
 
 
 def test_there_is_nothing_to_say_of_a_head_that_is_not_there() -> None:
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.translator import Translator
 
     with spinning_node("translator") as ros, pytest.raises(ParameterError, match="no node of warehouse turns a head"):
@@ -125,7 +125,7 @@ def test_there_is_nothing_to_say_of_a_head_that_is_not_there() -> None:
 
 def test_what_is_not_installed_is_left_out_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
     from socialbot.bridge import translator
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
 
     real = translator.message_class
 

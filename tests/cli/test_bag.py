@@ -106,7 +106,7 @@ def domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> int:
 @contextmanager
 def robot() -> Iterator[Any]:
     """A node that publishes from this process."""
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
 
     with spinning_node("robot") as node:
         yield node

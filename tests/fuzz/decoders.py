@@ -38,8 +38,8 @@ from socialbot.bdi.agentspeak.loading import load as load_program
 from socialbot.bdi.saving import read as read_mind
 from socialbot.bdi.saving import restore, write
 from socialbot.bdi.trace import JsonLines, read_trace
-from socialbot.bridge.publish_once import message_from
 from socialbot.bridge.security import Freshness, Keys, Opener, Stream, load_private_key
+from socialbot.bridge.topics import message_from
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import (

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.bridge.environment import DATAGRAM_VARIABLE, KEYS_VARIABLE, PACKET_BYTES, UNBOUNDED_BYTES
-from socialbot.bridge.rclpy_context import divided
+from socialbot.bridge.environment import DATAGRAM_VARIABLE, KEYS_VARIABLE, PACKET_BYTES, UNBOUNDED_BYTES, divided
 from socialbot.core.errors import GraphError, ParameterError
 from socialbot.core.paths import FOLDERS_VARIABLE
 from socialbot.graph.files import GRAPHS, load_graph

@@ -12,7 +12,7 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from socialbot.bridge.rclpy_context import spinning_node
+from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.transport import message_class
 from tests.system.running import eventually
 

@@ -29,7 +29,7 @@ def pictures(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def onlooker() -> Iterator[Any]:
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
 
     with spinning_node("onlooker") as ros:
         yield ros
@@ -41,7 +41,7 @@ def live(pictures: Path, out: Path, *more: object) -> list[object]:
 
 
 def stands(ros: Any) -> bool:
-    from socialbot.bridge.readiness import await_graph
+    from socialbot.bridge.graph_observer import await_graph
     from socialbot.graph.files import load_graph
 
     return not await_graph(ros, load_graph("waldo"), timeout_s=30.0)

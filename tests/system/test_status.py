@@ -74,7 +74,7 @@ def test_nobody_does_anything_because_of_what_strangers_say_on_diagnostics(
     """They say of all nodes that these are given up: no process is started again, and who has a key sees the truth."""
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
 
     values = {"machine": "robot", "state": "given up", "restarts": "6", "last_error": "hung", "pid": "1"}
     lies = [

@@ -82,8 +82,8 @@ def test_a_node_that_is_stopped_counts_as_dead(pictures: Path, tmp_path: Path, m
 
 @pytest.mark.slow
 def test_a_graph_that_is_up_outlives_its_nodes_and_tells_of_their_deaths(pictures: Path, tmp_path: Path) -> None:
-    from socialbot.bridge.rclpy_context import spinning_node
-    from socialbot.bridge.readiness import await_graph
+    from socialbot.bridge.environment import spinning_node
+    from socialbot.bridge.graph_observer import await_graph
 
     told: list[tuple[str, dict[str, str]]] = []
 

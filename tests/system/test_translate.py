@@ -67,7 +67,7 @@ def graph(corridor: Path, tmp_path: Path) -> Iterator[Path]:
 def test_viewers_hear_of_people_until_it_is_told_to_end(graph: Path) -> None:
     from visualization_msgs.msg import MarkerArray
 
-    from socialbot.bridge.rclpy_context import spinning_node
+    from socialbot.bridge.environment import spinning_node
 
     heard: list[Any] = []
     with spinning_node("viewer") as viewer, running("translate", graph) as translating:

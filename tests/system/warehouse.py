@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from socialbot.agents.warehouse.messages import BoxPositions
-from socialbot.bridge.graph_observer import Fates, observing
-from socialbot.bridge.readiness import await_graph, expect_free_names
+from socialbot.bridge.graph_observer import Fates, await_graph, expect_free_names, observing
 from socialbot.bridge.sim_clock import SimClock
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.deliberation.messages import BeliefSet, PlanExecutionInfo

@@ -15,8 +15,7 @@ from socialbot.agents.hospital.messages import TOPIC, AclMessage, Missions, Miss
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
 from socialbot.agents.hospital.ward.messages import STATE, WardState
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
-from socialbot.bridge.graph_observer import Fates, observing
-from socialbot.bridge.readiness import expect_free_names
+from socialbot.bridge.graph_observer import Fates, expect_free_names, observing
 from socialbot.core.messages import Message
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.runtime.launch import Launch

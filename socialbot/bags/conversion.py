@@ -1,0 +1,288 @@
+"""Make bags from videos, image folders and cameras, and convert bags between message forms."""
+
+from __future__ import annotations
+
+import logging
+import math
+import shutil
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from socialbot.bags import codec
+from socialbot.bags.reader import RosbagsTypes, Skipped, natural, open_bag
+from socialbot.bags.writer import BagWriter
+from socialbot.core.clock import SECOND, Clock, WallClock, nanoseconds
+from socialbot.core.errors import BagError, MessageError, ParameterError, SocialbotError
+from socialbot.core.messages import CameraInfo, CompressedImage, Structured
+from socialbot.core.progress import Advance, unseen
+from socialbot.graph.node import WireForm
+
+log = logging.getLogger("socialbot.bags")
+
+TOPIC = "/camera/image_raw/compressed"
+FRAME_ID = "camera_color_optical_frame"
+
+_IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
+_DEFAULT_RATE_HZ = 30.0
+
+Frames = Iterator[tuple[int, np.ndarray]]
+"""Stamp (ns) and image: uint8, shape (height, width, 3), BGR."""
+
+
+class FrameSource(Protocol):
+    """An open camera."""
+
+    def read(self) -> np.ndarray | None:
+        """The next image, or None when the camera delivers no more."""
+        ...
+
+    def close(self) -> None:
+        """Release the camera."""
+        ...
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Result of an import: the bag, and the number, size (pixels) and duration of its images."""
+
+    path: Path
+    images: int
+    width: int
+    height: int
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class _ImageFormat:
+    hfov_deg: float
+    jpeg_quality: int
+    width: int | None
+
+    def __post_init__(self) -> None:
+        _check("hfov_deg", self.hfov_deg, 0 < self.hfov_deg < 180)
+        _check("jpeg_quality", self.jpeg_quality, 1 <= self.jpeg_quality <= 100)
+        _check("width", self.width, self.width is None or 2 <= self.width <= 65500)
+
+    def scale(self, pixels: np.ndarray) -> np.ndarray:
+        height, width = pixels.shape[:2]
+        if self.width is None or self.width == width:
+            return pixels
+        size = (self.width, max(1, round(height * self.width / width)))
+        return cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if self.width < width else cv2.INTER_LINEAR)
+
+    def image(self, stamp: int, pixels: np.ndarray) -> CompressedImage:
+        _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
+        return CompressedImage(
+            stamp=stamp, frame_id=FRAME_ID, format="bgr8; jpeg compressed bgr8", data=data.reshape(-1)
+        )
+
+    def camera_info(self, stamp: int, width: int, height: int) -> CameraInfo:
+        """A pinhole camera with square pixels and no distortion."""
+        focal = width / 2 / math.tan(math.radians(self.hfov_deg) / 2)
+        k = (focal, 0.0, width / 2, 0.0, focal, height / 2, 0.0, 0.0, 1.0)
+        return CameraInfo(stamp=stamp, frame_id=FRAME_ID, width=width, height=height, k=k, d=(0.0,) * 5)
+
+
+def import_bag(
+    source: str | Path,
+    out: str | Path,
+    *,
+    camera: FrameSource | None = None,
+    rate_hz: float = 10.0,
+    start: int = SECOND,
+    hfov_deg: float = 60.0,
+    jpeg_quality: int = 90,
+    topic: str = TOPIC,
+    limit_s: float | None = None,
+    width: int | None = None,
+    clock: Clock | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    advance: Advance = unseen,
+) -> Imported:
+    """Write images and, once a second, their CameraInfo to the new bag ``out``.
+
+    Args:
+        source: A video file or a folder of images; the name of the camera where one is given.
+        out: The bag folder to create. It is removed again if the import fails.
+        camera: An open camera to record; it is closed at the end.
+        rate_hz: Image rate of a folder, whose images are taken in natural order. A video has its own time stamps.
+        start: Stamp (ns) of the first image of a folder or video.
+        hfov_deg: Horizontal field of view, for the CameraInfo.
+        jpeg_quality: From 1 to 100.
+        topic: The topic of the images.
+        limit_s: The duration after which the import ends.
+        width: The width (pixels) to scale images to.
+        clock: The clock for the stamps of camera images.
+        stopped: Whether to end the import now.
+        advance: Called with the number of images written so far.
+
+    Raises:
+        BagError: ``source`` cannot be read, its images differ in size, or ``out`` exists.
+        ParameterError: A value is out of range.
+    """
+    _check("rate_hz", rate_hz, 0 < rate_hz <= 1000)
+    _check("limit_s", limit_s, limit_s is None or limit_s > 0)
+    image_format = _ImageFormat(hfov_deg, jpeg_quality, width)
+    until = math.inf if limit_s is None else nanoseconds(limit_s)
+    info_topic = f"{topic.removesuffix('/compressed').rpartition('/')[0]}/camera_info"
+    first = last = next_info = 0
+    height = columns = images = 0
+    with BagWriter(out) as bag:
+        try:
+            with closing(_frames(str(source), camera, rate_hz, start, clock or WallClock())) as frames:
+                for stamp, original in frames:
+                    first = first if images else stamp
+                    if stamp - first >= until or stopped():
+                        break
+                    pixels = image_format.scale(original)
+                    height, columns = pixels.shape[:2]
+                    if stamp >= next_info:
+                        bag.write(info_topic, image_format.camera_info(stamp, columns, height), stamp)
+                        next_info = stamp + SECOND
+                    bag.write(topic, image_format.image(stamp, pixels), stamp)
+                    images, last = images + 1, stamp
+                    advance(images)
+            if not images:
+                raise BagError(
+                    "no image could be read", where=str(source), remedy="check that it is not empty or damaged"
+                )
+        except SocialbotError:
+            bag.discard()
+            raise
+    return Imported(bag.path, images, columns, height, (last - first) / SECOND)
+
+
+def _frames(
+    source: str, camera: FrameSource | None, rate_hz: float, start: int, clock: Clock
+) -> Generator[tuple[int, np.ndarray], None, None]:
+    if camera is not None:
+        return _camera(source, camera, clock)
+    path = Path(source)
+    if path.is_dir():
+        return _folder(path, rate_hz, start)
+    if path.is_file():
+        return _video(path, start)
+    raise BagError(
+        "no such video, folder or camera", where=source, remedy="check the path; a camera is 0 or /dev/video0"
+    )
+
+
+def _camera(source: str, camera: FrameSource, clock: Clock) -> Generator[tuple[int, np.ndarray], None, None]:
+    with closing(camera):
+        while (pixels := camera.read()) is not None:
+            yield clock.now(), pixels
+    log.warning("%s: the camera delivers no more images", source)
+
+
+def _folder(folder: Path, rate_hz: float, start: int) -> Generator[tuple[int, np.ndarray], None, None]:
+    paths = sorted((path for path in folder.iterdir() if path.suffix.lower() in _IMAGE_SUFFIXES), key=natural)
+    if not paths:
+        raise BagError("no images in this folder", where=str(folder), remedy="put jpg or png files there")
+    shape: tuple[int, ...] = ()
+    for index, path in enumerate(paths):
+        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if pixels is None:
+            raise BagError("cannot be decoded", where=str(path), remedy="remove or replace this image")
+        shape = shape or pixels.shape
+        if pixels.shape != shape:
+            raise BagError(
+                f"the image has {pixels.shape[1]}x{pixels.shape[0]} pixels, but {paths[0].name} has "
+                f"{shape[1]}x{shape[0]}",
+                where=str(path),
+                remedy="remove it, or scale all images to one size",
+            )
+        yield start + round(index * SECOND / rate_hz), pixels
+
+
+def _video(path: Path, start: int) -> Generator[tuple[int, np.ndarray], None, None]:
+    capture = cv2.VideoCapture(str(path))
+    try:
+        if not capture.isOpened():
+            raise BagError("cannot be opened as a video", where=str(path), remedy="convert it to mp4, avi or mkv")
+        rate = capture.get(cv2.CAP_PROP_FPS)
+        period = round(SECOND / (rate if 0 < rate <= 1000 else _DEFAULT_RATE_HZ))
+        first = last = None
+        while True:
+            good, pixels = capture.read()
+            if not good:
+                break
+            time = round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+            first = time if first is None else first
+            # Some containers have no time stamps, and some repeat them.
+            last = start if last is None else start + time - first if start + time - first > last else last + period
+            yield last, pixels
+    finally:
+        capture.release()
+
+
+def _check(name: str, value: object, good: bool) -> None:
+    if not good:
+        raise ParameterError(f"{value!r} is out of range", where=name)
+
+
+@dataclass
+class Conversion:
+    """Result of a conversion: the bag, its message count, and the number of messages with a new form.
+
+    ``kept`` counts, by topic, structured messages without a form of the wanted kind; ``skipped`` damaged messages.
+    """
+
+    path: Path
+    messages: int = 0
+    converted: int = 0
+    kept: dict[str, Skipped] = field(default_factory=dict)
+    skipped: dict[str, Skipped] = field(default_factory=dict)
+
+
+def convert_bag(source: str | Path, out: str | Path, form: WireForm, *, storage: str = "mcap") -> Conversion:
+    """Write the bag ``source`` as the new bag ``out``, with structured messages in ``form``.
+
+    The conversion is lossless: messages without that form, such as plain text, are copied unchanged, and so are other
+    files in the folder of the bag, such as its graph.
+
+    Raises:
+        BagError: ``source`` cannot be read, or ``out`` exists or cannot be written.
+    """
+    types = RosbagsTypes()
+    with open_bag(source) as bag, BagWriter(out, storage=storage) as writer:
+        made = Conversion(writer.path, skipped=bag.skipped)
+        latched = {topic.name: bag.is_latched(topic.name) for topic in bag.topics}
+        for topic, time, name, data in bag.raw_messages({each.name: each.name for each in bag.topics}):
+            if name == codec.STRING or name in codec.TYPED:
+                try:
+                    name, data, changed = _converted(types, name, data, form)
+                    made.converted += changed
+                except MessageError as error:
+                    made.kept.setdefault(topic, Skipped(0, str(error))).count += 1
+            definition, type_hash = bag.definition(name)
+            writer.write_raw(
+                topic, name, data, time, latched=latched[topic], type_hash=type_hash, definition=definition
+            )
+            made.messages += 1
+    source = Path(source)
+    for file in source.iterdir() if source.is_dir() else ():
+        if file.is_file() and file.name != "metadata.yaml" and file.suffix not in (".mcap", ".db3", ".zstd"):
+            shutil.copyfile(file, writer.path / file.name)
+    return made
+
+
+def _converted(types: RosbagsTypes, name: str, data: bytes, form: WireForm) -> tuple[str, bytes, bool]:
+    """Type and bytes of the message in ``form``, and whether they changed. Raises MessageError if that fails."""
+    ros_message = types.deserialize(data, name)
+    if name == codec.STRING and not ros_message.data.lstrip().startswith("{"):
+        raise MessageError("plain text")
+    message = codec.decode(codec.MESSAGE_TYPES[name], ros_message)
+    assert isinstance(message, Structured)
+    wanted = codec.ros_type(type(message), form)
+    if wanted == name:
+        return name, data, False
+    written = types.serialize(codec.encode(message, types, form))
+    if codec.decode(type(message), types.deserialize(written, wanted)) != message:
+        raise MessageError(f"{wanted} cannot express it")
+    return wanted, written, True
