@@ -33,4 +33,4 @@ def _files_of_tests_are_allowed(tmp_path_factory: pytest.TempPathFactory) -> Non
 @pytest.fixture(scope="session")
 def corridor() -> Path:
     """The committed bag."""
-    return Path(__file__).parents[1] / "data" / "synthetic" / "corridor"
+    return Path(__file__).parent / "data" / "synthetic" / "corridor"

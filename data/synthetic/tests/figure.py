@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import gait
 import numpy as np
-
-from tests.data.generator import part
-
-gait, posture, visits = map(part, ("gait", "posture", "visits"))
+import posture
+import visits
 
 STATURE = 1.8
 

@@ -7,15 +7,15 @@ from functools import cache
 from itertools import pairwise
 from typing import Any
 
+import gait
 import numpy as np
+import posture
 import pytest
+import story
+import visits
+from figure import STATURE, Stepper, build, joint, moved, skeleton, walk, walker
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from tests.data.figure import STATURE, Stepper, build, joint, moved, skeleton, walk, walker
-from tests.data.generator import part
-
-gait, posture, story, visits = map(part, ("gait", "posture", "story", "visits"))
 
 SLOW_MOTION = 0.04
 SPEEDS = st.floats(0.8, 1.45)

@@ -6,21 +6,26 @@ import itertools
 import math
 from pathlib import Path
 
+import clips
 import cv2
 import msgspec
 import numpy as np
+import optics
+import outline
+import pack
+import pictures
 import pytest
+import recording
+import sensor
+import story
+import truths
+import visits
 from hypothesis import given
 from hypothesis import strategies as st
 
 from socialbot.bags.reader import open_bag
 from socialbot.vision.metrics.truth import TRUTH_TOPIC, TruthMessage, load_truth
-from tests.data.generator import part
 
-clips, outline, optics, pictures, sensor, truths, visits = map(
-    part, ("clips", "outline", "optics", "pictures", "sensor", "truths", "visits")
-)
-story = part("story")
 SCENES = [clip for name, clip in clips.CLIPS.items() if name != "corridor"]
 
 
@@ -205,7 +210,6 @@ def test_a_shadow_counts_only_where_it_is_plainly_darker():
 
 def packed(tmp_path: Path) -> Path:
     """A bag of three frames with its truth beside it."""
-    recording = part("recording")
     background = np.full((480, 640, 3), 0.5, np.float32)
     frames = [truths.frame_truth(stamp, record([[5, 5]]), background, background) for stamp in (10**9, 2 * 10**9)]
     jpegs = [cv2.imencode(".jpg", np.zeros((480, 640, 3), np.uint8))[1]] * 2
@@ -251,7 +255,7 @@ def test_the_table_of_counts_adds_up_by_scene(tmp_path):
 
 
 def test_the_counts_are_renewed_between_their_marks(tmp_path):
-    pack, readme = part("pack"), tmp_path / "README.md"
+    readme = tmp_path / "README.md"
     packed(tmp_path)
     readme.write_text("before\n" + "old".join(pack.MARKS) + "after\n")
     for _ in range(2):

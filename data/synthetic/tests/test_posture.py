@@ -5,15 +5,15 @@ from __future__ import annotations
 import ast
 import inspect
 
+import clips
+import figure
+import gait
 import numpy as np
+import posture
 import pytest
+import story
 from hypothesis import given
 from hypothesis import strategies as st
-
-from tests.data import figure
-from tests.data.generator import part
-
-clips, gait, posture, story = map(part, ("clips", "gait", "posture", "story"))
 
 NAMES = ("wave", "phone", "reading", "crossed", "pockets", "hips", "carry", "push", "case", "plank")
 ANGLES = st.floats(-np.pi, np.pi)

@@ -1,7 +1,7 @@
 import pytest
 
 from evaluation.engine_peers import AgentSpeak, Trees, peers, rate
-from tests.evaluation.test_engine import TINY
+from evaluation.tests.test_engine import TINY
 
 
 def test_a_rate_is_taken_over_as_many_units_as_fit():
