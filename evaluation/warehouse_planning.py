@@ -20,12 +20,12 @@ from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.facts import FactBase
-from socialbot.deliberation.messages import Condition, Conjunction, Desire, Dnf, Fact
+from socialbot.deliberation.messages import Desire, Dnf, Fact, FactCondition, FactConjunction
 from socialbot.deliberation.sensing import instance
-from socialbot.planning.pddl.domain import Domain, Problem
+from socialbot.planning.pddl.domain import PddlDomain, PddlProblem
 from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.planners.engines import make_planner
-from socialbot.planning.planners.planner import Answer, Limits, Planner, Verdict
+from socialbot.planning.planners.planner import Planner, PlannerAnswer, PlannerLimits, PlannerVerdict
 
 PLANNER = "kairos"
 GRIPPER_DOMAIN_NAME = "gripper-domain"
@@ -47,9 +47,9 @@ THINGS = """
 class Question:
     """What a planner is asked."""
 
-    domain: Domain
-    problem: Problem
-    limits: Limits
+    domain: PddlDomain
+    problem: PddlProblem
+    limits: PlannerLimits
 
 
 @dataclass
@@ -104,7 +104,7 @@ def first_question(boxes: int) -> Question:
     for fact in gripper_beliefs(cast):
         facts.add(fact)
     (desire,) = gripper_desires(cast)
-    return Question(domain, facts.problem(facts.goal(desire.wanted)), Limits(makespan_s=desire.deadline))
+    return Question(domain, facts.problem(facts.goal(desire.wanted)), PlannerLimits(makespan_s=desire.deadline))
 
 
 def second_question() -> Question:
@@ -123,7 +123,9 @@ class _Listener:
     name: str = "listener"
     asked: list[Question] = field(default_factory=list)
 
-    def solve(self, domain: Domain, problem: Problem, limits: Limits, cancelled: Event | None = None) -> Answer:
+    def solve(
+        self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: Event | None = None
+    ) -> PlannerAnswer:
         self.asked.append(Question(domain, problem, limits))
         return self.planner.solve(domain, problem, limits, cancelled)
 
@@ -178,13 +180,16 @@ def _undecided(desires: int) -> Deliberator:
         if number % 2:
             deliberator.facts.add(predicate_of(number))
     for number in range(desires):
-        needed = (Condition(condition_to_check=predicate_of(number)), Condition(condition_to_check=Fact(name="calm")))
+        needed = (
+            FactCondition(condition_to_check=predicate_of(number)),
+            FactCondition(condition_to_check=Fact(name="calm")),
+        )
         desire = Desire(
             name=f"d{number}",
             value=(Fact(name="done", params=(f"t{number}",)),),
             priority=round(chance.random(), 3),
             deadline=round(chance.uniform(10.0, 100.0), 1),
-            precondition=Dnf(clauses=(Conjunction(literals=needed),)),
+            precondition=Dnf(clauses=(FactConjunction(literals=needed),)),
         )
         deliberator.desire(desire)
     engine.run_until_idle()
@@ -194,8 +199,10 @@ def _undecided(desires: int) -> Deliberator:
 class _Silent:
     name = "silent"
 
-    def solve(self, domain: Domain, problem: Problem, limits: Limits, cancelled: Event | None = None) -> Answer:
-        return Answer(Verdict.CANCELLED)
+    def solve(
+        self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: Event | None = None
+    ) -> PlannerAnswer:
+        return PlannerAnswer(PlannerVerdict.CANCELLED)
 
 
 def _never(work: Callable[[], Any], then: Callable[[Any], None]) -> None:

@@ -22,7 +22,7 @@ from evaluation.warehouse import (
 from evaluation.warehouse_planning import decisions, first_question, plan_by_turns, second_question
 from evaluation.warehouse_runs import Kill, Result, Story, play, troubled
 from socialbot.agents.warehouse.scenario import GRIPPER
-from socialbot.planning.planners.planner import Limits
+from socialbot.planning.planners.planner import PlannerLimits
 
 GOOD = Result(
     story=Story(3),
@@ -130,7 +130,7 @@ def test_plans_are_made_for_all_sizes_and_for_the_second_run():
 
 
 def test_a_question_without_an_answer_is_an_error():
-    question = replace(first_question(6), limits=Limits(makespan_s=10.0, timeout_s=0.5))
+    question = replace(first_question(6), limits=PlannerLimits(makespan_s=10.0, timeout_s=0.5))
     with pytest.raises(ValueError, match="no plan for much too short"):
         plan_by_turns({"much too short": question}, 1)
 

@@ -17,8 +17,8 @@ from socialbot.core.progress import waiting
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from socialbot.planning.pddl.domain import Domain, Plan, Problem
-    from socialbot.planning.planners.planner import Answer
+    from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
+    from socialbot.planning.planners.planner import PlannerAnswer
 
 IMPOSSIBLE = 10
 """Exit code: it is proved that there is no plan."""
@@ -54,10 +54,10 @@ def plan(
         _validate(known, asked, validate, deadline, as_json)
         return
     from socialbot.planning.planners.engines import make_planner
-    from socialbot.planning.planners.planner import Limits
+    from socialbot.planning.planners.planner import PlannerLimits
 
     with waiting(f"{planner} looks for a plan"):
-        answer = make_planner(planner).solve(known, asked, Limits(timeout, memory, makespan_s=deadline))
+        answer = make_planner(planner).solve(known, asked, PlannerLimits(timeout, memory, makespan_s=deadline))
     _show(answer, planner, as_json)
     raise typer.Exit(_exit_code(answer))
 
@@ -70,22 +70,22 @@ def _read(file: Path) -> str:
         raise PlanningError(f"cannot be read: {reason}", where=str(file)) from problem
 
 
-def _exit_code(answer: Answer) -> int:
+def _exit_code(answer: PlannerAnswer) -> int:
     from socialbot.core.errors import NodeError
-    from socialbot.planning.planners.planner import Verdict
+    from socialbot.planning.planners.planner import PlannerVerdict
 
     return {
-        Verdict.SOLVED: 0,
-        Verdict.IMPOSSIBLE: IMPOSSIBLE,
-        Verdict.GAVE_UP: GAVE_UP,
-        Verdict.REFUSED: PlanningError.exit_code,
+        PlannerVerdict.SOLVED: 0,
+        PlannerVerdict.IMPOSSIBLE: IMPOSSIBLE,
+        PlannerVerdict.GAVE_UP: GAVE_UP,
+        PlannerVerdict.REFUSED: PlanningError.exit_code,
     }.get(answer.verdict, NodeError.exit_code)
 
 
 # What came of planning
 
 
-def _show(answer: Answer, planner: str, as_json: bool) -> None:
+def _show(answer: PlannerAnswer, planner: str, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(_as_data(answer, planner), indent=2))
         return
@@ -104,7 +104,7 @@ def _show(answer: Answer, planner: str, as_json: bool) -> None:
         typer.echo(f"; {summary}\n{answer.plan}", nl=False)
 
 
-def _table(shown: Plan) -> Table:
+def _table(shown: PddlPlan) -> Table:
     table = Table("action", "objects")
     table.add_column("start, s", justify="right")
     table.add_column("end, s", justify="right")
@@ -113,7 +113,7 @@ def _table(shown: Plan) -> Table:
     return table
 
 
-def _as_data(answer: Answer, planner: str) -> dict[str, Any]:
+def _as_data(answer: PlannerAnswer, planner: str) -> dict[str, Any]:
     return {
         "planner": planner,
         "verdict": answer.verdict.value,
@@ -124,7 +124,7 @@ def _as_data(answer: Answer, planner: str) -> dict[str, Any]:
     }
 
 
-def _steps(shown: Plan) -> list[dict[str, Any]]:
+def _steps(shown: PddlPlan) -> list[dict[str, Any]]:
     return [
         {"start_s": step.start_s, "action": step.action, "args": step.args, "duration_s": step.duration_s}
         for step in shown.steps
@@ -134,21 +134,21 @@ def _steps(shown: Plan) -> list[dict[str, Any]]:
 # Checking a plan
 
 
-def _validate(domain: Domain, problem: Problem, file: Path, deadline: float | None, as_json: bool) -> None:
+def _validate(domain: PddlDomain, problem: PddlProblem, file: Path, deadline: float | None, as_json: bool) -> None:
     from socialbot.planning.pddl.domain import in_time, parse_plan
-    from socialbot.planning.pddl.validation import faults
+    from socialbot.planning.pddl.validation import validate_plan
 
     if problem.goal is None:
         raise PlanningError("the problem has no goal", where=problem.where)
     checked = parse_plan(_read(file), where=str(file))
-    found = [str(fault) for fault in faults(domain, problem, checked)]
+    found = [str(fault) for fault in validate_plan(domain, problem, checked)]
     if deadline is not None and not in_time(checked, deadline):
         found.append(f"the plan lasts {checked.makespan_s:g} s, longer than {deadline:g} s")
     _show_check(checked, found, as_json)
     raise typer.Exit(NOT_VALID if found else 0)
 
 
-def _show_check(checked: Plan, found: Sequence[str], as_json: bool) -> None:
+def _show_check(checked: PddlPlan, found: Sequence[str], as_json: bool) -> None:
     if as_json:
         data = {"valid": not found, "faults": list(found), "makespan_s": checked.makespan_s}
         typer.echo(json.dumps(data, indent=2))

@@ -11,13 +11,12 @@ from socialbot.bdi.intentions import Failure
 from socialbot.bdi.literals import literal
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.execution import Projection, Task, have_happened
+from socialbot.deliberation.execution import PlanTask, Projection, have_happened
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import FLUENT, PREDICATE, ActionStatus, Fact
 from socialbot.deliberation.options import DirectorOptions
 from socialbot.deliberation.wakeup import Alarm
-from socialbot.planning.pddl.formulas import Add, Delete, Effect, Fluent, Formula, Predicate, World
-from socialbot.planning.pddl.formulas import Change as NumericChange
+from socialbot.planning.pddl.formulas import Add, Delete, Effect, Fluent, Formula, NumericEffect, PddlWorld, Predicate
 from socialbot.planning.pddl.semantics import GroundChange, SetValue, bound, triggered, unmet
 
 Key = Predicate | Fluent
@@ -157,9 +156,9 @@ class ActionExecutor:
         watched: Watched,
         alarm: Alarm,
         wake: Callable[[], object],
-        failed: Callable[[Task, str], object],
+        failed: Callable[[PlanTask, str], object],
     ) -> None:
-        self.stopping: dict[Task, int] = {}
+        self.stopping: dict[PlanTask, int] = {}
         self.blind = False
         self._engine = engine
         self._facts = facts
@@ -172,7 +171,7 @@ class ActionExecutor:
 
     # Begin
 
-    def begin_if_possible(self, task: Task, cause: str) -> None:
+    def begin_if_possible(self, task: PlanTask, cause: str) -> None:
         """Begins a task whose turn it is, if its conditions are believed now; they may keep it waiting for a while."""
         try:
             missing = self._missing_at_start(task)
@@ -188,7 +187,7 @@ class ActionExecutor:
         if self._alarm.is_due(task.unmet_since + nanoseconds(self._options.patience_s)):
             self._fail(task, f"condition does not hold: {missing}", cause=cause)
 
-    def _missing_at_start(self, task: Task) -> Formula | None:
+    def _missing_at_start(self, task: PlanTask) -> Formula | None:
         beliefs = self._beliefs()
         missing = unmet(task.action.conditions_at("start"), beliefs)
         if not missing:
@@ -196,7 +195,7 @@ class ActionExecutor:
             missing = unmet(task.action.conditions_at("over all"), begun)
         return missing[0] if missing else None
 
-    def _begin(self, task: Task, cause: str) -> None:
+    def _begin(self, task: PlanTask, cause: str) -> None:
         step, now, beliefs = task.step, self._engine.clock.now(), self._beliefs()
         at_start = task.changes("start", beliefs)
         begun = beliefs.after(at_start)
@@ -222,13 +221,13 @@ class ActionExecutor:
         goal = literal(step.action, tuple(map(Atom, step.args)))
         task.intention = self._engine.attempt(goal, lambda failure: self._hear(task, failure), cause=task.record)
 
-    def _hear(self, task: Task, failure: Failure | None) -> None:
+    def _hear(self, task: PlanTask, failure: Failure | None) -> None:
         task.outcome = (failure,)
         self._wake()
 
     # Meanwhile
 
-    def look_at(self, task: Task) -> None:
+    def look_at(self, task: PlanTask) -> None:
         """Looks after a task that has begun: what it needs still holds, it is in time, it has ended."""
         try:
             if task.phase == "acting":
@@ -242,7 +241,7 @@ class ActionExecutor:
         except PlanningError as problem:
             self._fail(task, problem.what)
 
-    def _look_at_action(self, task: Task) -> None:
+    def _look_at_action(self, task: PlanTask) -> None:
         if task.outcome is None:
             self._look_at_conditions(task)
         elif task.outcome[0] is None:
@@ -250,7 +249,7 @@ class ActionExecutor:
         else:
             self._fail(task, task.outcome[0].message, cause=str(task.outcome[0].cause))
 
-    def _look_at_conditions(self, task: Task) -> None:
+    def _look_at_conditions(self, task: PlanTask) -> None:
         missing = unmet(task.action.conditions_at("over all"), self._beliefs())
         due = self._bearable_until(task, bool(missing))
         if task.first_unseen(self._facts) is not None:
@@ -259,7 +258,7 @@ class ActionExecutor:
         if missing and self._alarm.is_due(due):
             self._fail(task, f"condition holds no longer: {missing[0]}")
 
-    def _look_at_end(self, task: Task) -> None:
+    def _look_at_end(self, task: PlanTask) -> None:
         missing = unmet(task.action.conditions_at("end"), self._beliefs())
         due = self._bearable_until(task, bool(missing))
         if not missing:
@@ -269,7 +268,7 @@ class ActionExecutor:
         elif self._alarm.is_due(due):
             self._fail(task, f"condition does not hold at the end: {missing[0]}")
 
-    def _bearable_until(self, task: Task, missing: bool) -> int:
+    def _bearable_until(self, task: PlanTask, missing: bool) -> int:
         """Until when (ns) conditions may be unmet."""
         now = self._engine.clock.now()
         if not missing:
@@ -278,21 +277,21 @@ class ActionExecutor:
             task.unmet_since = now
         return (now if task.unmet_since is None else task.unmet_since) + nanoseconds(self._options.tolerance_s)
 
-    def _look_at_time(self, task: Task) -> None:
+    def _look_at_time(self, task: PlanTask) -> None:
         planned_s, options = task.step.duration_s, self._options
         limit_s = options.overrun_factor * planned_s + options.overrun_s
         assert task.started is not None
         if self._alarm.is_due(task.started + nanoseconds(limit_s)):
             self._fail(task, f"takes longer than {limit_s:g} s; {planned_s:g} s were planned")
 
-    def _look_at_effects(self, task: Task) -> None:
+    def _look_at_effects(self, task: PlanTask) -> None:
         unseen = task.first_unseen(self._facts)
         if unseen is None:
             self._end_well(task)
         elif self._alarm.is_due(self._patient_until(task)):
             self._fail(task, f"effect not seen: {unseen}")
 
-    def _patient_until(self, task: Task) -> int:
+    def _patient_until(self, task: PlanTask) -> int:
         """Until when (ns) sensors may take to see the effects of a task."""
         if self.blind:
             task.since = self._engine.clock.now()
@@ -300,7 +299,7 @@ class ActionExecutor:
 
     # End
 
-    def _end_well(self, task: Task) -> None:
+    def _end_well(self, task: PlanTask) -> None:
         now = self._engine.clock.now()
         self._write(task, "end")
         self.ledger.close(task)
@@ -309,7 +308,7 @@ class ActionExecutor:
         task.enter("over", now)
         self._wake()
 
-    def give_up(self, task: Task, status: ActionStatus, message: str, *, cause: str = "") -> str:
+    def give_up(self, task: PlanTask, status: ActionStatus, message: str, *, cause: str = "") -> str:
         """Ends a task before its time, and takes back what it changed as it began; returns the record of that."""
         now = self._engine.clock.now()
         goes_on = task.phase == "acting" and task.outcome is None and task.intention is not None
@@ -325,15 +324,15 @@ class ActionExecutor:
             self._stop(task)
         return record
 
-    def _fail(self, task: Task, message: str, *, cause: str = "") -> None:
+    def _fail(self, task: PlanTask, message: str, *, cause: str = "") -> None:
         self._failed(task, self.give_up(task, "FAILED", message, cause=cause))
 
-    def _stop(self, task: Task) -> None:
+    def _stop(self, task: PlanTask) -> None:
         assert task.intention is not None
         self.stopping[task] = self._engine.clock.now() + nanoseconds(self._options.stop_s)
         self._engine.drop(task.intention, lambda: self._has_stopped(task))
 
-    def _has_stopped(self, task: Task) -> None:
+    def _has_stopped(self, task: PlanTask) -> None:
         if self.stopping.pop(task, None) is not None:
             self._wake()
 
@@ -355,21 +354,21 @@ class ActionExecutor:
             return self._watched(change.fluent.function, change.fluent.terms)
         return self._watched(change.predicate.name, change.predicate.terms)
 
-    def _write(self, task: Task, when: Literal["start", "end"]) -> None:
+    def _write(self, task: PlanTask, when: Literal["start", "end"]) -> None:
         """Believes what no sensor tells."""
         beliefs = self._beliefs()
         mine = [change for change in task.changes(when, beliefs) if not self._is_watched(change)]
         self.ledger.apply(task, mine, task.record, _relative(task.effects(when), beliefs))
 
 
-def _numeric(effects: Iterable[Effect], world: World) -> Iterator[tuple[str, Fluent]]:
+def _numeric(effects: Iterable[Effect], world: PddlWorld) -> Iterator[tuple[str, Fluent]]:
     """The numbers that are changed, and how: ``assign``, ``increase``, ..."""
     for effect, binding in triggered(effects, world):
-        if isinstance(effect, NumericChange):
+        if isinstance(effect, NumericEffect):
             yield effect.operator, bound(effect.fluent, binding)
 
 
-def _relative(effects: Iterable[Effect], world: World) -> frozenset[Fluent]:
+def _relative(effects: Iterable[Effect], world: PddlWorld) -> frozenset[Fluent]:
     """The numbers that are only increased or decreased."""
     numeric = list(_numeric(effects, world))
     set_anew = {fluent for operator, fluent in numeric if operator not in ("increase", "decrease")}

@@ -27,7 +27,7 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation.action_executor import Watched
 from socialbot.deliberation.desires import (
-    DesireSet,
+    DesireBase,
     DesireState,
     End,
     Listener,
@@ -35,7 +35,7 @@ from socialbot.deliberation.desires import (
     hindrances,
     lacking,
     lifted,
-    next_wish,
+    next_desire,
     prepares,
 )
 from socialbot.deliberation.fact_index import like
@@ -44,10 +44,10 @@ from socialbot.deliberation.matching import mismatch, unfit_condition
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import Options
 from socialbot.deliberation.plan_executor import DirectorOptions, PlanExecutor
-from socialbot.deliberation.pursuit import Aside, Pursuit
+from socialbot.deliberation.pursuit import Aside, DesirePursuit
 from socialbot.deliberation.rules import Reaction, ReactiveRule, RuleBook, conditions_in
 from socialbot.deliberation.wakeup import Alarm, SensorTimeouts
-from socialbot.planning.pddl.domain import Domain
+from socialbot.planning.pddl.domain import PddlDomain
 from socialbot.planning.planners.planner import Planner
 
 NEARLY_DONE = 0.75
@@ -75,7 +75,7 @@ class Deliberator:
     def __init__(
         self,
         engine: Engine,
-        domain: Domain,
+        domain: PddlDomain,
         planner: Planner,
         aside: Aside,
         *,
@@ -88,7 +88,7 @@ class Deliberator:
         self.domain = domain
         self.options = options or Options()
         self.facts = FactBase(engine, domain)
-        self.desires = DesireSet()
+        self.desires = DesireBase()
         self.rules = RuleBook(self.facts)
         self.silence = SensorTimeouts(engine)
         self.director = PlanExecutor(
@@ -100,7 +100,7 @@ class Deliberator:
             ended=lambda outcome: self.pursuit.hear(outcome),
             changed=self._plan_changed,
         )
-        self.pursuit = Pursuit(
+        self.pursuit = DesirePursuit(
             engine, self.facts, self.director, planner, aside, self.options, end=self._end, wake=self.wake
         )
         self._observer = observer
@@ -314,7 +314,7 @@ class Deliberator:
         if self.silence or self.director.aborting:
             return
         pursued = self.pursuit.wish
-        wish = next_wish(self.desires.ranked, pursued, self.options.reschedule_policy, self._is_ready)
+        wish = next_desire(self.desires.ranked, pursued, self.options.reschedule_policy, self._is_ready)
         if wish is None and pursued is not None and self.pursuit.problem and self._alarm.is_due(pursued.not_before):
             wish = pursued  # Its plan has failed, and nobody comes first.
         if wish is not None:

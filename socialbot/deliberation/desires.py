@@ -10,7 +10,7 @@ from typing import Any, Literal
 import msgspec
 
 from socialbot.deliberation.fact_index import has_wildcards, variables_in
-from socialbot.deliberation.messages import INSTANCE, Condition, Conjunction, Desire, Dnf, Fact
+from socialbot.deliberation.messages import INSTANCE, Desire, Dnf, Fact, FactCondition, FactConjunction
 from socialbot.deliberation.options import Options, Policy
 from socialbot.deliberation.rules import conditions_in
 
@@ -70,7 +70,7 @@ class DesireState:
         return self.rank[:2] < other.rank[:2]
 
 
-class DesireSet:
+class DesireBase:
     """The desires of an agent, one of a name, in the order of their rank."""
 
     def __init__(self) -> None:
@@ -152,7 +152,7 @@ def _keys_in(desire: Desire) -> dict[Hashable, None]:
 
 
 def _keys_of(fact: Fact) -> Iterator[Hashable]:
-    """Where `DesireSet.about` looks for those who depend on a fact, or on what fits it."""
+    """Where `DesireBase.about` looks for those who depend on a fact, or on what fits it."""
     variable = any(map(variables_in, (fact.name, *fact.params)))
     if has_wildcards(fact.name) or (fact.pddl_type == INSTANCE and variable):
         yield (fact.pddl_type,)
@@ -198,7 +198,7 @@ def preparations(desire: Desire, dnf: Dnf, what: str) -> tuple[Desire, ...]:
     )
 
 
-def ending_with(wish: DesireState, how: End, reason: str, desires: DesireSet) -> Iterator[tuple[DesireState, str]]:
+def ending_with(wish: DesireState, how: End, reason: str, desires: DesireBase) -> Iterator[tuple[DesireState, str]]:
     """Who is dropped, and why, now that a desire has ended; each is to be taken out of ``desires`` when it is told.
 
     These are the desires that prepared it; when it is fulfilled, those that prepared the same as it did; and when it
@@ -239,23 +239,23 @@ def lifted(priority: float) -> float:
     return min(1.0, priority + LIFT)
 
 
-def _descendants(wish: DesireState, desires: DesireSet) -> Iterator[tuple[DesireState, str]]:
+def _descendants(wish: DesireState, desires: DesireBase) -> Iterator[tuple[DesireState, str]]:
     for child in desires.children(wish.name):
         yield child, f"{wish.name} has ended"
         yield from _descendants(child, desires)
 
 
-def _can_be_wanted(clause: Conjunction) -> bool:
+def _can_be_wanted(clause: FactConjunction) -> bool:
     """Whether a plan can bring it about: no plan makes an object, or knows which one is meant."""
     return bool(clause.literals) and all(_may_change(check) for check in clause.literals)
 
 
-def _may_change(check: Condition) -> bool:
+def _may_change(check: FactCondition) -> bool:
     fact = check.condition_to_check
     return check.check != "EX" and not any(has_wildcards(term) or variables_in(term) for term in fact.params)
 
 
-def next_wish(
+def next_desire(
     ranked: Sequence[DesireState], pursued: DesireState | None, policy: Policy, is_ready: Callable[[DesireState], bool]
 ) -> DesireState | None:
     """The desire to plan for, if there is any, of those that are ``ranked``; ``pursued`` is the one that is pursued.

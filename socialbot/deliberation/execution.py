@@ -12,12 +12,12 @@ from socialbot.deliberation.actions import progress_of
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import ActionExecutionInfo, ActionStatus, Desire, PlanExecutionInfo, PlanStatus
 from socialbot.planning.pddl.causal_order import causal_order
-from socialbot.planning.pddl.domain import Domain, Plan, Problem, Step
-from socialbot.planning.pddl.formulas import Add, Delete, Effect, Fluent, Formula, Predicate, World
-from socialbot.planning.pddl.read_write_sets import Happening as Numbered
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
+from socialbot.planning.pddl.formulas import Add, Delete, Effect, Fluent, Formula, PddlWorld, Predicate
+from socialbot.planning.pddl.read_write_sets import PlanEvent
 from socialbot.planning.pddl.semantics import TOLERANCE, GroundAction, GroundChange, SetValue, changes, ground
-from socialbot.planning.pddl.state import Derivation, State
-from socialbot.planning.pddl.validation import faults
+from socialbot.planning.pddl.state import Derivation, PddlState
+from socialbot.planning.pddl.validation import validate_plan
 
 if TYPE_CHECKING:
     from socialbot.bdi.intentions import Failure, Intention
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class Projection:
     """A world after some changes, with what is derived then; the world itself stays as it is."""
 
-    def __init__(self, world: World, domain: Domain, changes: Iterable[GroundChange] = ()) -> None:
+    def __init__(self, world: PddlWorld, domain: PddlDomain, changes: Iterable[GroundChange] = ()) -> None:
         self._world = world
         self._domain = domain
         self._derived: frozenset[Predicate] | None = None
@@ -70,7 +70,7 @@ NEARLY = 0.99
 
 
 @dataclass(eq=False)
-class Task:
+class PlanTask:
     """A step that is carried out. ``before_start`` and ``before_end`` are the happenings that it has to wait for.
 
     All of an instantaneous action happens at its end, when it has been carried out. ``since`` (ns) is when the phase
@@ -78,7 +78,7 @@ class Task:
     and ``starting_values`` the numbers among them as they were when it had begun.
     """
 
-    step: Step
+    step: PlanStep
     action: GroundAction
     before_start: tuple[Happening, ...] = ()
     before_end: tuple[Happening, ...] = ()
@@ -107,11 +107,11 @@ class Task:
             return () if when == "start" else self.action.effects_at("start")
         return self.action.effects_at(when)
 
-    def changes(self, when: Literal["start", "end"], world: World) -> list[GroundChange]:
+    def changes(self, when: Literal["start", "end"], world: PddlWorld) -> list[GroundChange]:
         """What that comes down to in a world. Raises PlanningError for numbers that have no value."""
         return changes(self.effects(when), world, duration=self.step.duration_s)
 
-    def as_when_begun(self, world: World, domain: Domain) -> Projection:
+    def as_when_begun(self, world: PddlWorld, domain: PddlDomain) -> Projection:
         """A world with the numbers that sensors tell as they were when it had begun.
 
         A sensor may have seen already by how much the task has changed them.
@@ -119,11 +119,11 @@ class Task:
         values = self.starting_values.items()
         return Projection(world, domain, (SetValue(fluent, value) for fluent, value in values if value is not None))
 
-    def first_unseen(self, world: World) -> GroundChange | None:
+    def first_unseen(self, world: PddlWorld) -> GroundChange | None:
         """The first of the effects that sensors have to see which they have not seen; None when there is none."""
         return next((change for change in self.expected if not self.is_seen(change, world)), None)
 
-    def is_seen(self, change: GroundChange, world: World) -> bool:
+    def is_seen(self, change: GroundChange, world: PddlWorld) -> bool:
         """Whether an effect is what a world shows; numbers may have gone further, as others change them, too."""
         match change:
             case Add(predicate):
@@ -173,17 +173,17 @@ class Task:
         return None if self.intention is None else progress_of(self.intention)
 
 
-Happening = tuple[Task, Literal["start", "end"]]
+Happening = tuple[PlanTask, Literal["start", "end"]]
 """The start or the end of a task."""
 
 
 @dataclass(eq=False)
-class Execution:
+class PlanExecution:
     """A plan that is carried out for a desire; ``number`` counts the plans of the agent. Times are ns."""
 
     number: int
     desire: Desire
-    tasks: tuple[Task, ...]
+    tasks: tuple[PlanTask, ...]
     makespan_s: float
     began: int
     pursued_since: int
@@ -192,11 +192,11 @@ class Execution:
     status: PlanStatus = "RUNNING"
     reason: str = ""
 
-    def active(self) -> Iterator[Task]:
+    def active(self) -> Iterator[PlanTask]:
         """The tasks that have begun and are not over, in the order of the plan."""
         return (task for task in self.tasks if task.active)
 
-    def released(self) -> Iterator[Task]:
+    def released(self) -> Iterator[PlanTask]:
         """The tasks that wait only for their conditions, in the order of the plan."""
         return (task for task in self.tasks if task.phase == "waiting" and have_happened(task.before_start))
 
@@ -227,8 +227,8 @@ class Execution:
     def estimated_end_s(self, now: int) -> float:
         """When all will be over as it looks now, s from the start of the plan."""
         earliest = self.seconds(now)
-        starts: dict[Task, float] = {}
-        ends: dict[Task, float] = {}
+        starts: dict[PlanTask, float] = {}
+        ends: dict[PlanTask, float] = {}
         for task in self.tasks:
             if task.started is not None:
                 starts[task] = self.seconds(task.started)
@@ -239,7 +239,7 @@ class Execution:
             ends[task] = starts[task] + task.length_s(now)
         return max(ends.values(), default=0.0)
 
-    def _info(self, task: Task, numbers: dict[Task, int], now: int) -> ActionExecutionInfo:
+    def _info(self, task: PlanTask, numbers: dict[PlanTask, int], now: int) -> ActionExecutionInfo:
         return ActionExecutionInfo(
             index=numbers[task],
             name=task.step.action,
@@ -270,9 +270,9 @@ def _has_come(start: float | None, now: float | None, end: float) -> bool:
     return close or (now > end) == (end > start)
 
 
-def projected(facts: FactBase, domain: Domain, running: Iterable[Task], goal: Formula | None) -> Problem:
+def projected(facts: FactBase, domain: PddlDomain, running: Iterable[PlanTask], goal: Formula | None) -> PddlProblem:
     """What will be believed when the running tasks have ended as planned."""
-    state = State.of(facts.problem(goal), domain)
+    state = PddlState.of(facts.problem(goal), domain)
     for task in sorted(running, key=_end):
         _see(state, task)
         _end_in(state, task)
@@ -280,15 +280,15 @@ def projected(facts: FactBase, domain: Domain, running: Iterable[Task], goal: Fo
 
 
 def merged(
-    domain: Domain, facts: FactBase, plan: Plan, goal: Formula, running: tuple[Task, ...], now: int
-) -> tuple[Task, ...]:
+    domain: PddlDomain, facts: FactBase, plan: PddlPlan, goal: Formula, running: tuple[PlanTask, ...], now: int
+) -> tuple[PlanTask, ...]:
     """The tasks for a plan that starts from what is `projected`, after those that are running.
 
     Raises PlanningError when the plan does not do what it shall, as things are believed now.
     """
     ending = tuple(task for task in running if task.phase == "settling" or task.action.duration is None)
     going_on = tuple(task for task in running if task not in ending)
-    state = State.of(facts.problem(goal), domain)
+    state = PddlState.of(facts.problem(goal), domain)
     for task in sorted(ending, key=_end):
         _see(state, task)
         _end_in(state, task)
@@ -297,15 +297,15 @@ def merged(
         state.apply(SetValue(fluent, value) for fluent, value in task.starting_values.items() if value is not None)
     problem = state.problem(goal)
     steps = [replace(task.step, start_s=((task.started or 0) - now) / SECOND) for task in going_on]
-    whole = Plan((*steps, *plan.steps))
+    whole = PddlPlan((*steps, *plan.steps))
     before = range(len(going_on))
-    wrong = faults(domain, problem, whole, before)
+    wrong = validate_plan(domain, problem, whole, before)
     if wrong:
         raise PlanningError(f"the plan does not fit what is believed now: {wrong[0]}")
     order = causal_order(domain, problem, whole, before)
     for task, step in zip(going_on, steps, strict=True):
         task.step = step
-    new = tuple(Task(step, ground(domain.actions[step.action], step.args)) for step in plan.steps)
+    new = tuple(PlanTask(step, ground(domain.actions[step.action], step.args)) for step in plan.steps)
     tasks = (*going_on, *new)
     for number, task in enumerate(tasks):
         task.before_end = _happenings(order.before_end[number], tasks)
@@ -318,7 +318,7 @@ def merged(
     return (*ending, *tasks)
 
 
-def _same_before(number: int, tasks: tuple[Task, ...], running: int) -> tuple[Task, ...]:
+def _same_before(number: int, tasks: tuple[PlanTask, ...], running: int) -> tuple[PlanTask, ...]:
     """Earlier tasks that do the very same: nobody does that twice at once, though PDDL has nothing against it."""
     task = tasks[number]
     return tuple(
@@ -328,20 +328,20 @@ def _same_before(number: int, tasks: tuple[Task, ...], running: int) -> tuple[Ta
     )
 
 
-def _happenings(numbered: Collection[Numbered], tasks: tuple[Task, ...]) -> tuple[Happening, ...]:
+def _happenings(numbered: Collection[PlanEvent], tasks: tuple[PlanTask, ...]) -> tuple[Happening, ...]:
     return tuple((tasks[number], edge) for number, edge in sorted(numbered))
 
 
-def _end(task: Task) -> float:
+def _end(task: PlanTask) -> float:
     return (task.started or 0) / SECOND + task.step.duration_s
 
 
-def _see(state: State, task: Task) -> None:
+def _see(state: PddlState, task: PlanTask) -> None:
     """Has happen what sensors will see of a task, and have not yet seen."""
     state.apply([change for change in task.expected if not task.is_seen(change, state)])
 
 
-def _end_in(state: State, task: Task) -> None:
+def _end_in(state: PddlState, task: PlanTask) -> None:
     """Has a task end. Numbers that sensors tell may have changed already by as much as they shall."""
     state.apply(
         [

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Fact
-from socialbot.planning.pddl.domain import OBJECT, Domain, Signature
+from socialbot.planning.pddl.domain import OBJECT, PddlDomain, Signature
 from socialbot.planning.pddl.formulas import Fluent, Predicate
 
 _VARIABLE = re.compile(r"\{(\w+)\}")
@@ -99,7 +99,7 @@ class FactIndex:
     ``version`` is another number after each change.
     """
 
-    def __init__(self, domain: Domain, facts: Iterable[Fact] = ()) -> None:
+    def __init__(self, domain: PddlDomain, facts: Iterable[Fact] = ()) -> None:
         self.domain = domain
         self._tables: dict[int, dict[str, Table]] = {INSTANCE: {"": Table()}, PREDICATE: {}, FLUENT: {}}
         self._objects: dict[tuple[str, ...], tuple[str, ...]] = {}
@@ -272,7 +272,7 @@ class FactIndex:
         return taken
 
 
-def signature_of(domain: Domain, fact: Fact) -> tuple[Signature | None, str | None]:
+def signature_of(domain: PddlDomain, fact: Fact) -> tuple[Signature | None, str | None]:
     """What the domain says of the name of a predicate or fluent, or why that is not what the fact takes it for."""
     mine, other = domain.predicates, domain.functions
     if fact.pddl_type == FLUENT:

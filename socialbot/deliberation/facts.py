@@ -22,20 +22,30 @@ from socialbot.bdi import Atom, Engine
 from socialbot.bdi.literals import PERCEPT, SELF, source
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation.fact_index import FactIndex, has_wildcards, near, signature_of
-from socialbot.deliberation.matching import Clause, clauses_of, fitting, mismatch
+from socialbot.deliberation.matching import CompiledClause, clauses_of, fitting, mismatch
 from socialbot.deliberation.messages import (
     FLUENT,
     INSTANCE,
     LONGEST_S,
     PREDICATE,
-    Condition,
-    Conjunction,
     Desire,
     Dnf,
     Fact,
+    FactCondition,
+    FactConjunction,
 )
-from socialbot.planning.pddl.domain import Domain, Problem
-from socialbot.planning.pddl.formulas import And, Comparator, Comparison, Fluent, Formula, Not, Number, Or, Predicate
+from socialbot.planning.pddl.domain import PddlDomain, PddlProblem
+from socialbot.planning.pddl.formulas import (
+    And,
+    Comparator,
+    Fluent,
+    Formula,
+    Not,
+    Number,
+    NumericComparison,
+    Or,
+    Predicate,
+)
 from socialbot.planning.pddl.state import Derivation
 
 Watcher = Callable[[Fact, bool, str], object]
@@ -54,7 +64,7 @@ class FactBase(FactIndex):
     derives hold, and are told, as others, but they are no beliefs of the engine, and not among `facts`.
     """
 
-    def __init__(self, engine: Engine, domain: Domain) -> None:
+    def __init__(self, engine: Engine, domain: PddlDomain) -> None:
         super().__init__(domain)
         self.engine = engine
         self._watchers: tuple[Watcher, ...] = ()
@@ -119,9 +129,9 @@ class FactBase(FactIndex):
 
     # Questions
 
-    def check(self, condition: Condition) -> bool:
+    def check(self, condition: FactCondition) -> bool:
         """Whether a condition holds. In its names ``*`` and ``?`` stand for any letters, ``{x}`` for any object."""
-        return self.satisfied(Dnf(clauses=(Conjunction(literals=(condition,)),)))
+        return self.satisfied(Dnf(clauses=(FactConjunction(literals=(condition,)),)))
 
     def satisfied(self, dnf: Dnf) -> bool:
         """Whether one of the conjunctions holds, or there is none."""
@@ -137,7 +147,7 @@ class FactBase(FactIndex):
 
     def achieved(self, desire: Desire) -> Callable[[], bool]:
         """Asks what `fulfilled` does, again and again."""
-        test = self.test(Dnf(clauses=(Conjunction(literals=desire.wanted),)))
+        test = self.test(Dnf(clauses=(FactConjunction(literals=desire.wanted),)))
         # What is not so of an object that nobody knows is not achieved by that: the name may be wrong.
         absent = tuple(
             check
@@ -146,7 +156,7 @@ class FactBase(FactIndex):
         )
         return lambda: test() and not any(map(self.unknown_condition, absent))
 
-    def unknown_condition(self, condition: Condition) -> str | None:
+    def unknown_condition(self, condition: FactCondition) -> str | None:
         """Why a condition without wildcards or variables makes no sense among these objects; None when it does."""
         fact = condition.condition_to_check
         if fact.pddl_type == INSTANCE and not self.kinds(fact.name):
@@ -155,11 +165,11 @@ class FactBase(FactIndex):
 
     # For planning
 
-    def goal(self, wanted: Iterable[Condition]) -> Formula:
+    def goal(self, wanted: Iterable[FactCondition]) -> Formula:
         """Conditions as a formula of PDDL. That an instance exists is settled now: no plan can make one."""
         return And(tuple(self._formula(condition) for condition in wanted))
 
-    def problem(self, goal: Formula | None = None) -> Problem:
+    def problem(self, goal: Formula | None = None) -> PddlProblem:
         """What is believed now, with all objects, as a planning problem."""
         return problem_of(self.facts(), self.domain, goal)
 
@@ -184,12 +194,12 @@ class FactBase(FactIndex):
             return self.engine.relations[_KEY_OF_INSTANCES]
         return self.engine.relations[f"{fact.name}/{len(fact.params) + (fact.pddl_type == FLUENT)}"]
 
-    def _formula(self, condition: Condition) -> Formula:
+    def _formula(self, condition: FactCondition) -> Formula:
         fact, check = condition.condition_to_check, condition.check
         if check == "EX":
             return And() if self.check(condition) else Or()
         if check in COMPARATORS:
-            return Comparison(COMPARATORS[check], Fluent(fact.name, fact.params), Number(fact.value))
+            return NumericComparison(COMPARATORS[check], Fluent(fact.name, fact.params), Number(fact.value))
         predicate = Predicate(fact.name, fact.params)
         return predicate if check == "T" else Not(predicate)
 
@@ -307,12 +317,12 @@ class FactBase(FactIndex):
         self._telling = False
 
 
-def problem_of(facts: Iterable[Fact], domain: Domain, goal: Formula | None) -> Problem:
+def problem_of(facts: Iterable[Fact], domain: PddlDomain, goal: Formula | None) -> PddlProblem:
     """Facts, with the instances that they are about, as a planning problem."""
     by_type: dict[int, list[Fact]] = {INSTANCE: [], PREDICATE: [], FLUENT: []}
     for fact in facts:
         by_type[fact.pddl_type].append(fact)
-    return Problem(
+    return PddlProblem(
         name="beliefs",
         domain=domain.name,
         objects={fact.name: (fact.type,) for fact in by_type[INSTANCE]},
@@ -336,7 +346,7 @@ class _Test:
 
     __slots__ = ("_clauses", "_facts", "_held", "_version")
 
-    def __init__(self, clauses: tuple[Clause, ...], facts: FactBase) -> None:
+    def __init__(self, clauses: tuple[CompiledClause, ...], facts: FactBase) -> None:
         self._clauses = clauses
         self._facts = facts
         self._held = False

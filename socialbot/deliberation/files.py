@@ -58,21 +58,21 @@ from socialbot.deliberation.messages import (
     LONGEST_S,
     PREDICATE,
     Check,
-    Condition,
-    Conjunction,
     Desire,
     Dnf,
     Fact,
+    FactCondition,
+    FactConjunction,
 )
 from socialbot.deliberation.rules import ReactiveRule, RuleEffect, misfit, unfit_effect
-from socialbot.planning.pddl.domain import Domain
+from socialbot.planning.pddl.domain import PddlDomain
 
 T = TypeVar("T")
 
 Source = str | PathLike[str]
 
 
-def load_beliefs(path: Source, domain: Domain) -> tuple[Fact, ...]:
+def load_beliefs(path: Source, domain: PddlDomain) -> tuple[Fact, ...]:
     """The facts of a file, instances first. Raises PlanningError with file and line."""
     found = [(node, _fact(node)) for node in _page(path).items()]
     found.sort(key=lambda item: item[1].pddl_type != INSTANCE)
@@ -86,7 +86,7 @@ def load_beliefs(path: Source, domain: Domain) -> tuple[Fact, ...]:
     return tuple(fact for _, fact in found)
 
 
-def load_desires(path: Source, domain: Domain) -> tuple[Desire, ...]:
+def load_desires(path: Source, domain: PddlDomain) -> tuple[Desire, ...]:
     """The desires of a file. Raises PlanningError with file and line."""
     index, found = FactIndex(domain), {}
     for node in _page(path).items():
@@ -97,7 +97,7 @@ def load_desires(path: Source, domain: Domain) -> tuple[Desire, ...]:
     return tuple(found.values())
 
 
-def load_rules(path: Source, domain: Domain) -> tuple[ReactiveRule, ...]:
+def load_rules(path: Source, domain: PddlDomain) -> tuple[ReactiveRule, ...]:
     """The rules of a file. Raises PlanningError with file and line."""
     index, found = FactIndex(domain), {}
     for number, node in enumerate(_page(path).items(), 1):
@@ -267,19 +267,19 @@ def _dnf(node: _Node, index: FactIndex) -> Dnf:
     return Dnf(clauses=tuple(_conjunction(clause, index) for clause in node.at("clauses").items()))
 
 
-def _conjunction(node: _Node, index: FactIndex) -> Conjunction:
+def _conjunction(node: _Node, index: FactIndex) -> FactConjunction:
     node.only("literals")
     literals = []
     for item in node.at("literals").items():
         literals.append(_condition(item))
         _refuse(item, unfit_condition(literals[-1], index))
-    return Conjunction(literals=tuple(literals))
+    return FactConjunction(literals=tuple(literals))
 
 
-def _condition(node: _Node) -> Condition:
+def _condition(node: _Node) -> FactCondition:
     node.only("check", "condition_to_check")
     fact = _fact(node.at("condition_to_check"))
-    return Condition(check=node.one_of("check", _CHECKS), condition_to_check=fact)
+    return FactCondition(check=node.one_of("check", _CHECKS), condition_to_check=fact)
 
 
 def _effect(node: _Node, index: FactIndex) -> RuleEffect:

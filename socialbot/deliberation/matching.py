@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from socialbot.deliberation.fact_index import KINDS, FactIndex, Params, has_wildcards, like, variable_of, variables_in
-from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Condition, Conjunction, Dnf, Fact
-from socialbot.planning.pddl.domain import OBJECT, Domain
+from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Dnf, Fact, FactCondition, FactConjunction
+from socialbot.planning.pddl.domain import OBJECT, PddlDomain
 
 Binding = Mapping[str, str]
 """Objects by the names of the variables that stand for them."""
@@ -58,17 +58,17 @@ def matches(dnf: Dnf, facts: FactIndex) -> list[Match]:
 def fitting(pattern: Fact, facts: FactIndex) -> list[Fact]:
     """The facts that have the type, name and parameters of ``pattern``, in order; values do not count."""
     terms = (pattern.name,) if pattern.pddl_type == INSTANCE else pattern.params
-    literal = Literal("T", pattern.pddl_type, "" if pattern.pddl_type == INSTANCE else pattern.name, terms)
+    literal = CompiledCondition("T", pattern.pddl_type, "" if pattern.pddl_type == INSTANCE else pattern.name, terms)
     return sorted((fact for fact, _ in literal.rows({}, facts)), key=lambda fact: fact.identity)
 
 
-def mismatch(condition: Condition) -> str | None:
+def mismatch(condition: FactCondition) -> str | None:
     """Why a check cannot be made of such a fact; None when it can."""
     wanted, given = CHECKED[condition.check], condition.condition_to_check.pddl_type
     return None if wanted == given else f"{condition.check} checks {KINDS[wanted]}, not {KINDS[given]}"
 
 
-def unfit_condition(condition: Condition, facts: FactIndex) -> str | None:
+def unfit_condition(condition: FactCondition, facts: FactIndex) -> str | None:
     """Why a condition, perhaps with wildcards and variables, can never hold in a domain; None when it can."""
     fact = condition.condition_to_check
     for term in (fact.name, *fact.params):
@@ -77,7 +77,7 @@ def unfit_condition(condition: Condition, facts: FactIndex) -> str | None:
     return mismatch(condition) or facts.unfit_pattern(fact)
 
 
-class Literal:
+class CompiledCondition:
     """A condition made ready: which parameters are objects, which are variables, and which have wildcards."""
 
     __slots__ = (
@@ -163,10 +163,10 @@ class Literal:
 
 
 @dataclass(eq=False)
-class Clause:
+class CompiledClause:
     """A conjunction made ready: its literals, and the names of its variables in order."""
 
-    literals: tuple[Literal, ...]
+    literals: tuple[CompiledCondition, ...]
     variables: tuple[str, ...] = ()
     _orders: dict[frozenset[str], tuple[int, ...]] = field(default_factory=dict)
 
@@ -235,12 +235,12 @@ class Clause:
         return tuple(order)
 
 
-def clauses_of(dnf: Dnf, domain: Domain, also: Iterable[Literal] = ()) -> tuple[Clause, ...]:
+def clauses_of(dnf: Dnf, domain: PddlDomain, also: Iterable[CompiledCondition] = ()) -> tuple[CompiledClause, ...]:
     """The conjunctions of a DNF, made ready; ``also`` tells what variables beside theirs may stand for.
 
     Conjunctions that can never hold are left out.
     """
-    conjunctions = dnf.clauses or (Conjunction(),)
+    conjunctions = dnf.clauses or (FactConjunction(),)
     return tuple(
         _clause(conjunction, domain, tuple(also))
         for conjunction in conjunctions
@@ -248,12 +248,12 @@ def clauses_of(dnf: Dnf, domain: Domain, also: Iterable[Literal] = ()) -> tuple[
     )
 
 
-def each_of(name: str, kinds: tuple[str, ...]) -> Literal:
+def each_of(name: str, kinds: tuple[str, ...]) -> CompiledCondition:
     """What lets a variable stand for each instance of some types."""
-    return Literal("EX", INSTANCE, "", (f"{{{name}}}",), kind=kinds if OBJECT not in kinds else ())
+    return CompiledCondition("EX", INSTANCE, "", (f"{{{name}}}",), kind=kinds if OBJECT not in kinds else ())
 
 
-def _clause(conjunction: Conjunction, domain: Domain, also: tuple[Literal, ...]) -> Clause:
+def _clause(conjunction: FactConjunction, domain: PddlDomain, also: tuple[CompiledCondition, ...]) -> CompiledClause:
     literals = [_literal(condition) for condition in conjunction.literals]
     bound = {name for literal in literals if literal.check != "F" for name in literal.names()}
     for literal in list(literals):
@@ -265,11 +265,11 @@ def _clause(conjunction: Conjunction, domain: Domain, also: tuple[Literal, ...])
                 literals.append(each_of(name, kinds))
     bound = {name for literal in literals for name in literal.names()}
     literals += [literal for literal in also if not literal.names() & bound]
-    return Clause(tuple(literals), tuple(sorted({name for literal in literals for name in literal.names()})))
+    return CompiledClause(tuple(literals), tuple(sorted({name for literal in literals for name in literal.names()})))
 
 
-def _literal(condition: Condition) -> Literal:
+def _literal(condition: FactCondition) -> CompiledCondition:
     fact, check = condition.condition_to_check, condition.check
     if fact.pddl_type == INSTANCE:
-        return Literal(check, INSTANCE, "", (fact.name,), kind=(fact.type,) if fact.type else ())
-    return Literal(check, fact.pddl_type, fact.name, fact.params, fact.value)
+        return CompiledCondition(check, INSTANCE, "", (fact.name,), kind=(fact.type,) if fact.type else ())
+    return CompiledCondition(check, fact.pddl_type, fact.name, fact.params, fact.value)

@@ -47,23 +47,23 @@ class Fact(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
                 return f"({' '.join((self.name, *self.params))}) = {self.value:g}"
 
 
-class Condition(msgspec.Struct, frozen=True, kw_only=True):
+class FactCondition(msgspec.Struct, frozen=True, kw_only=True):
     """One check of one fact."""
 
     condition_to_check: Fact
     check: Check = "T"
 
 
-class Conjunction(msgspec.Struct, frozen=True, kw_only=True):
+class FactConjunction(msgspec.Struct, frozen=True, kw_only=True):
     """Checks that all have to hold."""
 
-    literals: tuple[Condition, ...] = ()
+    literals: tuple[FactCondition, ...] = ()
 
 
 class Dnf(msgspec.Struct, frozen=True, kw_only=True):
     """Conjunctions of which one has to hold; without any it always holds."""
 
-    clauses: tuple[Conjunction, ...] = ()
+    clauses: tuple[FactConjunction, ...] = ()
 
 
 class Desire(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -77,7 +77,7 @@ class Desire(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     name: str
     value: tuple[Fact, ...] = ()
-    conditions: tuple[Condition, ...] = ()
+    conditions: tuple[FactCondition, ...] = ()
     priority: Priority = 0.5
     deadline: Seconds = 60.0
     precondition: Dnf = Dnf()
@@ -87,9 +87,9 @@ class Desire(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     parent: str = ""
 
     @property
-    def wanted(self) -> tuple[Condition, ...]:
+    def wanted(self) -> tuple[FactCondition, ...]:
         """All that shall hold, as checks."""
-        plain = (Condition(condition_to_check=fact, check=_CHECK_OF[fact.pddl_type]) for fact in self.value)
+        plain = (FactCondition(condition_to_check=fact, check=_CHECK_OF[fact.pddl_type]) for fact in self.value)
         return (*plain, *self.conditions)
 
 

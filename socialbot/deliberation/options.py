@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, fields
 from typing import Literal
 
 from socialbot.core.errors import PlanningError
-from socialbot.planning.planners.planner import Limits
+from socialbot.planning.planners.planner import PlannerLimits
 
 Policy = Literal["NO_PREEMPT", "PREEMPT"]
 
@@ -30,7 +30,7 @@ class Options:
     autosub_context: bool = False
     retry_s: float = 1.0
     give_up_silent_s: float = 30.0
-    limits: Limits = field(default_factory=Limits)
+    limits: PlannerLimits = field(default_factory=PlannerLimits)
 
 
 _LEAST = {"overrun_factor": 1.0, "rtc_deadline": 1.0, "report_s": 0.01}

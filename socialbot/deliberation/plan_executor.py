@@ -25,23 +25,23 @@ from socialbot.bdi import Engine
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation.action_executor import ActionExecutor, Watched, fact_of
-from socialbot.deliberation.execution import Execution, Task, merged, projected
+from socialbot.deliberation.execution import PlanExecution, PlanTask, merged, projected
 from socialbot.deliberation.fact_index import FactIndex
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.matching import fitting
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DirectorOptions
 from socialbot.deliberation.wakeup import Alarm
-from socialbot.planning.pddl.domain import Domain, Plan, Problem, Step
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.formulas import Formula
 
-__all__ = ["PlanExecutor", "DirectorOptions", "Outcome"]
+__all__ = ["PlanExecutor", "DirectorOptions", "PlanOutcome"]
 
 How = Literal["succeeded", "failed", "aborted"]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class PlanOutcome:
     """How a plan ended, and the step that ended it, if one did; ``record`` is that of its end in the trace.
 
     A plan that has ``failed`` may have steps that are still right, and go on: see `PlanExecutor.running`.
@@ -50,7 +50,7 @@ class Outcome:
     how: How
     plan: int
     reason: str = ""
-    step: Step | None = None
+    step: PlanStep | None = None
     record: str = ""
 
 
@@ -68,11 +68,11 @@ class PlanExecutor:
         self,
         engine: Engine,
         facts: FactBase,
-        domain: Domain,
+        domain: PddlDomain,
         options: DirectorOptions | None = None,
         *,
         watched: Watched = lambda name, objects: False,
-        ended: Callable[[Outcome], object] = lambda outcome: None,
+        ended: Callable[[PlanOutcome], object] = lambda outcome: None,
         changed: Callable[[], object] = lambda: None,
     ) -> None:
         self.domain = domain
@@ -85,10 +85,10 @@ class PlanExecutor:
         self._performer = ActionExecutor(
             engine, facts, self.options, watched, self._alarm, self._wake, self._step_failed
         )
-        self._execution: Execution | None = None
+        self._execution: PlanExecution | None = None
         self._plans = 0
         self._thens: list[Callable[[], object]] | None = None
-        self._outcomes: list[Outcome] = []
+        self._outcomes: list[PlanOutcome] = []
         self._quiet = False
         self._held = ""
         self._posted = False
@@ -109,7 +109,7 @@ class PlanExecutor:
         return self._thens is not None
 
     @property
-    def running(self) -> tuple[Task, ...]:
+    def running(self) -> tuple[PlanTask, ...]:
         """The steps that have begun and are not over; also after their plan has failed."""
         return () if self._execution is None else tuple(self._execution.active())
 
@@ -121,7 +121,7 @@ class PlanExecutor:
             return PlanExecutionInfo(stamp=now, agent_id=self._engine.name, plan=self._plans)
         return self._execution.info(self._engine.name, now)
 
-    def projected(self, goal: Formula | None = None) -> Problem:
+    def projected(self, goal: Formula | None = None) -> PddlProblem:
         """What will be believed when the steps that run now have ended as planned: where a new plan starts from."""
         return projected(self._facts, self.domain, self.running, goal)
 
@@ -145,7 +145,7 @@ class PlanExecutor:
     # What to do
 
     def execute(
-        self, plan: Plan, desire: Desire, cause: str, *, began: int | None = None, domain: Domain | None = None
+        self, plan: PddlPlan, desire: Desire, cause: str, *, began: int | None = None, domain: PddlDomain | None = None
     ) -> None:
         """Carries out a plan; steps that run already go on, as part of it, and the plan before is over.
 
@@ -169,7 +169,7 @@ class PlanExecutor:
         except PlanningError as error:
             problem = error.what
         pursued_since = now if began is None else began
-        execution = Execution(self._plans, desire, tasks, plan.makespan_s, now, pursued_since)
+        execution = PlanExecution(self._plans, desire, tasks, plan.makespan_s, now, pursued_since)
         execution.record = self._engine.record(
             "plan_start",
             desire.name,
@@ -260,7 +260,7 @@ class PlanExecutor:
             self._begin_steps(execution)
             if all(task.status == "SUCCESSFUL" for task in execution.tasks):
                 self._end_plan(execution, "succeeded")
-                self._outcomes.append(Outcome("succeeded", execution.number, record=execution.end_record))
+                self._outcomes.append(PlanOutcome("succeeded", execution.number, record=execution.end_record))
         self._tell()
         if execution is not None and execution.status == "SUCCESSFUL":
             self._execution = None
@@ -273,7 +273,7 @@ class PlanExecutor:
             self._abort_itself(execution, f"{type(problem).__name__}: {problem}")
             self._tell()
 
-    def _look_at_desire(self, execution: Execution) -> None:
+    def _look_at_desire(self, execution: PlanExecution) -> None:
         """Aborts the plan when it is of no use any more."""
         factor, desire = self.options.rtc_deadline, execution.desire
         limit_s = factor * desire.deadline
@@ -285,13 +285,13 @@ class PlanExecutor:
             return
         self._abort_itself(execution, reason)
 
-    def _abort_itself(self, execution: Execution, reason: str) -> None:
+    def _abort_itself(self, execution: PlanExecution, reason: str) -> None:
         def aborted() -> None:
-            self._outcomes.append(Outcome("aborted", execution.number, reason, record=execution.end_record))
+            self._outcomes.append(PlanOutcome("aborted", execution.number, reason, record=execution.end_record))
 
         self.abort(reason, aborted)
 
-    def _begin_steps(self, execution: Execution) -> None:
+    def _begin_steps(self, execution: PlanExecution) -> None:
         if self._held or self._performer.stopping:
             for task in execution.released():
                 task.unmet_since = None  # its patience begins anew
@@ -315,7 +315,7 @@ class PlanExecutor:
         for then in thens:
             self._guarded(then)
 
-    def _roll_back(self, execution: Execution) -> None:
+    def _roll_back(self, execution: PlanExecution) -> None:
         """Forgets first, as an effect in PDDL does, so that one list may put right what a pattern of the other took."""
         for fact in execution.desire.rollback_belief_del:
             self._guarded(lambda fact=fact: self._facts.remove(fact, execution.end_record))
@@ -324,16 +324,16 @@ class PlanExecutor:
 
     # How a plan ends
 
-    def _step_failed(self, task: Task, record: str) -> None:
+    def _step_failed(self, task: PlanTask, record: str) -> None:
         if self._execution is not None:
             self._fail_plan(self._execution, f"{task.step.call}: {task.message}", task.step, record)
 
-    def _fail_plan(self, execution: Execution, reason: str, step: Step | None = None, cause: str = "") -> None:
+    def _fail_plan(self, execution: PlanExecution, reason: str, step: PlanStep | None = None, cause: str = "") -> None:
         if execution.status == "RUNNING":
             self._end_plan(execution, "failed", reason, cause)
-        self._outcomes.append(Outcome("failed", execution.number, reason, step, execution.end_record))
+        self._outcomes.append(PlanOutcome("failed", execution.number, reason, step, execution.end_record))
 
-    def _end_plan(self, execution: Execution, how: How, reason: str = "", cause: str = "") -> None:
+    def _end_plan(self, execution: PlanExecution, how: How, reason: str = "", cause: str = "") -> None:
         execution.status = "SUCCESSFUL" if how == "succeeded" else "ABORT"
         execution.reason = reason
         execution.end_record = self._engine.record(

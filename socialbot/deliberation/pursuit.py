@@ -14,9 +14,9 @@ from socialbot.core.errors import PlanningError
 from socialbot.deliberation.desires import DesireState, End
 from socialbot.deliberation.facts import FactBase, problem_of
 from socialbot.deliberation.options import Options
-from socialbot.deliberation.plan_executor import Outcome, PlanExecutor
-from socialbot.planning.pddl.domain import Domain, Problem, in_time
-from socialbot.planning.planners.planner import Answer, Planner, Verdict
+from socialbot.deliberation.plan_executor import PlanExecutor, PlanOutcome
+from socialbot.planning.pddl.domain import PddlDomain, PddlProblem, in_time
+from socialbot.planning.planners.planner import Planner, PlannerAnswer, PlannerVerdict
 
 GRACE_S = 5.0
 """A planner that has not answered so long after its time is over is given up."""
@@ -29,17 +29,17 @@ Aside = Callable[[Callable[[], Any], Callable[[Any], None]], None]
 
 
 @dataclass(eq=False)
-class Question:
+class PlanRequest:
     """What the planner is asked: a plan for a desire, in a domain, that lasts ``longest_s`` at most."""
 
     wish: DesireState
-    domain: Domain
+    domain: PddlDomain
     longest_s: float
     cause: str
     cancelled: threading.Event = field(default_factory=threading.Event)
 
 
-class Pursuit:
+class DesirePursuit:
     """Pursues desires, one at a time. All calls are for the engine's thread.
 
     ``wish`` is the desire that is pursued, and ``asked`` the one for which a plan is looked for, which may be the same
@@ -71,7 +71,7 @@ class Pursuit:
         self._began = 0
         self._plan_began = 0
         self._interrupted: tuple[DesireState, DesireState] | None = None
-        self._question: Question | None = None
+        self._question: PlanRequest | None = None
         self._failed_plan = 0
         self._failed_at = ""
 
@@ -91,11 +91,11 @@ class Pursuit:
         if self.wish is wish and not wish.is_in_context():
             self.abort("the context of the desire no longer holds")
             return
-        question = Question(wish, self._facts.domain, *self._longest(wish))
+        question = PlanRequest(wish, self._facts.domain, *self._longest(wish))
         try:
             snapshot = self._snapshot(wish)
         except PlanningError as error:
-            self._take(question, Answer(Verdict.REFUSED, message=error.what))
+            self._take(question, PlannerAnswer(PlannerVerdict.REFUSED, message=error.what))
             return
         self._question = question
         limits = replace(self._options.limits, makespan_s=question.longest_s)
@@ -109,7 +109,7 @@ class Pursuit:
             self._question.cancelled.set()
             self._question = None
 
-    def _snapshot(self, wish: DesireState) -> Problem:
+    def _snapshot(self, wish: DesireState) -> PddlProblem:
         """What a plan starts from: for who interrupts, what there will be when the others have been stopped.
 
         Raises PlanningError for an object that is not known.
@@ -134,31 +134,31 @@ class Pursuit:
         spent = (self._engine.clock.now() - self._began) / SECOND
         return min(deadline, max(0.0, deadline * self._options.rtc_deadline - spent)), self._failed_at
 
-    def hear_nothing(self, question: Question) -> None:
+    def hear_nothing(self, question: PlanRequest) -> None:
         """Gives up a planner that should have answered long ago."""
         question.cancelled.set()
-        self._hear(question, Answer(Verdict.FAILED, message="the planner does not answer"))
+        self._hear(question, PlannerAnswer(PlannerVerdict.FAILED, message="the planner does not answer"))
 
-    def is_open(self, question: Question) -> bool:
+    def is_open(self, question: PlanRequest) -> bool:
         """Whether the answer is still waited for."""
         return question is self._question
 
     # The answer
 
-    def _hear(self, question: Question, answer: Any) -> None:
+    def _hear(self, question: PlanRequest, answer: Any) -> None:
         if not self.is_open(question):
             return
         self._question = None
         if answer is None:
-            answer = Answer(Verdict.FAILED, message="the planner gives no answer")
-        elif not isinstance(answer, Answer):
-            answer = Answer(Verdict.FAILED, message=f"{type(answer).__name__}: {answer}")
-        elif answer.verdict is Verdict.SOLVED and answer.plan is None:
-            answer = Answer(Verdict.FAILED, message="the planner gives no plan")
+            answer = PlannerAnswer(PlannerVerdict.FAILED, message="the planner gives no answer")
+        elif not isinstance(answer, PlannerAnswer):
+            answer = PlannerAnswer(PlannerVerdict.FAILED, message=f"{type(answer).__name__}: {answer}")
+        elif answer.verdict is PlannerVerdict.SOLVED and answer.plan is None:
+            answer = PlannerAnswer(PlannerVerdict.FAILED, message="the planner gives no plan")
         self._take(question, answer)
 
-    def _take(self, question: Question, answer: Answer) -> None:
-        wish, plan = question.wish, answer.plan if answer.verdict is Verdict.SOLVED else None
+    def _take(self, question: PlanRequest, answer: PlannerAnswer) -> None:
+        wish, plan = question.wish, answer.plan if answer.verdict is PlannerVerdict.SOLVED else None
         message = answer.message
         if plan is None:
             message = message or answer.verdict.value
@@ -172,7 +172,7 @@ class Pursuit:
         if idle:
             self._end(wish, "dropped", f"nobody carries out {', '.join(idle)}")
         elif plan is None or message:
-            self._planning_failed(wish, message, hopeless=answer.verdict is Verdict.IMPOSSIBLE)
+            self._planning_failed(wish, message, hopeless=answer.verdict is PlannerVerdict.IMPOSSIBLE)
         elif self.wish is not wish and wish.blocked:
             pass  # It was not when this plan was asked for.
         elif self.wish is not None and self.wish is not wish:
@@ -206,7 +206,7 @@ class Pursuit:
 
     # Carrying out
 
-    def _execute(self, question: Question, answer: Answer, cause: str) -> None:
+    def _execute(self, question: PlanRequest, answer: PlannerAnswer, cause: str) -> None:
         wish, plan = question.wish, answer.plan
         assert plan is not None
         if self.wish is None:
@@ -242,7 +242,7 @@ class Pursuit:
         if self.wish is wish:
             self._director.revise(wish.desire)
 
-    def hear(self, outcome: Outcome) -> None:
+    def hear(self, outcome: PlanOutcome) -> None:
         """How a plan has ended, or that a step of it has failed, as the director tells it."""
         wish = self.wish
         if wish is None:
@@ -275,7 +275,7 @@ class _Overdue:
 
     __slots__ = ("_pursuit", "_question")
 
-    def __init__(self, pursuit: Pursuit, question: Question) -> None:
+    def __init__(self, pursuit: DesirePursuit, question: PlanRequest) -> None:
         self._pursuit = pursuit
         self._question = question
 

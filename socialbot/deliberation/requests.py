@@ -111,7 +111,7 @@ AnswerState = Literal["waiting", "done", "refused", "fulfilled", "dropped", "tim
 
 
 @dataclass(eq=False)
-class Asked:
+class SentRequest:
     """A request that was sent, and what has come of it so far; actions look at it each time they advance.
 
     ``state`` is ``waiting`` until the answer comes, or ``timeout`` when none came in time; ``found`` and ``priority``
@@ -132,7 +132,7 @@ class Asked:
 
 
 @dataclass(eq=False)
-class Correspondence:
+class RequestClient:
     """The requests that an agent of a ``group`` has sent by ``send``; a reply that nobody waits for is refused."""
 
     engine: Engine
@@ -143,7 +143,7 @@ class Correspondence:
 
     def __post_init__(self) -> None:
         self._count = 0
-        self._open: dict[str, Asked] = {}
+        self._open: dict[str, SentRequest] = {}
         self._closed: OrderedDict[str, None] = OrderedDict()
 
     def ask(
@@ -155,7 +155,7 @@ class Correspondence:
         desire: Desire | None = None,
         monitor: bool = False,
         cause: str = "",
-    ) -> Asked:
+    ) -> SentRequest:
         """Asks another agent to check, add or delete a belief or a desire."""
         self._count += 1
         now = self.engine.clock.now()
@@ -171,7 +171,7 @@ class Correspondence:
             desire=desire,
             monitor=monitor,
         )
-        asked = Asked(request)
+        asked = SentRequest(request)
         self._open[request.id] = asked
         self.engine.record("request", text_of(request), cause, id=request.id)
         self._repeat(asked, now + nanoseconds(self.timeout_s))
@@ -195,17 +195,17 @@ class Correspondence:
             self.engine.record("reply", f"{reply.sender}: {asked.state}", reply.id, reason=reply.reason)
         return True
 
-    def forget(self, asked: Asked) -> None:
+    def forget(self, asked: SentRequest) -> None:
         """Waits no longer for what becomes of a request."""
         self._close(asked)
 
-    def _close(self, asked: Asked) -> None:
+    def _close(self, asked: SentRequest) -> None:
         self._open.pop(asked.request.id, None)
         self._closed[asked.request.id] = None
         if len(self._closed) > REMEMBERED:
             self._closed.popitem(last=False)
 
-    def _repeat(self, asked: Asked, deadline: int) -> None:
+    def _repeat(self, asked: SentRequest, deadline: int) -> None:
         """Sends a request, and again while no answer comes: the receiver may be just starting."""
         if self._open.get(asked.request.id) is not asked:
             return
@@ -222,7 +222,7 @@ class Correspondence:
         self._close(asked)
         self.engine.record("reply", f"{asked.request.receiver}: timeout", asked.request.id, reason=asked.reason)
 
-    def _remind(self, asked: Asked) -> None:
+    def _remind(self, asked: SentRequest) -> None:
         """Sends the request of a monitored desire again as long as its end is waited for."""
         if self._open.get(asked.request.id) is asked:
             self.send(asked.request)

@@ -11,10 +11,17 @@ import msgspec
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation.fact_index import FactIndex, filled, has_wildcards, signature_of, variable_of, variables_in
 from socialbot.deliberation.facts import FactBase, out_of_range
-from socialbot.deliberation.matching import Clause, Match, clauses_of, each_of, mismatch, unfit_condition
-from socialbot.deliberation.matching import Literal as Part
-from socialbot.deliberation.messages import INSTANCE, Condition, Desire, Dnf, Fact
-from socialbot.planning.pddl.domain import Domain
+from socialbot.deliberation.matching import (
+    CompiledClause,
+    CompiledCondition,
+    Match,
+    clauses_of,
+    each_of,
+    mismatch,
+    unfit_condition,
+)
+from socialbot.deliberation.messages import INSTANCE, Desire, Dnf, Fact, FactCondition
+from socialbot.planning.pddl.domain import PddlDomain
 
 T = TypeVar("T")
 
@@ -174,7 +181,9 @@ class _Reader:
 
     __slots__ = ("_group", "_groups", "clause", "part", "watch")
 
-    def __init__(self, watch: _Watch, clause: Clause, part: Part, group: _Group, groups: tuple[_Group, ...]) -> None:
+    def __init__(
+        self, watch: _Watch, clause: CompiledClause, part: CompiledCondition, group: _Group, groups: tuple[_Group, ...]
+    ) -> None:
         self.watch = watch
         self.clause = clause
         self.part = part
@@ -285,7 +294,7 @@ def unfit_effect(effect: RuleEffect, facts: FactIndex) -> str | None:
     return next(filter(None, (*map(mismatch, checks), *map(facts.unfit_pattern, wanted))), None)
 
 
-def unbound(rule: ReactiveRule, domain: Domain) -> str | None:
+def unbound(rule: ReactiveRule, domain: PddlDomain) -> str | None:
     """Which variable stands for nothing; None when each stands for something, whatever conjunction holds."""
     typed = {name for name, _ in _typed_in(rule, domain)}
     for number, clause in enumerate(rule.condition.clauses or (None,), 1):
@@ -296,12 +305,12 @@ def unbound(rule: ReactiveRule, domain: Domain) -> str | None:
     return None
 
 
-def conditions_in(dnf: Dnf) -> Iterator[Condition]:
+def conditions_in(dnf: Dnf) -> Iterator[FactCondition]:
     """All conditions of a DNF."""
     return (literal for clause in dnf.clauses for literal in clause.literals)
 
 
-def _typed_in(rule: ReactiveRule, domain: Domain) -> Iterator[tuple[str, tuple[str, ...]]]:
+def _typed_in(rule: ReactiveRule, domain: PddlDomain) -> Iterator[tuple[str, tuple[str, ...]]]:
     """The variables among the parameters of the effects, with the types that the domain asks for there."""
     for effect in rule.effects:
         for fact in (effect.fact,) if effect.desire is None else effect.desire.value:

@@ -21,7 +21,7 @@ from socialbot.deliberation.action_executor import Watched
 from socialbot.deliberation.fact_index import signature_of
 from socialbot.deliberation.matching import fitting
 from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Fact
-from socialbot.planning.pddl.domain import Domain
+from socialbot.planning.pddl.domain import PddlDomain
 
 if TYPE_CHECKING:
     from socialbot.deliberation.deliberator import Deliberator
@@ -152,7 +152,7 @@ def fits(fact: Fact, prototype: Fact) -> bool:
     return same and all(map(fnmatchcase, fact.params, prototype.params))
 
 
-def _misfit(prototype: Fact, domain: Domain) -> str:
+def _misfit(prototype: Fact, domain: PddlDomain) -> str:
     """Why a domain has nothing like that, or an empty text."""
     if prototype.pddl_type == INSTANCE:
         return "" if prototype.type in domain.types else f"there is no type {prototype.type!r}"

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import msgspec
 
 from socialbot.core.messages import TraceRecord
-from socialbot.planning.pddl.domain import Step, parse_plan
+from socialbot.planning.pddl.domain import PlanStep, parse_plan
 from socialbot.runs.history import History
 from socialbot.runs.names import Wording
 from socialbot.runs.report_trees import Branch, branches
@@ -104,7 +104,7 @@ def _tree(plan: TraceRecord, end: TraceRecord | None, marks: _Marks, wording: Wo
     return Tree(plan.id, plan.source, f"plan {number} for {plan.what}", outcome, lines)
 
 
-def _lines(steps: Sequence[Step], marks: _Marks, wording: Wording) -> Iterator[Line]:
+def _lines(steps: Sequence[PlanStep], marks: _Marks, wording: Wording) -> Iterator[Line]:
     equal: Counter[str] = Counter()
     for step in steps:
         yield Line(0, wording.call(step.action, step.args), mark=marks.of(step.call, equal[step.call]))

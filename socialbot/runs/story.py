@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
-from socialbot.planning.pddl.domain import Plan, Step, parse_plan
+from socialbot.planning.pddl.domain import PddlPlan, PlanStep, parse_plan
 from socialbot.runs.narration import Narrator, Origin, Phrases, Sentence, in_words
 
 SHORT_S = 20.0
@@ -28,7 +28,7 @@ class PlanTold:
     desire: str
     began: int
     makespan_s: float | None
-    plan: Plan
+    plan: PddlPlan
     again: bool
     """Whether it takes the place of one that was given up."""
     tree: str = ""
@@ -56,7 +56,7 @@ class StepTold:
     args: tuple[str, ...]
     text: str
     began: int | None
-    planned: Step | None = None
+    planned: PlanStep | None = None
     ended: int | None = None
     outcome: str = ""
     message: str = ""
@@ -326,7 +326,7 @@ def _open(told: list[T], record: TraceRecord) -> list[T]:
     return [each for each in told if each.agent == record.source and each.ended is None]
 
 
-def _find(plan: Plan, action: str, args: tuple[str, ...], detail: Mapping[str, object]) -> Step | None:
+def _find(plan: PddlPlan, action: str, args: tuple[str, ...], detail: Mapping[str, object]) -> PlanStep | None:
     """The step of a plan, by its call, and by its start where several have the same."""
     found = [step for step in plan.steps if (step.action, step.args) == (action, args)]
     start = detail.get("planned_start")

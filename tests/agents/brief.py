@@ -11,13 +11,13 @@ from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.files import load_rules
 from socialbot.deliberation.messages import Desire, Fact
 from socialbot.deliberation.rules import RuleBook
-from socialbot.planning.pddl.domain import Domain, Plan
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan
 from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.planners.engines import make_planner
-from socialbot.planning.planners.planner import Limits, Verdict
+from socialbot.planning.planners.planner import PlannerLimits, PlannerVerdict
 
 
-def domain_of(path: Path) -> Domain:
+def domain_of(path: Path) -> PddlDomain:
     return read_domain(path.read_text("utf-8"), where=str(path))
 
 
@@ -28,11 +28,11 @@ def believing(path: Path, facts: Iterable[Fact]) -> FactBase:
     return base
 
 
-def plan_for(facts: FactBase, desire: Desire) -> Plan:
+def plan_for(facts: FactBase, desire: Desire) -> PddlPlan:
     problem = facts.problem(facts.goal(desire.wanted))
-    limits = Limits(timeout_s=20.0, makespan_s=desire.deadline)
+    limits = PlannerLimits(timeout_s=20.0, makespan_s=desire.deadline)
     answer = make_planner("kairos").solve(facts.domain, problem, limits)
-    assert answer.verdict is Verdict.SOLVED, answer.message
+    assert answer.verdict is PlannerVerdict.SOLVED, answer.message
     assert answer.plan is not None
     return answer.plan
 

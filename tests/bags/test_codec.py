@@ -59,14 +59,14 @@ from socialbot.deliberation.messages import (
     AgentRequest,
     Belief,
     BeliefSet,
-    Condition,
-    Conjunction,
     CurrentIntentions,
     Desire,
     DesireItem,
     DesireSet,
     Dnf,
     Fact,
+    FactCondition,
+    FactConjunction,
     LifecycleStatus,
     PlanExecutionInfo,
 )
@@ -102,9 +102,9 @@ fact = st.builds(
     Fact, name=texts, pddl_type=st.sampled_from([1, 2, 3]), type=texts, params=tuples(texts), value=numbers
 )
 condition = st.builds(
-    Condition, condition_to_check=fact, check=st.sampled_from(["EX", "T", "F", "EQ", "GR", "GREQ", "LE", "LEQ"])
+    FactCondition, condition_to_check=fact, check=st.sampled_from(["EX", "T", "F", "EQ", "GR", "GREQ", "LE", "LEQ"])
 )
-dnf = st.builds(Dnf, clauses=tuples(st.builds(Conjunction, literals=tuples(condition))))
+dnf = st.builds(Dnf, clauses=tuples(st.builds(FactConjunction, literals=tuples(condition))))
 desire = st.builds(
     Desire, name=texts, value=tuples(fact), conditions=tuples(condition), priority=shares, deadline=seconds,
     precondition=dnf, context=dnf, rollback_belief_add=tuples(fact), rollback_belief_del=tuples(fact), parent=texts,

@@ -13,9 +13,9 @@ import pytest
 
 import socialbot.deliberation
 from socialbot.agents.base.deliberating import Deliberating
-from socialbot.deliberation.messages import AgentReply, Condition, Desire, Fact, LifecycleStatus
+from socialbot.deliberation.messages import AgentReply, Desire, Fact, FactCondition, LifecycleStatus
 from socialbot.deliberation.plan_executor import DirectorOptions
-from socialbot.deliberation.requests import Asked
+from socialbot.deliberation.requests import SentRequest
 from socialbot.deliberation.rules import ReactiveRule
 from socialbot.graph.node import Delivery
 
@@ -94,7 +94,7 @@ def test_every_field_of_a_desire_stands_there():
     assert rows(section("Desires")).keys() >= set(Desire.__struct_fields__)
 
 
-@pytest.mark.parametrize("check", sorted(words_of(get_type_hints(Condition)["check"])))
+@pytest.mark.parametrize("check", sorted(words_of(get_type_hints(FactCondition)["check"])))
 def test_every_check_is_told(check):
     assert f"`{check}`" in section("Desires")
 
@@ -117,7 +117,7 @@ def test_the_keys_of_files_are_those_of_what_they_make():
 
 
 def test_every_state_of_a_request_is_told():
-    states = words_of(get_type_hints(Asked)["state"]) | words_of(get_type_hints(AgentReply)["state"])
+    states = words_of(get_type_hints(SentRequest)["state"]) | words_of(get_type_hints(AgentReply)["state"])
     assert states <= rows(section("Writing an agent")).keys()
 
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from socialbot.deliberation.messages import FLUENT, INSTANCE, Condition, Conjunction, Dnf, Fact
-from socialbot.planning.pddl.domain import OBJECT, Domain, Signature
-from socialbot.planning.pddl.formulas import Typed
+from socialbot.deliberation.messages import FLUENT, INSTANCE, Dnf, Fact, FactCondition, FactConjunction
+from socialbot.planning.pddl.domain import OBJECT, PddlDomain, Signature
+from socialbot.planning.pddl.formulas import TypedName
 
 
 def signature(text: str) -> Signature:
     """``on ?b:box ?p:box|base`` as a signature."""
     name, *words = text.split()
     parameters = (word.partition(":") for word in words)
-    return Signature(name, tuple(Typed(var, tuple(kinds.split("|"))) for var, _, kinds in parameters))
+    return Signature(name, tuple(TypedName(var, tuple(kinds.split("|"))) for var, _, kinds in parameters))
 
 
-def domain(types: dict[str, str], predicates: list[str], functions: list[str], constants: dict[str, str]) -> Domain:
-    return Domain(
+def domain(types: dict[str, str], predicates: list[str], functions: list[str], constants: dict[str, str]) -> PddlDomain:
+    return PddlDomain(
         name="yard",
         types={OBJECT: (), **{kind: (parent,) for kind, parent in types.items()}},
         predicates={made.name: made for made in map(signature, predicates)},
@@ -55,7 +55,9 @@ def dnf(*clauses: list[tuple[str, Fact]]) -> Dnf:
     """Conjunctions from pairs of check and fact."""
     return Dnf(
         clauses=tuple(
-            Conjunction(literals=tuple(Condition(check=check, condition_to_check=fact) for check, fact in clause))  # type: ignore[arg-type]
+            FactConjunction(
+                literals=tuple(FactCondition(check=check, condition_to_check=fact) for check, fact in clause)  # type: ignore[arg-type]
+            )
             for clause in clauses
         )
     )

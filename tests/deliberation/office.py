@@ -12,10 +12,10 @@ from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import Options
-from socialbot.planning.pddl.domain import Domain, Plan, Problem, Step
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.formulas import And, Predicate
 from socialbot.planning.pddl.reader import read_domain
-from socialbot.planning.planners.planner import Answer, Limits, Planner, Verdict
+from socialbot.planning.planners.planner import Planner, PlannerAnswer, PlannerLimits, PlannerVerdict
 from tests.deliberation.stage import Behaviour, Perform, facts
 
 JOBS = read_domain(
@@ -41,7 +41,7 @@ JOBS = read_domain(
 )
 ACTIONS = {"done": ("do", 6.0), "ready": ("prepare", 2.0), "quiet": ("hush", 1.0), "lit": ("light", 1.0)}
 
-Reply = Answer | Exception | str | None
+Reply = PlannerAnswer | Exception | str | None
 """What a planner answers; None: it plans as it always does."""
 
 
@@ -51,14 +51,14 @@ class Clerk:
     name = "clerk"
 
     def __init__(self) -> None:
-        self.script: Callable[[Problem], Reply] = lambda problem: None
+        self.script: Callable[[PddlProblem], Reply] = lambda problem: None
         self.asked: list[str] = []
-        self.limits: list[Limits] = []
+        self.limits: list[PlannerLimits] = []
         self.cancelled: list[threading.Event] = []
 
     def solve(
-        self, domain: Domain, problem: Problem, limits: Limits, cancelled: threading.Event | None = None
-    ) -> Answer:
+        self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: threading.Event | None = None
+    ) -> PlannerAnswer:
         self.asked.append(str(problem.goal))
         self.limits.append(limits)
         self.cancelled.append(cancelled or threading.Event())
@@ -67,17 +67,17 @@ class Clerk:
             raise reply
         return reply or self.plan(problem)  # type: ignore[return-value] - planners may be wrong in any way
 
-    def plan(self, problem: Problem) -> Answer:
+    def plan(self, problem: PddlProblem) -> PlannerAnswer:
         assert isinstance(problem.goal, And)
         steps, time = [], 0.0
         for wanted in problem.goal.parts:
             if not isinstance(wanted, Predicate) or wanted.name not in ACTIONS:
-                return Answer(Verdict.IMPOSSIBLE, message=f"nothing brings about {wanted}")
+                return PlannerAnswer(PlannerVerdict.IMPOSSIBLE, message=f"nothing brings about {wanted}")
             if wanted not in problem.facts:
                 action, duration = ACTIONS[wanted.name]
-                steps.append(Step(round(time, 3), action, wanted.terms, duration))
+                steps.append(PlanStep(round(time, 3), action, wanted.terms, duration))
                 time += duration + 0.001
-        return Answer(Verdict.SOLVED, Plan(tuple(steps)))
+        return PlannerAnswer(PlannerVerdict.SOLVED, PddlPlan(tuple(steps)))
 
 
 class Office:
@@ -87,7 +87,7 @@ class Office:
         self,
         *,
         beliefs: str = "instance a job; instance b job; instance c job; instance d job",
-        domain: Domain = JOBS,
+        domain: PddlDomain = JOBS,
         planner: Planner | None = None,
         slow: bool = False,
         observer: Any = None,

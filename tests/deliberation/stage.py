@@ -10,8 +10,8 @@ from socialbot.bdi.literals import Change, Event, literal
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import FLUENT, INSTANCE, Desire, Fact, PlanExecutionInfo
-from socialbot.deliberation.plan_executor import DirectorOptions, Outcome, PlanExecutor
-from socialbot.planning.pddl.domain import Domain, parse_plan
+from socialbot.deliberation.plan_executor import DirectorOptions, PlanExecutor, PlanOutcome
+from socialbot.planning.pddl.domain import PddlDomain, parse_plan
 from socialbot.planning.pddl.reader import read_domain
 
 WORKSHOP = read_domain(
@@ -133,7 +133,7 @@ class Stage:
         self,
         *,
         watched: set[str] | None = None,
-        domain: Domain = WORKSHOP,
+        domain: PddlDomain = WORKSHOP,
         beliefs: str = FACTS,
         options: DirectorOptions | None = None,
     ) -> None:
@@ -147,7 +147,7 @@ class Stage:
             "move": 5.0, "pick": 3.0, "put": 3.0, "unlock": 2.0, "shine": 10.0, "spray": 4.0, "ring": 0.0
         }  # fmt: skip
         self.timeline: list[tuple[float, str, str]] = []
-        self.outcomes: list[Outcome] = []
+        self.outcomes: list[PlanOutcome] = []
         self.infos: list[PlanExecutionInfo] = []
         for name, action in domain.actions.items():
             parameters = variables(" ".join(f"P{number}" for number in range(len(action.parameters))))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from socialbot.bdi.trace import Record, as_text, sentence
-from socialbot.deliberation.messages import Condition, Fact
+from socialbot.deliberation.messages import Fact, FactCondition
 from socialbot.deliberation.rules import ReactiveRule, RuleEffect
 from socialbot.planning.pddl.domain import parse_plan
 from socialbot.planning.planners.engines import Kairos
-from socialbot.planning.planners.planner import Answer, Verdict
+from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import dnf, i, n, p
 from tests.deliberation.office import Office, Watcher, job
 from tests.deliberation.stage import Behaviour
@@ -91,10 +91,10 @@ def test_a_desire_that_is_fulfilled_while_its_nearly_done_plan_fails_is_fulfille
 def test_numbers_and_negations_can_be_desired():
     office = Office(beliefs="instance a job; level a = 3; lit")
     wanted = (
-        Condition(condition_to_check=n("level", "a", value=5), check="GREQ"),
-        Condition(condition_to_check=p("lit"), check="F"),
+        FactCondition(condition_to_check=n("level", "a", value=5), check="GREQ"),
+        FactCondition(condition_to_check=p("lit"), check="F"),
     )
-    office.clerk.script = lambda problem: Answer(Verdict.GAVE_UP, message="not today")
+    office.clerk.script = lambda problem: PlannerAnswer(PlannerVerdict.GAVE_UP, message="not today")
     office.want(job("x", value=(), conditions=wanted))
     assert office.clerk.asked == ["(and (>= (level a) 5) (not (lit)))"]
     office.believe("level a = 7")
@@ -110,7 +110,7 @@ def test_a_desire_may_be_dropped_with_its_plan_and_its_listeners_hear_of_it():
     assert office.ends == [("a", "dropped", "no longer")]
     assert office.pursued is None
     assert office.plans() == [("a", "aborted")]
-    assert not office.facts.check(Condition(condition_to_check=p("begun", "a"))), "its start is taken back"
+    assert not office.facts.check(FactCondition(condition_to_check=p("begun", "a"))), "its start is taken back"
     assert not office.deliberator.drop("a")
 
 
@@ -131,7 +131,10 @@ def test_a_name_is_taken_once_and_the_same_again_has_one_more_listener():
         (job("x", value=(p("done"),)), "has 1 parameter"),
         (job("x", value=(p("done", "{y}"),)), "'{y}' is no name"),
         (job("x", value=(p("level", "a"),)), "is a function"),
-        (job("x", value=(), conditions=(Condition(condition_to_check=p("lit"), check="GR"),)), "GR checks a function"),
+        (
+            job("x", value=(), conditions=(FactCondition(condition_to_check=p("lit"), check="GR"),)),
+            "GR checks a function",
+        ),
         (job("x", precondition=dnf([("T", p("raedy"))])), "there is no predicate 'raedy'"),
         (job("x", precondition=dnf([("EQ", p("ready"))])), "EQ checks a function"),
         (job("x", context=dnf([("T", p("done", "a", "b"))])), "has 1 parameter"),
@@ -259,8 +262,8 @@ def test_several_steps_that_fail_at_once_are_one_failed_execution():
     office = Office(exec_plan_tries=2)
     for name in "ab":
         office.behaviour[f"(do {name})"] = Behaviour(lasts_s=1.0, fails="slipped")
-    office.clerk.script = lambda problem: Answer(
-        Verdict.SOLVED, parse_plan("0.0: (do a) [6]\n0.0: (do b) [6]") if len(office.clerk.asked) == 1 else None
+    office.clerk.script = lambda problem: PlannerAnswer(
+        PlannerVerdict.SOLVED, parse_plan("0.0: (do a) [6]\n0.0: (do b) [6]") if len(office.clerk.asked) == 1 else None
     )
     office.want(job("x", value=(p("done", "a"), p("done", "b"))))
     office.until(1.5)
@@ -378,7 +381,7 @@ def test_a_deadline_that_is_none_is_refused_and_stops_nobody(deadline):
 
 def test_what_is_not_so_of_an_unknown_object_is_no_success():
     office = Office(comp_plan_tries=2)
-    office.want(job("typo", value=(), conditions=(Condition(check="F", condition_to_check=p("done", "aa")),)))
+    office.want(job("typo", value=(), conditions=(FactCondition(check="F", condition_to_check=p("done", "aa")),)))
     office.until(5)
     ((_, how, reason),) = office.ends
     assert how == "dropped"
@@ -387,7 +390,7 @@ def test_what_is_not_so_of_an_unknown_object_is_no_success():
 
 def test_it_is_when_the_object_has_appeared():
     office = Office()
-    office.want(job("later", value=(), conditions=(Condition(check="F", condition_to_check=p("done", "e")),)))
+    office.want(job("later", value=(), conditions=(FactCondition(check="F", condition_to_check=p("done", "e")),)))
     assert office.ends == []
     office.believe("instance e job")
     assert office.ends == [("later", "fulfilled", "")]
@@ -491,8 +494,8 @@ def test_what_is_decided_does_not_depend_on_how_long_planning_took():
     traces = []
     for seconds in (0.1, 3.0):
         office = Office()
-        office.clerk.script = lambda problem, office=office, seconds=seconds: Answer(
-            Verdict.SOLVED, office.clerk.plan(problem).plan, seconds=seconds
+        office.clerk.script = lambda problem, office=office, seconds=seconds: PlannerAnswer(
+            PlannerVerdict.SOLVED, office.clerk.plan(problem).plan, seconds=seconds
         )
         office.want(job("a"), job("b"))
         office.until(20)

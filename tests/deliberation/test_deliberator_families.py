@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from socialbot.deliberation.desires import LIFT
-from socialbot.planning.planners.planner import Answer, Verdict
+from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import dnf, i, n, p
 from tests.deliberation.office import Office, job
 
@@ -13,7 +13,7 @@ READY_OR_QUIET = dnf([("T", p("ready"))], [("T", p("quiet")), ("T", p("lit"))])
 def refuse(*names: str):
     def script(problem):
         if any(f"({name})" in str(problem.goal) for name in names):
-            return Answer(Verdict.IMPOSSIBLE)
+            return PlannerAnswer(PlannerVerdict.IMPOSSIBLE)
         return None
 
     return script

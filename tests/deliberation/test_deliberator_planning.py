@@ -11,7 +11,7 @@ import pytest
 from socialbot.planning.pddl.domain import parse_plan
 from socialbot.planning.pddl.formulas import And
 from socialbot.planning.planners.engines import Kairos
-from socialbot.planning.planners.planner import Answer, Limits, Verdict
+from socialbot.planning.planners.planner import PlannerAnswer, PlannerLimits, PlannerVerdict
 from tests.deliberation.domains import dnf, p
 from tests.deliberation.office import JOBS, Clerk, Office, job
 from tests.deliberation.stage import Behaviour
@@ -24,10 +24,10 @@ def last_reason(office: Office) -> str:
 @pytest.mark.parametrize(
     ("reply", "stated"),
     [
-        (Answer(Verdict.INVALID), "invalid"),
-        (Answer(Verdict.GAVE_UP, message="found no plan in 5 s"), "found no plan in 5 s"),
-        (Answer(Verdict.FAILED, message="killed by signal 11"), "killed by signal 11"),
-        (Answer(Verdict.SOLVED), "the planner gives no plan"),
+        (PlannerAnswer(PlannerVerdict.INVALID), "invalid"),
+        (PlannerAnswer(PlannerVerdict.GAVE_UP, message="found no plan in 5 s"), "found no plan in 5 s"),
+        (PlannerAnswer(PlannerVerdict.FAILED, message="killed by signal 11"), "killed by signal 11"),
+        (PlannerAnswer(PlannerVerdict.SOLVED), "the planner gives no plan"),
         ("a plan", "str: a plan"),
         (RuntimeError("no such planner"), "RuntimeError: no such planner"),
     ],
@@ -58,7 +58,7 @@ def test_a_planner_that_returns_nothing_is_said_to():
 
 def test_what_is_proved_impossible_is_asked_again_much_later_or_when_something_else_is_believed():
     office = Office(comp_plan_tries=3)
-    office.clerk.script = lambda problem: Answer(Verdict.IMPOSSIBLE)
+    office.clerk.script = lambda problem: PlannerAnswer(PlannerVerdict.IMPOSSIBLE)
     office.want(job("a"))
     office.until(2.5)
     office.believe("lit")
@@ -69,7 +69,7 @@ def test_what_is_proved_impossible_is_asked_again_much_later_or_when_something_e
 
 def test_not_even_new_beliefs_have_it_asked_again_before_the_pause_is_over():
     office = Office()
-    office.clerk.script = lambda problem: Answer(Verdict.IMPOSSIBLE)
+    office.clerk.script = lambda problem: PlannerAnswer(PlannerVerdict.IMPOSSIBLE)
     office.want(job("a"))
     office.believe("lit")
     office.until(2)
@@ -98,7 +98,7 @@ def test_a_plan_that_needs_what_nobody_carries_out_ends_its_desire_at_once_with_
 
 def test_between_two_tries_some_time_passes():
     office = Office(comp_plan_tries=3, retry_s=2.0)
-    office.clerk.script = lambda problem: Answer(Verdict.GAVE_UP)
+    office.clerk.script = lambda problem: PlannerAnswer(PlannerVerdict.GAVE_UP)
     office.want(job("a"))
     office.until(10)
     assert [record.time / 1e9 for record in office.found("planning", "a")] == [0.0, 2.0, 4.0]
@@ -108,7 +108,7 @@ def test_tries_are_counted_anew_when_a_plan_was_carried_out():
     office = Office(comp_plan_tries=3)
     office.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
     impossible = iter([True, True, False, True, True, False])
-    office.clerk.script = lambda problem: Answer(Verdict.GAVE_UP) if next(impossible, False) else None
+    office.clerk.script = lambda problem: PlannerAnswer(PlannerVerdict.GAVE_UP) if next(impossible, False) else None
     office.want(job("a"))
     office.until(2.5)
     assert office.pursued == "a"
@@ -120,7 +120,7 @@ def test_tries_are_counted_anew_when_a_plan_was_carried_out():
 
 
 def test_a_planner_that_never_answers_is_given_up_and_asked_again():
-    office = Office(slow=True, limits=Limits(timeout_s=2.0))
+    office = Office(slow=True, limits=PlannerLimits(timeout_s=2.0))
     office.want(job("a"))
     assert len(office.pending) == 1
     office.until(6.9)
@@ -138,7 +138,7 @@ def test_a_planner_that_never_answers_is_given_up_and_asked_again():
 
 def test_a_plan_longer_than_the_deadline_is_not_accepted_whoever_made_it():
     office = Office(comp_plan_tries=2)
-    office.clerk.script = lambda problem: Answer(Verdict.SOLVED, parse_plan("1.0: (do a) [6]"))
+    office.clerk.script = lambda problem: PlannerAnswer(PlannerVerdict.SOLVED, parse_plan("1.0: (do a) [6]"))
     office.want(job("a", deadline=6.5))
     office.until(10)
     assert office.begun() == []
@@ -147,7 +147,7 @@ def test_a_plan_longer_than_the_deadline_is_not_accepted_whoever_made_it():
 
 
 def test_an_impossible_deadline_is_stated_by_the_real_planner_too():
-    office = Office(planner=Kairos(), comp_plan_tries=1, limits=Limits(timeout_s=0.5))
+    office = Office(planner=Kairos(), comp_plan_tries=1, limits=PlannerLimits(timeout_s=0.5))
     office.want(job("a", deadline=5.9), job("b", deadline=0.0, priority=0.1))
     office.until(10)
     assert [name for name, how, _ in office.ends if how == "dropped"] == ["a", "b"]
@@ -184,7 +184,7 @@ def test_a_plan_that_does_not_fit_the_domain_any_more_fails_before_anything_begi
 
 def test_a_plan_with_an_unknown_action_fails_before_anything_begins():
     office = Office(exec_plan_tries=1)
-    office.clerk.script = lambda problem: Answer(Verdict.SOLVED, parse_plan("0.0: (fly a) [1]"))
+    office.clerk.script = lambda problem: PlannerAnswer(PlannerVerdict.SOLVED, parse_plan("0.0: (fly a) [1]"))
     office.want(job("a"))
     assert office.begun() == []
     assert last_reason(office).startswith("aborted 1 time: ")

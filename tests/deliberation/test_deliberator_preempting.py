@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.planning.pddl.formulas import Predicate
-from socialbot.planning.planners.planner import Answer, Verdict
+from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import dnf, p
 from tests.deliberation.office import Office, job
 from tests.deliberation.stage import Behaviour
@@ -56,7 +56,9 @@ def test_equals_interrupt_only_with_a_strictly_shorter_deadline():
 
 def test_who_has_no_plan_interrupts_nobody():
     office = Office(reschedule_policy="PREEMPT", comp_plan_tries=3)
-    office.clerk.script = lambda problem: Answer(Verdict.IMPOSSIBLE) if "(done b)" in str(problem.goal) else None
+    office.clerk.script = lambda problem: (
+        PlannerAnswer(PlannerVerdict.IMPOSSIBLE) if "(done b)" in str(problem.goal) else None
+    )
     office.want(job("a", 0.1))
     office.want(job("b", 0.9))
     office.until(30)
@@ -98,7 +100,7 @@ def test_it_is_planned_for_again_as_things_are_when_the_other_has_stopped():
 def only_after_the_other(problem):
     """A planner for whom ``b`` can be done only when ``a`` is, which is so only if that is not interrupted."""
     wants_b, done = "(done b)" in str(problem.goal), Predicate("done", ("a",)) in problem.facts
-    return Answer(Verdict.GAVE_UP, message="no") if wants_b and not done else None
+    return PlannerAnswer(PlannerVerdict.GAVE_UP, message="no") if wants_b and not done else None
 
 
 def test_the_plan_of_who_interrupts_starts_from_what_an_abort_leaves_behind():
@@ -116,7 +118,7 @@ def test_who_has_interrupted_in_vain_waits_until_the_other_has_ended():
     office = Office(reschedule_policy="PREEMPT", comp_plan_tries=100)
     asked = iter([True, False])
     office.clerk.script = lambda problem: (
-        Answer(Verdict.GAVE_UP) if "(done b)" in str(problem.goal) and not next(asked, True) else None
+        PlannerAnswer(PlannerVerdict.GAVE_UP) if "(done b)" in str(problem.goal) and not next(asked, True) else None
     )
     office.want(job("a", 0.1))
     office.until(1)
@@ -129,7 +131,7 @@ def test_who_has_interrupted_in_vain_may_do_so_again_when_what_it_reads_has_chan
     office = Office(reschedule_policy="PREEMPT", comp_plan_tries=100)
     asked = iter([True, False])
     office.clerk.script = lambda problem: (
-        Answer(Verdict.GAVE_UP) if "(done b)" in str(problem.goal) and not next(asked, True) else None
+        PlannerAnswer(PlannerVerdict.GAVE_UP) if "(done b)" in str(problem.goal) and not next(asked, True) else None
     )
     office.want(job("a", 0.1))
     office.until(1)

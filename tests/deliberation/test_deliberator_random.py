@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.planning.planners.planner import Answer, Verdict
+from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import dnf, p
 from tests.deliberation.office import Office, job
 from tests.deliberation.stage import Behaviour
@@ -54,7 +54,7 @@ class Day(Office):
             case "drop":
                 self.run(lambda: self.deliberator.drop(name))
             case "plans fail":
-                self.clerk.script = lambda problem: Answer(Verdict.GAVE_UP, message="no idea")
+                self.clerk.script = lambda problem: PlannerAnswer(PlannerVerdict.GAVE_UP, message="no idea")
             case "planner dies":
                 self.clerk.script = lambda problem: OSError("no memory")
             case "plans work":

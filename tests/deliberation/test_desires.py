@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.deliberation.desires import DesireSet
-from socialbot.deliberation.messages import Condition, Desire, Fact
+from socialbot.deliberation.desires import DesireBase
+from socialbot.deliberation.messages import Desire, Fact, FactCondition
 from tests.deliberation.domains import dnf, i
 
 
@@ -14,15 +14,15 @@ def desire(name: str, priority: float = 0.5, deadline: float = 60.0, **more) -> 
 
 
 @pytest.fixture
-def desires() -> DesireSet:
-    return DesireSet()
+def desires() -> DesireBase:
+    return DesireBase()
 
 
-def names(desires: DesireSet) -> list[str]:
+def names(desires: DesireBase) -> list[str]:
     return [wish.name for wish in desires]
 
 
-def about(desires: DesireSet, fact: Fact) -> list[str]:
+def about(desires: DesireBase, fact: Fact) -> list[str]:
     return list(dict.fromkeys(wish.name for wish in desires.about(fact)))
 
 
@@ -57,7 +57,7 @@ def test_who_is_removed_is_gone_and_may_come_again(desires):
 
 def test_a_desire_is_found_by_all_that_decides_whether_it_is_fulfilled_or_pursued(desires):
     awake, dry = (dnf([("T", Fact(name=name))]) for name in ("awake", "dry"))
-    wants = Condition(condition_to_check=Fact(name="battery", pddl_type=3, value=20), check="GR")
+    wants = FactCondition(condition_to_check=Fact(name="battery", pddl_type=3, value=20), check="GR")
     desires.add(desire("a", precondition=awake, conditions=(wants,), context=dry))
     clean_a = Fact(name="clean", params=("a",))
     for changed in (clean_a, Fact(name="battery", pddl_type=3, value=7), Fact(name="awake"), Fact(name="dry")):
@@ -104,7 +104,7 @@ def test_the_preparations_of_a_desire_are_its_children(desires):
 
 @given(st.lists(st.tuples(st.sampled_from("abcdef"), st.sampled_from([0.1, 0.5]), st.sampled_from([5.0, 9.0]))))
 def test_whatever_comes_and_goes_the_order_stays(moves):
-    desires, model = DesireSet(), {}
+    desires, model = DesireBase(), {}
     for number, (name, priority, deadline) in enumerate(moves):
         if name in model:
             wish = desires.get(name)

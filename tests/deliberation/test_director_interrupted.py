@@ -6,14 +6,14 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.messages import Condition, Conjunction, Dnf
+from socialbot.deliberation.messages import Dnf, FactCondition, FactConjunction
 from socialbot.planning.pddl.domain import parse_plan
 from tests.deliberation.stage import BOTH, FETCH, Behaviour, Stage, desire, fact, facts
 
 
 def when(text: str) -> Dnf:
     """The context that a fact holds."""
-    return Dnf(clauses=(Conjunction(literals=(Condition(condition_to_check=fact(text)),)),))
+    return Dnf(clauses=(FactConjunction(literals=(FactCondition(condition_to_check=fact(text)),)),))
 
 
 # A new plan while steps run

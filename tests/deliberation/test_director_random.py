@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Record
-from socialbot.deliberation.plan_executor import DirectorOptions, Outcome
-from socialbot.planning.pddl.domain import Plan, Problem, Step
+from socialbot.deliberation.plan_executor import DirectorOptions, PlanOutcome
+from socialbot.planning.pddl.domain import PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.semantics import SetValue, changes, ground, holds
-from socialbot.planning.pddl.state import State
+from socialbot.planning.pddl.state import PddlState
 from tests.deliberation.stage import WORKSHOP, Behaviour, Stage, desire, fact
 
 ROBOTS, PLACES, BOXES = ("r1", "r2"), ("home", "shop", "yard"), ("b1", "b2", "b3")
@@ -52,43 +52,43 @@ def number(world: set[str], name: str, *params: str) -> float:
     return float(found[len(start) : -1])
 
 
-def random_plan(problem: Problem, source: random.Random, length: int) -> Plan:
+def random_plan(problem: PddlProblem, source: random.Random, length: int) -> PddlPlan:
     """Steps one after the other, each of which can be done; with things to do while the light is on."""
-    state, steps, time = State.of(problem, WORKSHOP), [], 0.0
+    state, steps, time = PddlState.of(problem, WORKSHOP), [], 0.0
     for _ in range(length):
         possible = [call for call in CALLS if applicable(state, call)]
         if not possible:
             break
         call = source.choice(possible)
-        steps.append(Step(time, call[0], call[1:], DURATION_S[call[0]]))
+        steps.append(PlanStep(time, call[0], call[1:], DURATION_S[call[0]]))
         begin(state, call)
         inside = time + 0.01
         for box in source.sample(BOXES, 2) if call[0] == "shine" else ():
             if holds(condition("spray", box), state) and source.random() < 0.7:
-                steps.append(Step(round(inside, 3), "spray", (box,), 4.0))
+                steps.append(PlanStep(round(inside, 3), "spray", (box,), 4.0))
                 inside += 4.01
                 finish(state, ("spray", box))
         if call[0] == "shine" and source.random() < 0.5:
-            steps.append(Step(0.005 + time, "ring"))
+            steps.append(PlanStep(0.005 + time, "ring"))
         finish(state, call)
         time = round(time + DURATION_S[call[0]] + 0.01, 3)
-    return Plan(tuple(sorted(steps)))
+    return PddlPlan(tuple(sorted(steps)))
 
 
 def condition(name: str, *args: str):
     return ground(WORKSHOP.actions[name], args).conditions_at("end")[0]
 
 
-def applicable(state: State, call: tuple[str, ...]) -> bool:
+def applicable(state: PddlState, call: tuple[str, ...]) -> bool:
     action = ground(WORKSHOP.actions[call[0]], call[1:])
     return all(holds(formula, state) for when in ("start", "over all") for formula in action.conditions_at(when))
 
 
-def begin(state: State, call: tuple[str, ...]) -> None:
+def begin(state: PddlState, call: tuple[str, ...]) -> None:
     state.apply(changes(ground(WORKSHOP.actions[call[0]], call[1:]).effects_at("start"), state))
 
 
-def finish(state: State, call: tuple[str, ...]) -> None:
+def finish(state: PddlState, call: tuple[str, ...]) -> None:
     state.apply(changes(ground(WORKSHOP.actions[call[0]], call[1:]).effects_at("end"), state))
 
 
@@ -147,7 +147,7 @@ class World(Stage):
                 else:
                     self.facts.add(seen, source="percept")
 
-    def ended(self, outcome: Outcome) -> None:
+    def ended(self, outcome: PlanOutcome) -> None:
         self.outcomes.append(outcome)
         if outcome.how != "failed" or self.director.aborting:
             return

@@ -5,18 +5,18 @@ from __future__ import annotations
 import pytest
 
 from socialbot.core.clock import SECOND
-from socialbot.deliberation.execution import Execution, Task
-from socialbot.planning.pddl.domain import Step
+from socialbot.deliberation.execution import PlanExecution, PlanTask
+from socialbot.planning.pddl.domain import PlanStep
 from socialbot.planning.pddl.semantics import ground
 from tests.deliberation.stage import WORKSHOP, desire
 
 
-def task(call: str, start_s: float, duration_s: float) -> Task:
+def task(call: str, start_s: float, duration_s: float) -> PlanTask:
     name, *args = call.split()
-    return Task(Step(start_s, name, tuple(args), duration_s), ground(WORKSHOP.actions[name], args))
+    return PlanTask(PlanStep(start_s, name, tuple(args), duration_s), ground(WORKSHOP.actions[name], args))
 
 
-def chain() -> tuple[Task, Task, Task]:
+def chain() -> tuple[PlanTask, PlanTask, PlanTask]:
     """A move, a pick after it, and a long move beside them."""
     move, pick, other = (
         task("move r1 home shop", 0, 5), task("pick r1 b3 shop", 5, 3), task("move r2 yard home", 0, 5)
@@ -25,21 +25,21 @@ def chain() -> tuple[Task, Task, Task]:
     return move, pick, other
 
 
-def begin(task: Task, second: float) -> None:
+def begin(task: PlanTask, second: float) -> None:
     task.status, task.started = "RUNNING", round(second * SECOND)
     task.enter("acting", task.started)
 
 
-def end(task: Task, second: float) -> None:
+def end(task: PlanTask, second: float) -> None:
     task.status, task.ended = "SUCCESSFUL", round(second * SECOND)
     task.enter("over", task.ended)
 
 
-def execution(*tasks: Task, began: float = 0) -> Execution:
-    return Execution(1, desire(), tasks, 8.0, round(began * SECOND), 0)
+def execution(*tasks: PlanTask, began: float = 0) -> PlanExecution:
+    return PlanExecution(1, desire(), tasks, 8.0, round(began * SECOND), 0)
 
 
-def estimate(plan: Execution, second: float) -> float:
+def estimate(plan: PlanExecution, second: float) -> float:
     return plan.estimated_end_s(round(second * SECOND))
 
 

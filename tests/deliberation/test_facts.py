@@ -11,8 +11,8 @@ from socialbot.bdi.literals import literal
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation.facts import FactBase
-from socialbot.deliberation.messages import Condition, Desire
-from socialbot.planning.pddl.formulas import And, Comparison, Fluent, Not, Number, Or, Predicate
+from socialbot.deliberation.messages import Desire, FactCondition
+from socialbot.planning.pddl.formulas import And, Fluent, Not, Number, NumericComparison, Or, Predicate
 from socialbot.planning.pddl.reader import read_domain
 from tests.deliberation.domains import YARD, dnf, domain, i, n, p
 
@@ -76,7 +76,7 @@ def test_an_instance_is_a_belief_with_its_type(engine, facts):
 def test_constants_are_objects_but_no_beliefs(engine, facts):
     assert facts.objects(("base",)) == ("start",)
     assert facts.facts() == ()
-    assert facts.check(Condition(check="EX", condition_to_check=i("start", "thing")))
+    assert facts.check(FactCondition(check="EX", condition_to_check=i("start", "thing")))
     facts.add(p("clear", "start"))
     assert facts.facts() == (p("clear", "start"),)
     assert facts.problem().objects == {}
@@ -267,7 +267,7 @@ def test_what_a_condition_speaks_of_has_to_be_known(facts):
         ("EX", i("start"), None),
         ("F", p("clear", "start"), None),
     ]:
-        assert facts.unknown_condition(Condition(check=check, condition_to_check=fact)) == reason  # type: ignore[arg-type]
+        assert facts.unknown_condition(FactCondition(check=check, condition_to_check=fact)) == reason  # type: ignore[arg-type]
 
 
 def test_facts_that_can_never_fit_are_refused_and_new_objects_are_not(facts, told):
@@ -324,7 +324,7 @@ def test_conditions_are_checked_against_what_is_believed(facts):
         ("EQ", n("load", value=0), False), ("T", n("load", value=0), False),
     ]  # fmt: skip
     for check, fact, holds in checks:
-        condition = Condition(check=check, condition_to_check=fact)  # type: ignore[arg-type]
+        condition = FactCondition(check=check, condition_to_check=fact)  # type: ignore[arg-type]
         assert facts.check(condition) == holds, (check, str(fact))
 
 
@@ -342,7 +342,7 @@ def test_a_dnf_needs_one_of_its_conjunctions_and_none_always_holds(facts):
 
 
 def test_a_desire_is_fulfilled_when_all_holds_that_it_wants(facts):
-    no_box = Condition(check="F", condition_to_check=p("in", "*", "start"))
+    no_box = FactCondition(check="F", condition_to_check=p("in", "*", "start"))
     desire = Desire(name="tidy", value=(p("loaded"), n("load", value=1)), conditions=(no_box,))
     facts.add(p("loaded"))
     assert not facts.fulfilled(desire)
@@ -354,14 +354,16 @@ def test_a_desire_is_fulfilled_when_all_holds_that_it_wants(facts):
 
 def test_a_goal_is_written_as_a_formula(facts):
     wanted = (
-        Condition(check="T", condition_to_check=p("loaded")),
-        Condition(check="F", condition_to_check=p("clear", "start")),
-        Condition(check="LE", condition_to_check=n("load", value=3)),
-        Condition(check="EX", condition_to_check=i("start", "base")),
-        Condition(check="EX", condition_to_check=i("nobody")),
+        FactCondition(check="T", condition_to_check=p("loaded")),
+        FactCondition(check="F", condition_to_check=p("clear", "start")),
+        FactCondition(check="LE", condition_to_check=n("load", value=3)),
+        FactCondition(check="EX", condition_to_check=i("start", "base")),
+        FactCondition(check="EX", condition_to_check=i("nobody")),
     )
     loaded, clear = Predicate("loaded"), Predicate("clear", ("start",))
-    assert facts.goal(wanted) == And((loaded, Not(clear), Comparison("<", Fluent("load"), Number(3)), And(), Or()))
+    assert facts.goal(wanted) == And(
+        (loaded, Not(clear), NumericComparison("<", Fluent("load"), Number(3)), And(), Or())
+    )
 
 
 def test_a_problem_is_what_is_believed_now(facts):
@@ -427,7 +429,7 @@ def test_what_the_domain_derives_holds_and_is_told_but_is_no_belief(engine):
     facts.add(p("on", "a", "b"))
     assert told[-4:] == [("(on a b)", True), ("(above a b)", True), ("(bare b)", False), ("(tidy)", False)]
     facts.add(p("on", "b", "c"))
-    assert facts.check(Condition(check="T", condition_to_check=p("above", "a", "c")))
+    assert facts.check(FactCondition(check="T", condition_to_check=p("above", "a", "c")))
     assert facts.fulfilled(Desire(name="high", value=(p("above", "a", "c"), p("bare", "a"))))
     assert {fact.name for fact in facts.facts()} == {"a", "b", "c", "on"}
     assert facts.problem().facts == {Predicate("on", ("a", "b")), Predicate("on", ("b", "c"))}

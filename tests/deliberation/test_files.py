@@ -9,7 +9,7 @@ from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
-from socialbot.deliberation.messages import Condition, Desire
+from socialbot.deliberation.messages import Desire, FactCondition
 from socialbot.deliberation.rules import ReactiveRule, RuleBook, RuleEffect
 from tests.deliberation.domains import YARD, dnf, domain, i, n, p
 
@@ -291,9 +291,9 @@ def test_desires_may_ask_for_what_is_not_so_and_for_numbers(write):
 """
     (desire,) = load_desires(write(text), YARD)
     assert desire.wanted == (
-        Condition(check="EQ", condition_to_check=n("load", value=2)),
-        Condition(check="F", condition_to_check=p("clear", "start")),
-        Condition(check="LE", condition_to_check=n("stacked", "start", value=1)),
+        FactCondition(check="EQ", condition_to_check=n("load", value=2)),
+        FactCondition(check="F", condition_to_check=p("clear", "start")),
+        FactCondition(check="LE", condition_to_check=n("stacked", "start", value=1)),
     )
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from socialbot.deliberation.fact_index import FactIndex
 from socialbot.deliberation.matching import Match, fitting, matches, unfit_condition
-from socialbot.deliberation.messages import FLUENT, INSTANCE, Condition, Conjunction, Dnf, Fact
+from socialbot.deliberation.messages import FLUENT, INSTANCE, Dnf, Fact, FactCondition, FactConjunction
 from tests.deliberation.domains import YARD, dnf, i, n, p
 
 OBJECTS = {"box_a": "box", "box_b": "box", "base_1": "base", "base_2": "base", "carrier_a": "carrier"}
@@ -103,14 +103,14 @@ def test_a_check_that_does_not_go_with_its_fact_never_holds():
     ],
 )  # fmt: skip
 def test_conditions_that_can_never_hold_are_found(check, fact, reason):
-    assert reason in str(unfit_condition(Condition(check=check, condition_to_check=fact), index()))
+    assert reason in str(unfit_condition(FactCondition(check=check, condition_to_check=fact), index()))
 
 
 def test_conditions_that_may_hold_are_not_complained_of():
     for check, fact in [
         ("T", p("in", "new_box", "{x}")), ("F", p("*", "*", "*")), ("EQ", n("stack*", "*")), ("EX", i("{x}")),
     ]:  # fmt: skip
-        assert unfit_condition(Condition(check=check, condition_to_check=fact), index()) is None  # type: ignore[arg-type]
+        assert unfit_condition(FactCondition(check=check, condition_to_check=fact), index()) is None  # type: ignore[arg-type]
 
 
 def test_what_fits_a_pattern_is_found_in_order():
@@ -170,7 +170,7 @@ def terms(fact: Fact) -> tuple[str, ...]:
     return (fact.name,) if fact.pddl_type == INSTANCE else fact.params
 
 
-def ranged(clause: Conjunction, binding: dict[str, str], facts: FactIndex) -> bool:
+def ranged(clause: FactConjunction, binding: dict[str, str], facts: FactIndex) -> bool:
     """Whether the variables that stand only in what is not so have the types that are asked for there."""
     positive = {term for literal in clause.literals if literal.check != "F" for term in variables(literal)}
     return all(
@@ -181,11 +181,11 @@ def ranged(clause: Conjunction, binding: dict[str, str], facts: FactIndex) -> bo
     )
 
 
-def variables(literal: Condition) -> set[str]:
+def variables(literal: FactCondition) -> set[str]:
     return {term for term in terms(literal.condition_to_check) if term[0] == "{"}
 
 
-def held(literal: Condition, binding: dict[str, str], facts: FactIndex) -> list[tuple[Fact, ...]]:
+def held(literal: FactCondition, binding: dict[str, str], facts: FactIndex) -> list[tuple[Fact, ...]]:
     """The ways in which one condition holds: for comparisons the fluent that was compared, else nothing."""
     wanted = literal.condition_to_check
     asked = [binding[term[1:-1]] if term[0] == "{" else term for term in terms(wanted)]

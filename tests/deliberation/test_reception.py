@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from socialbot.deliberation.messages import AgentReply, AgentRequest, Condition, Desire, Fact
+from socialbot.deliberation.messages import AgentReply, AgentRequest, Desire, Fact, FactCondition
 from socialbot.deliberation.requests import Policies, RequestServer
 from tests.deliberation.domains import i, n, p
 from tests.deliberation.office import Office, job
@@ -170,7 +170,7 @@ def test_a_desire_that_is_asked_for_anew_has_the_new_priority_and_deadline(desk)
 
 
 def test_a_desire_over_an_unknown_object_is_not_fulfilled_by_what_is_not_so_of_it(desk):
-    typo = job("typo", value=(), conditions=(Condition(check="F", condition_to_check=p("done", "aa")),))
+    typo = job("typo", value=(), conditions=(FactCondition(check="F", condition_to_check=p("done", "aa")),))
     assert desk.ask("add", typo, monitor=True).state == "done"
     desk.office.until(20)
     assert desk.replies[-1].state == "dropped"

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from socialbot.bdi import Engine, Trace
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation.messages import AgentReply, AgentRequest
-from socialbot.deliberation.requests import REPEAT_S, Correspondence
+from socialbot.deliberation.requests import REPEAT_S, RequestClient
 from tests.deliberation.domains import p
 from tests.deliberation.office import job
 
@@ -20,7 +20,7 @@ class Post:
         self.trace = Trace()
         self.engine = Engine("crane", self.clock, sink=self.trace)
         self.sent: list[tuple[float, AgentRequest]] = []
-        self.letters = Correspondence(self.engine, "cranes", self.send)
+        self.letters = RequestClient(self.engine, "cranes", self.send)
 
     def send(self, request: AgentRequest) -> None:
         self.sent.append((self.now, request))
@@ -65,7 +65,7 @@ def test_a_request_says_who_asks_whom_for_what_and_is_on_the_trace(post):
 def test_each_request_has_an_id_of_its_own_also_after_a_restart(post):
     ids = {post.letters.ask("cart", "check", belief=p("x")).request.id for _ in range(2)}
     post.clock.advance(1)
-    restarted = Correspondence(post.engine, "cranes", post.send)
+    restarted = RequestClient(post.engine, "cranes", post.send)
     ids |= {restarted.ask("cart", "check", belief=p("x")).request.id for _ in range(2)}
     assert len(ids) == 4
 

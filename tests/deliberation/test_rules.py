@@ -16,7 +16,7 @@ from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.matching import matches
-from socialbot.deliberation.messages import Condition, Conjunction, Desire, Dnf
+from socialbot.deliberation.messages import Desire, Dnf, FactCondition, FactConjunction
 from socialbot.deliberation.rules import ReactiveRule, RuleBook, RuleEffect
 from tests.deliberation.domains import YARD, dnf, domain, i, n, p
 from tests.deliberation.test_matching import CLAUSES, FACTS
@@ -142,7 +142,7 @@ def test_variables_stand_everywhere_in_a_desire(facts, book):
     desire = Desire(
         name="do_{b}_{c}",
         value=(p("carrier_in_base", "{c}", "{b}"),),
-        conditions=(Condition(check="F", condition_to_check=p("in", "box_a", "{b}")),),
+        conditions=(FactCondition(check="F", condition_to_check=p("in", "box_a", "{b}")),),
         precondition=dnf([("T", p("clear", "{b}"))]),
         rollback_belief_add=(p("clear", "{b}"),),
         priority=0.8,
@@ -327,7 +327,7 @@ def test_what_fires_are_the_matches_that_were_not_there_before(conditions, turns
 
 
 def test_conditions_without_clauses_hold_from_the_start(book):
-    book.add(rule(Dnf(clauses=(Conjunction(),)), add(p("loaded")), name="one"))
+    book.add(rule(Dnf(clauses=(FactConjunction(),)), add(p("loaded")), name="one"))
     book.add(rule(Dnf(), add(p("loaded")), name="two"))
     assert len(fired(book)) == 2
     assert fired(book) == []

@@ -3,13 +3,13 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.deliberation.desires import DesireSet, DesireState, next_wish
+from socialbot.deliberation.desires import DesireBase, DesireState, next_desire
 from socialbot.deliberation.options import Policy
 from tests.deliberation.office import job
 
 
 def ranked(*desires, blocked=(), not_before=None) -> list[DesireState]:
-    found = DesireSet()
+    found = DesireBase()
     for desire in desires:
         wish = found.add(desire)
         assert wish is not None
@@ -20,7 +20,7 @@ def ranked(*desires, blocked=(), not_before=None) -> list[DesireState]:
 
 def turn(wishes: list[DesireState], pursued: str = "", policy: Policy = "NO_PREEMPT", now: int = 0) -> str | None:
     pursuing = next((wish for wish in wishes if wish.name == pursued), None)
-    wish = next_wish(wishes, pursuing, policy, lambda wish: wish.not_before <= now)
+    wish = next_desire(wishes, pursuing, policy, lambda wish: wish.not_before <= now)
     return None if wish is None else wish.name
 
 
@@ -77,6 +77,6 @@ def test_whoever_has_a_turn_is_the_best_of_all_who_may(desires, number):
     blocked = {names[index] for index, (_, _, blocked) in enumerate(desires) if blocked}
     wishes = ranked(*(job(names[index], *about[:2]) for index, about in enumerate(desires)), blocked=blocked)
     pursued = next((wish for wish in wishes if wish.name == names[number]), None)
-    chosen = next_wish(wishes, pursued, "PREEMPT", lambda wish: True)
+    chosen = next_desire(wishes, pursued, "PREEMPT", lambda wish: True)
     able = [wish for wish in wishes if not wish.blocked and (pursued is None or wish.outranks(pursued))]
     assert chosen is min(able, key=lambda wish: wish.rank, default=None)

@@ -5,7 +5,7 @@ import pytest
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation.sensing import FactSensor, fits, fluent, instance, predicate, watched_by
 from socialbot.planning.pddl.domain import parse_plan
-from socialbot.planning.planners.planner import Answer, Verdict
+from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import i, n, p
 from tests.deliberation.office import Office, Watcher, job
 from tests.deliberation.stage import Behaviour
@@ -179,7 +179,9 @@ def test_while_a_sensor_is_silent_nothing_new_is_begun_and_what_runs_goes_on():
     office, eye = Office(observer=watcher), Eye()
     join(office, eye)
     show(office, eye)
-    office.clerk.script = lambda problem: Answer(Verdict.SOLVED, parse_plan("0: (do a) [6]\n6.001: (report a) [1]"))
+    office.clerk.script = lambda problem: PlannerAnswer(
+        PlannerVerdict.SOLVED, parse_plan("0: (do a) [6]\n6.001: (report a) [1]")
+    )
     office.want(job("x", value=(p("told"),)))
     office.until(10)
     assert office.begun() == [(0.0, "(do a)")]

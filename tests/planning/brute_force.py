@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
-from socialbot.planning.pddl.domain import Domain, Plan, Problem
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
 
 World = tuple[set[tuple[str, ...]], dict[tuple[str, ...], float], list[str]]
 
@@ -27,7 +27,7 @@ def number(expression: Any, world: World, env: dict[str, str], duration: float) 
             return {"+": sum, "-": lambda v: v[0] - v[1], "*": lambda v: v[0] * v[1]}[expression.operator](values)
 
 
-def true(formula: Any, world: World, env: dict[str, str], domain: Domain) -> bool:
+def true(formula: Any, world: World, env: dict[str, str], domain: PddlDomain) -> bool:
     match type(formula).__name__:
         case "Predicate":
             args = [named(term, env) for term in formula.terms]
@@ -36,7 +36,7 @@ def true(formula: Any, world: World, env: dict[str, str], domain: Domain) -> boo
                 inner = {typed.name: value for typed, value in zip(parameters, args, strict=True)}
                 return true(body, world, inner, domain)  # no recursion in these domains
             return (formula.name, *args) in world[0]
-        case "Same":
+        case "Equality":
             return env.get(formula.left, formula.left) == env.get(formula.right, formula.right)
         case "Not":
             return not true(formula.part, world, env, domain)
@@ -44,7 +44,7 @@ def true(formula: Any, world: World, env: dict[str, str], domain: Domain) -> boo
             return all(true(part, world, env, domain) for part in formula.parts)
         case "Or":
             return any(true(part, world, env, domain) for part in formula.parts)
-        case "Comparison":
+        case "NumericComparison":
             left, right = number(formula.left, world, env, 0), number(formula.right, world, env, 0)
             return {
                 "<": left < right,
@@ -62,9 +62,9 @@ def true(formula: Any, world: World, env: dict[str, str], domain: Domain) -> boo
             return all(truths) if formula.quantifier == "forall" else any(truths)
 
 
-def flat(effect: Any, world: World, env: dict[str, str], domain: Domain) -> list[tuple[Any, dict[str, str]]]:
+def flat(effect: Any, world: World, env: dict[str, str], domain: PddlDomain) -> list[tuple[Any, dict[str, str]]]:
     match type(effect).__name__:
-        case "ForEach":
+        case "UniversalEffect":
             names = [typed.name for typed in effect.variables]
             return [
                 one
@@ -72,7 +72,7 @@ def flat(effect: Any, world: World, env: dict[str, str], domain: Domain) -> list
                 for part in effect.effects
                 for one in flat(part, world, {**env, **dict(zip(names, objects, strict=True))}, domain)
             ]
-        case "When":
+        case "ConditionalEffect":
             if not true(effect.condition, world, env, domain):
                 return []
             return [one for part in effect.effects for one in flat(part, world, env, domain)]
@@ -80,7 +80,7 @@ def flat(effect: Any, world: World, env: dict[str, str], domain: Domain) -> list
             return [(effect, env)]
 
 
-def apply(effects: list[Any], world: World, env: dict[str, str], domain: Domain, duration: float) -> World:
+def apply(effects: list[Any], world: World, env: dict[str, str], domain: PddlDomain, duration: float) -> World:
     facts, values = set(world[0]), dict(world[1])
     single = [one for effect in effects for one in flat(effect, world, env, domain)]
     for kind in ("Delete", "Add", "Change"):
@@ -98,7 +98,7 @@ def apply(effects: list[Any], world: World, env: dict[str, str], domain: Domain,
     return facts, values, world[2]
 
 
-def is_valid(domain: Domain, problem: Problem, plan: Plan, running: tuple[int, ...] = ()) -> bool:
+def is_valid(domain: PddlDomain, problem: PddlProblem, plan: PddlPlan, running: tuple[int, ...] = ()) -> bool:
     """Whether ``plan`` is valid; no two things in it may happen at the same moment."""
     world: World = (
         {(fact.name, *fact.terms) for fact in problem.facts},
@@ -132,7 +132,7 @@ def is_valid(domain: Domain, problem: Problem, plan: Plan, running: tuple[int, .
     return problem.goal is None or true(problem.goal, world, {}, domain)
 
 
-def moments_apart(plan: Plan, gap_s: float = 0.001) -> bool:
+def moments_apart(plan: PddlPlan, gap_s: float = 0.001) -> bool:
     """Whether no two starts or ends are simultaneous."""
     times = sorted(time for step in plan.steps for time in {step.start_s, step.end_s})
     return all(later - earlier >= gap_s for earlier, later in itertools.pairwise(times))

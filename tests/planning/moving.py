@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from socialbot.planning.pddl.domain import Domain, Plan, Problem
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
 from socialbot.planning.pddl.reader import read_domain, read_problem
-from socialbot.planning.planners.planner import Answer
+from socialbot.planning.planners.planner import PlannerAnswer
 
 DOMAIN = """
 (define (domain moving)
@@ -57,23 +57,23 @@ HARD_DOMAIN = """
 """
 
 
-def domain() -> Domain:
+def domain() -> PddlDomain:
     """The domain, read."""
     return read_domain(DOMAIN, where="moving.pddl")
 
 
-def problem(goal: str = "(lies cup hall)") -> Problem:
+def problem(goal: str = "(lies cup hall)") -> PddlProblem:
     """The problem, with another goal perhaps."""
     return read_problem(PROBLEM.replace("(lies cup hall))", f"{goal})"), domain(), where="tea.pddl")
 
 
-def plan_of(answer: Answer) -> Plan:
+def plan_of(answer: PlannerAnswer) -> PddlPlan:
     """The plan that came of planning; an AssertionError with the message if there is none."""
     assert answer.plan is not None, f"{answer.verdict}: {answer.message}"
     return answer.plan
 
 
-def hard() -> tuple[Domain, Problem]:
+def hard() -> tuple[PddlDomain, PddlProblem]:
     """A problem that keeps any planner busy for long: millions of actions, and a goal far away."""
     known = read_domain(HARD_DOMAIN, where="hard.pddl")
     names = [f"o{number}" for number in range(40)]

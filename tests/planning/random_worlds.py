@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 
-from socialbot.planning.pddl.domain import Domain, Plan, Problem, Step
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.reader import read_domain, read_problem
 
 OBJECTS = ("a", "b", "c")
@@ -84,23 +84,27 @@ def problem_text(chance: random.Random) -> str:
     return f"(define (problem random) (:domain random) (:init {' '.join(facts)}))"
 
 
-def random_pair(seed: int) -> tuple[Domain, Problem, random.Random]:
+def random_pair(seed: int) -> tuple[PddlDomain, PddlProblem, random.Random]:
     chance = random.Random(seed)
     domain = read_domain(domain_text(chance))
     return domain, read_problem(problem_text(chance), domain), chance
 
 
 def random_plan(
-    domain: Domain, problem: Problem, chance: random.Random, valid: Callable[[Domain, Problem, Plan], bool], size: int
-) -> Plan:
+    domain: PddlDomain,
+    problem: PddlProblem,
+    chance: random.Random,
+    valid: Callable[[PddlDomain, PddlProblem, PddlPlan], bool],
+    size: int,
+) -> PddlPlan:
     """Steps that were tried one after the other at random times, as long as ``valid`` has nothing against them."""
-    plan = Plan()
+    plan = PddlPlan()
     for _ in range(size * 6):
         name = chance.choice(tuple(domain.actions))
         duration = 0.0 if domain.actions[name].duration is None else chance.choice((1.0, 2.5, 4.0))
         offset = chance.random() * 0.9
-        step = Step(round(chance.choice((0, 1, 2, 3, 5, 8)) + offset, 3), name, (chance.choice(OBJECTS),), duration)
-        longer = Plan(tuple(sorted((*plan.steps, step), key=lambda one: one.start_s)))
+        step = PlanStep(round(chance.choice((0, 1, 2, 3, 5, 8)) + offset, 3), name, (chance.choice(OBJECTS),), duration)
+        longer = PddlPlan(tuple(sorted((*plan.steps, step), key=lambda one: one.start_s)))
         if len(plan.steps) < size and valid(domain, problem, longer):
             plan = longer
     return plan

@@ -8,23 +8,23 @@ from hypothesis import strategies as st
 
 from socialbot.core.errors import PlanningError
 from socialbot.planning.pddl.causal_order import CausalOrder, causal_order
-from socialbot.planning.pddl.domain import Domain, Plan, Problem, Step, parse_plan
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep, parse_plan
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.pddl.semantics import changes, ground
-from socialbot.planning.pddl.state import State
-from socialbot.planning.pddl.validation import faults
+from socialbot.planning.pddl.state import PddlState
+from socialbot.planning.pddl.validation import validate_plan
 from tests.planning import brute_force
 from tests.planning.random_worlds import OBJECTS, random_pair, random_plan
 from tests.planning.texts import CRANE_PLAN, cellar, crane
 
 
-def valid(domain: Domain, problem: Problem, plan: Plan) -> bool:
-    return brute_force.moments_apart(plan) and not faults(domain, problem, plan)
+def valid(domain: PddlDomain, problem: PddlProblem, plan: PddlPlan) -> bool:
+    return brute_force.moments_apart(plan) and not validate_plan(domain, problem, plan)
 
 
 def schedule(
-    domain: Domain, plan: Plan, order: CausalOrder, chance: random.Random, running: tuple[int, ...] = ()
-) -> Plan | None:
+    domain: PddlDomain, plan: PddlPlan, order: CausalOrder, chance: random.Random, running: tuple[int, ...] = ()
+) -> PddlPlan | None:
     """Carries the plan out in a random order that ``order`` allows; None if an end had to wait for ever."""
     lasting = [domain.actions[step.action].duration is not None for step in plan.steps]
     times: dict[tuple[int, str], float] = {(index, "start"): -1.0 for index in running}
@@ -44,9 +44,9 @@ def schedule(
         todo.remove((index, edge))
         if edge == "start" and lasting[index]:
             todo.add((index, "end"))
-    return Plan(
+    return PddlPlan(
         tuple(
-            Step(
+            PlanStep(
                 times[index, "start"],
                 step.action,
                 step.args,
@@ -77,13 +77,13 @@ def test_a_crane_waits_for_the_carrier_and_the_carrier_for_nothing():
 def test_required_concurrency_is_kept():
     domain, problem = cellar()
     plan = parse_plan("0: (strike m1) [8]\n0.1: (mend f1) [5]\n9: (strike m2) [8]\n9.1: (mend f2) [5]")
-    assert faults(domain, problem, plan) == ()
+    assert validate_plan(domain, problem, plan) == ()
     order = causal_order(domain, problem, plan)
     assert order.before_start == ({*()}, {(0, "start")}, {(0, "end")}, {(1, "end"), (2, "start")})
     assert order.before_end == ({(1, "end")}, set(), {(3, "end")}, set())
 
 
-def two_lamps() -> tuple[Domain, Problem]:
+def two_lamps() -> tuple[PddlDomain, PddlProblem]:
     domain = read_domain("""(define (domain lamps) (:predicates (on) (a) (b) (done)) (:functions (power) (cost))
       (:action switch :effect (on))
       (:action off :precondition (on) :effect (not (on)))
@@ -99,7 +99,7 @@ def two_lamps() -> tuple[Domain, Problem]:
 def waits(text: str) -> list[set[tuple[int, str]]]:
     domain, problem = two_lamps()
     plan = parse_plan(text)
-    assert faults(domain, problem, plan) == ()
+    assert validate_plan(domain, problem, plan) == ()
     return [set(one) for one in causal_order(domain, problem, plan).before_start]
 
 
@@ -148,19 +148,19 @@ def test_independent_steps_are_not_ordered_even_one_after_the_other():
 
 def test_new_steps_wait_for_the_ends_of_running_ones_only_where_they_need_them():
     domain, problem = crane()
-    state = State.of(problem, domain)
+    state = PddlState.of(problem, domain)
     for name, *args in (("come", "carrier_a", "bay"), ("move", "crane_a", "bay", "stack")):
         state.apply(changes(ground(domain.actions[name], args).effects_at("start"), state))
     plan = parse_plan(CRANE_PLAN)
     order = causal_order(domain, state, plan, running=(0, 1))
     assert order.before_start[:3] == ({*()}, {*()}, {(1, "end")})
     assert order.before_start[4] == {(0, "end"), (3, "end")}
-    assert faults(domain, state.problem(problem.goal), plan, running=(0, 1)) == ()
+    assert validate_plan(domain, state.problem(problem.goal), plan, running=(0, 1)) == ()
 
 
 def test_what_a_running_step_needs_is_not_taken_away():
     domain, problem = cellar()
-    state = State.of(problem, domain)
+    state = PddlState.of(problem, domain)
     for action in (ground(domain.actions["strike"], ["m1"]), ground(domain.actions["mend"], ["f1"])):
         state.apply(changes(action.effects_at("start"), state))
     plan = parse_plan("-2: (mend f1) [1]\n-3: (strike m1) [3]\n0: (strike m2) [8]\n0.1: (mend f2) [5]")
@@ -217,7 +217,7 @@ def test_steps_that_need_each_other_at_the_same_moment_do_not_wait_for_ever():
       (:durative-action two :duration (= ?duration 2) :condition (over all (p)) :effect (at start (q))))""")
     problem = read_problem("(define (problem x) (:domain d))", domain)
     plan = parse_plan("0: (one) [2]\n0: (two) [2]")
-    assert faults(domain, problem, plan) == ()
+    assert validate_plan(domain, problem, plan) == ()
     assert causal_order(domain, problem, plan).before_start == ({*()}, {(0, "start")})
 
 
@@ -237,24 +237,26 @@ def test_any_schedule_that_keeps_the_order_is_valid(seed, size):
 @given(st.integers(0, 2**32), st.integers(1, 3), st.integers(1, 4))
 def test_any_schedule_that_keeps_the_order_is_valid_when_some_steps_run_already(seed, several, size):
     domain, problem, chance = random_pair(seed)
-    running: list[Step] = []
-    state = State.of(problem, domain)
+    running: list[PlanStep] = []
+    state = PddlState.of(problem, domain)
     for _ in range(10):
         name = chance.choice([name for name, action in domain.actions.items() if action.duration is not None])
-        step = Step(-1.0, name, (chance.choice(OBJECTS),), chance.choice((1.5, 2.5)))
+        step = PlanStep(-1.0, name, (chance.choice(OBJECTS),), chance.choice((1.5, 2.5)))
         after = state.copy()
         after.apply(changes(ground(domain.actions[name], step.args).effects_at("start"), state, duration=1.0))
-        plan = Plan((*running, step))
-        if len(running) < several and not faults(domain, after.problem(None), plan, range(len(plan.steps))):
+        plan = PddlPlan((*running, step))
+        if len(running) < several and not validate_plan(domain, after.problem(None), plan, range(len(plan.steps))):
             state, running = after, [*running, step]
     indexes = tuple(range(len(running)))
     now = state.problem(None)
-    assert not running or not faults(domain, now, Plan(tuple(running)), indexes)
+    assert not running or not validate_plan(domain, now, PddlPlan(tuple(running)), indexes)
 
-    def fits(_domain: Domain, _problem: Problem, new: Plan) -> bool:
-        return brute_force.moments_apart(new) and not faults(domain, now, Plan((*running, *new.steps)), indexes)
+    def fits(_domain: PddlDomain, _problem: PddlProblem, new: PddlPlan) -> bool:
+        return brute_force.moments_apart(new) and not validate_plan(
+            domain, now, PddlPlan((*running, *new.steps)), indexes
+        )
 
-    plan = Plan((*running, *random_plan(domain, now, chance, fits, size).steps))
+    plan = PddlPlan((*running, *random_plan(domain, now, chance, fits, size).steps))
     order = causal_order(domain, state, plan, indexes)
     assert not any(order.before_start[index] for index in indexes)
     for _ in range(8):

@@ -5,7 +5,7 @@ import pytest
 from socialbot.core.errors import PlanningError
 from socialbot.planning.pddl.formulas import Add, Delete, Fluent, Predicate
 from socialbot.planning.pddl.reader import read_domain, read_problem
-from socialbot.planning.pddl.state import Derivation, State
+from socialbot.planning.pddl.state import Derivation, PddlState
 
 BLOCKS = """(define (domain blocks) (:requirements :derived-predicates) (:types block crate - thing)
   (:predicates (on ?x ?y - thing) (above ?x ?y - thing) (covered ?x - thing) (clear ?x - thing) (light ?x - thing))
@@ -17,14 +17,14 @@ BLOCKS = """(define (domain blocks) (:requirements :derived-predicates) (:types 
   (:derived (light ?x - thing) (< (weight ?x) 1)))"""
 
 
-def state() -> State:
+def state() -> PddlState:
     domain = read_domain(BLOCKS)
     text = """(define (problem p) (:domain blocks) (:objects a b c - block d e - crate)
       (:init (on a b) (on b c) (on d e) (= (weight b) 0.5) (= (weight c) 5)))"""
-    return State.of(read_problem(text, domain), domain)
+    return PddlState.of(read_problem(text, domain), domain)
 
 
-def derived(of: State, name: str) -> set[tuple[str, ...]]:
+def derived(of: PddlState, name: str) -> set[tuple[str, ...]]:
     return {one.terms for one in Derivation(of.domain).derived(of) if one.name == name}
 
 

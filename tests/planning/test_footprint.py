@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.planning.pddl.read_write_sets import Footprints
+from socialbot.planning.pddl.read_write_sets import ReadWriteAnalysis
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.pddl.semantics import ground
-from socialbot.planning.pddl.state import State
+from socialbot.planning.pddl.state import PddlState
 
 DOMAIN = """(define (domain d) (:types box) (:constants a b - box)
   (:predicates (p ?x - box) (q ?x - box) (next ?x ?y - box)) (:functions (n) (m))
@@ -50,8 +50,8 @@ DOMAIN = """(define (domain d) (:types box) (:constants a b - box)
 )
 def test_what_cannot_be_at_once(one, other, clash):
     domain = read_domain(DOMAIN)
-    state = State.of(read_problem("(define (problem x) (:domain d) (:init (next a b) (= (n) 1)))", domain), domain)
-    footprints = Footprints(domain)
+    state = PddlState.of(read_problem("(define (problem x) (:domain d) (:init (next a b) (= (n) 1)))", domain), domain)
+    footprints = ReadWriteAnalysis(domain)
     first, second = (
         footprints.of(ground(domain.actions[name], args), "start", state)
         for name, *args in (one.split(), other.split())

@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 
 from socialbot.agents.warehouse.scenario import GRIPPER_DOMAIN, cast_of, gripper_beliefs, gripper_desires
 from socialbot.core.errors import InstallationError, PlanningError
-from socialbot.planning.pddl.domain import Domain, Plan, Problem
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
 from socialbot.planning.pddl.formulas import And, Fluent, Predicate
 from socialbot.planning.pddl.reader import read_domain, read_problem
-from socialbot.planning.pddl.validation import faults
+from socialbot.planning.pddl.validation import validate_plan
 from socialbot.planning.planners import engines as kairos_module
-from socialbot.planning.planners.planner import Answer, Limits, Verdict
+from socialbot.planning.planners.planner import PlannerAnswer, PlannerLimits, PlannerVerdict
 from tests.planning import busy
 from tests.planning.moving import DOMAIN, PROBLEM, domain, hard, plan_of, problem
 
@@ -34,7 +34,7 @@ except InstallationError:
 
 pytestmark = busy.in_turn
 
-LONG = Limits(timeout_s=60.0)
+LONG = PlannerLimits(timeout_s=60.0)
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def planner(tmp_path, monkeypatch) -> Kairos:
     return Kairos()
 
 
-def solve(asked: Problem, limits: Limits = LONG) -> Answer:
+def solve(asked: PddlProblem, limits: PlannerLimits = LONG) -> PlannerAnswer:
     return Kairos().solve(domain(), asked, limits)
 
 
@@ -82,16 +82,16 @@ def children_worked() -> float:
 
 def test_a_plan_reaches_the_goal(planner, tmp_path):
     answer = planner.solve(domain(), problem(), LONG)
-    assert answer.verdict is Verdict.SOLVED
+    assert answer.verdict is PlannerVerdict.SOLVED
     assert [step.action for step in plan_of(answer).steps] == ["go", "take", "go", "put"]
-    assert faults(domain(), problem(), plan_of(answer)) == ()
+    assert validate_plan(domain(), problem(), plan_of(answer)) == ()
     assert 0.0 < answer.seconds < LONG.timeout_s
     assert list(tmp_path.iterdir()) == []
 
 
 def test_where_the_goal_holds_already_the_plan_is_empty():
     for goal in ("(and)", "(lies cup kitchen)"):
-        assert solve(problem(goal)).plan == Plan()
+        assert solve(problem(goal)).plan == PddlPlan()
 
 
 def test_the_same_problem_gets_the_same_plan_from_many_threads_at_once():
@@ -104,7 +104,7 @@ def test_the_same_problem_gets_the_same_plan_from_many_threads_at_once():
 
 def test_a_goal_that_cannot_be_reached_is_proved_impossible():
     answer = solve(problem("(and (lies cup hall) (has rob cup) (not (at rob hall)) (= (carried rob) 7))"))
-    assert answer.verdict is Verdict.IMPOSSIBLE
+    assert answer.verdict is PlannerVerdict.IMPOSSIBLE
     assert answer.plan is None
 
 
@@ -118,25 +118,25 @@ def test_a_goal_that_cannot_be_reached_is_proved_impossible():
     ],
 )
 def test_a_problem_that_kairos_would_die_of_or_only_warn_about_is_refused(change):
-    assert solve(replace(problem(), **change)).verdict is Verdict.REFUSED
+    assert solve(replace(problem(), **change)).verdict is PlannerVerdict.REFUSED
 
 
 def test_what_kairos_cannot_read_is_refused_with_its_words():
     broken = replace(domain(), text=DOMAIN.replace("(has ?r - robot ?t - thing)", "(has ?r - robot ?t - thang)"))
     answer = Kairos().solve(broken, problem(), LONG)
-    assert answer.verdict is Verdict.REFUSED
+    assert answer.verdict is PlannerVerdict.REFUSED
     assert "thang" in answer.message
 
 
 # How long plans last
 
 
-def warehouse(boxes: int, carriers: int) -> tuple[Domain, Problem, float]:
+def warehouse(boxes: int, carriers: int) -> tuple[PddlDomain, PddlProblem, float]:
     """The warehouse of the demonstration, or a larger one, and the deadline of its goal, s."""
     cast = cast_of(boxes, carriers)
     known = read_domain(GRIPPER_DOMAIN.read_text("utf-8"), where=str(GRIPPER_DOMAIN))
     believed, (desire,) = gripper_beliefs(cast), gripper_desires(cast)
-    asked = Problem(
+    asked = PddlProblem(
         "sort",
         known.name,
         {fact.name: (fact.type,) for fact in believed if fact.pddl_type == 1},
@@ -152,17 +152,17 @@ def test_the_warehouse_gets_a_plan_within_its_deadline_and_a_second_of_work(boxe
     known, asked, deadline = warehouse(boxes, carriers)
     worked = children_worked()
     answer = Kairos().solve(known, asked, replace(LONG, makespan_s=deadline))
-    assert answer.verdict is Verdict.SOLVED
+    assert answer.verdict is PlannerVerdict.SOLVED
     assert plan_of(answer).makespan_s <= deadline
-    assert faults(known, asked, plan_of(answer)) == ()
+    assert validate_plan(known, asked, plan_of(answer)) == ()
     assert children_worked() - worked < 1.0
 
 
 def test_when_no_plan_is_short_enough_the_first_found_is_named():
     known, asked, _ = warehouse(6, 3)
     worked = children_worked()
-    answer = Kairos().solve(known, asked, Limits(timeout_s=1.0, makespan_s=100.0))
-    assert answer.verdict is Verdict.GAVE_UP
+    answer = Kairos().solve(known, asked, PlannerLimits(timeout_s=1.0, makespan_s=100.0))
+    assert answer.verdict is PlannerVerdict.GAVE_UP
     told = "the plan found first lasts 142.013 s, longer than the 100 s there are; none was found that is short enough"
     assert answer.message == told
     assert 1.0 < answer.seconds < 3.0
@@ -170,7 +170,7 @@ def test_when_no_plan_is_short_enough_the_first_found_is_named():
 
 
 def test_a_plan_may_take_exactly_the_time_there_is():
-    assert solve(problem(), replace(LONG, makespan_s=14.0)).verdict is Verdict.SOLVED
+    assert solve(problem(), replace(LONG, makespan_s=14.0)).verdict is PlannerVerdict.SOLVED
 
 
 def test_what_keeps_steps_apart_does_not_make_a_plan_late(tmp_path):
@@ -181,20 +181,20 @@ def test_what_keeps_steps_apart_does_not_make_a_plan_late(tmp_path):
         for start, step in zip(times, steps, strict=True)
     )
     planner = speaking(tmp_path, f"""case $1 in solve) echo '{{"steps": [{timed}]}}';; esac""")
-    answer = planner.solve(domain(), problem(), Limits(makespan_s=14.0))
-    assert answer.verdict is Verdict.SOLVED
+    answer = planner.solve(domain(), problem(), PlannerLimits(makespan_s=14.0))
+    assert answer.verdict is PlannerVerdict.SOLVED
     assert plan_of(answer).makespan_s == 14.004
 
 
 @busy.can_be_made
 def test_the_plan_does_not_hang_on_how_busy_the_machine_is():
     known, asked, deadline = warehouse(6, 3)
-    limits = Limits(timeout_s=1.0, makespan_s=deadline)
+    limits = PlannerLimits(timeout_s=1.0, makespan_s=deadline)
     alone = Kairos().solve(known, asked, limits)
     with busy.busy_machine(30):
         among_others = Kairos().solve(known, asked, limits)
     assert among_others.seconds > limits.timeout_s, "nobody was in its way"
-    assert (among_others.verdict, among_others.plan) == (Verdict.SOLVED, alone.plan)
+    assert (among_others.verdict, among_others.plan) == (PlannerVerdict.SOLVED, alone.plan)
 
 
 # Limits
@@ -202,8 +202,8 @@ def test_the_plan_does_not_hang_on_how_busy_the_machine_is():
 
 def test_a_hard_problem_is_given_up_when_its_time_is_over(planner, tmp_path):
     worked = children_worked()
-    answer = planner.solve(*hard(), Limits(timeout_s=0.2))
-    assert answer.verdict is Verdict.GAVE_UP
+    answer = planner.solve(*hard(), PlannerLimits(timeout_s=0.2))
+    assert answer.verdict is PlannerVerdict.GAVE_UP
     assert answer.message == "kairos found no plan in 0.2 s"
     assert children_worked() - worked < 1.0
     assert answer.seconds < 2.0
@@ -212,14 +212,14 @@ def test_a_hard_problem_is_given_up_when_its_time_is_over(planner, tmp_path):
 
 def test_a_hard_problem_is_given_up_when_its_memory_is_used(planner):
     answer = planner.solve(*hard(), replace(LONG, memory_mb=60))
-    assert answer.verdict is Verdict.GAVE_UP
+    assert answer.verdict is PlannerVerdict.GAVE_UP
     assert answer.message == "kairos found no plan in 60 MB"
 
 
 def test_who_does_not_want_to_know_any_more_has_the_answer_long_before_the_time_is_up(planner, tmp_path):
     cancelled, began, others = threading.Event(), time.monotonic(), children()
     threading.Timer(0.3, cancelled.set).start()
-    assert planner.solve(*hard(), LONG, cancelled).verdict is Verdict.CANCELLED
+    assert planner.solve(*hard(), LONG, cancelled).verdict is PlannerVerdict.CANCELLED
     assert time.monotonic() - began < LONG.timeout_s / 4
     assert children() <= others
     assert list(tmp_path.iterdir()) == []
@@ -228,7 +228,7 @@ def test_who_does_not_want_to_know_any_more_has_the_answer_long_before_the_time_
 def test_who_never_wanted_to_know_is_not_kept_waiting(planner):
     cancelled = threading.Event()
     cancelled.set()
-    assert planner.solve(*hard(), LONG, cancelled).verdict is Verdict.CANCELLED
+    assert planner.solve(*hard(), LONG, cancelled).verdict is PlannerVerdict.CANCELLED
 
 
 # Processes that go wrong
@@ -236,7 +236,7 @@ def test_who_never_wanted_to_know_is_not_kept_waiting(planner):
 
 def test_a_child_that_somebody_kills_is_a_failure_and_no_exception(planner):
     others = children()
-    found: list[Answer] = []
+    found: list[PlannerAnswer] = []
     asking = threading.Thread(target=lambda: found.append(planner.solve(*hard(), LONG)))
     asking.start()
     end = time.monotonic() + LONG.timeout_s
@@ -245,7 +245,7 @@ def test_a_child_that_somebody_kills_is_a_failure_and_no_exception(planner):
     for child in begun:
         os.kill(child, signal.SIGKILL)
     asking.join()
-    assert found[0].verdict is Verdict.FAILED
+    assert found[0].verdict is PlannerVerdict.FAILED
     assert found[0].message == "kairos died of SIGKILL"
 
 
@@ -259,18 +259,18 @@ def test_a_child_that_somebody_kills_is_a_failure_and_no_exception(planner):
 )
 def test_a_child_that_dies_or_says_nothing_is_a_failure_with_its_last_words(tmp_path, script, message):
     answer = speaking(tmp_path, script).solve(domain(), problem(), LONG)
-    assert (answer.verdict, answer.message) == (Verdict.FAILED, message)
+    assert (answer.verdict, answer.message) == (PlannerVerdict.FAILED, message)
 
 
 @pytest.mark.parametrize("said", ["{nonsense}", '{"steps": 3}', '{"steps": [{"time": "x"}]}', "{}", '{"steps": [3]}'])
 def test_a_child_that_talks_nonsense_is_a_failure(tmp_path, said):
-    assert speaking(tmp_path, f"echo '{said}'").solve(domain(), problem(), LONG).verdict is Verdict.FAILED
+    assert speaking(tmp_path, f"echo '{said}'").solve(domain(), problem(), LONG).verdict is PlannerVerdict.FAILED
 
 
 def test_a_plan_that_does_not_do_it_is_invalid_whatever_kairos_says_of_it(tmp_path):
     plan = '{"steps": [{"time": 0, "duration": 5, "action": "(go rob hall kitchen)"}]}'
     answer = speaking(tmp_path, f"""[ $1 = validate ] || echo '{plan}'""").solve(domain(), problem(), LONG)
-    assert answer.verdict is Verdict.INVALID
+    assert answer.verdict is PlannerVerdict.INVALID
     assert answer.plan is None
 
 
@@ -278,7 +278,7 @@ def test_a_plan_that_kairos_itself_does_not_validate_is_invalid(tmp_path):
     script = """if [ $1 = validate ]; then echo 'plan.txt:1: error: too early [validate.x]' >&2; exit 1; fi
         echo '{"steps": []}'"""
     answer = speaking(tmp_path, script).solve(domain(), problem("(and)"), LONG)
-    assert answer.verdict is Verdict.INVALID
+    assert answer.verdict is PlannerVerdict.INVALID
     assert answer.message == "kairos does not validate its own plan: plan.txt:1: error: too early"
 
 
@@ -286,7 +286,7 @@ def test_a_program_that_is_gone_is_a_failure(tmp_path):
     planner = Kairos()
     planner.command = str(tmp_path / "gone")
     answer = planner.solve(domain(), problem(), LONG)
-    assert answer.verdict is Verdict.FAILED
+    assert answer.verdict is PlannerVerdict.FAILED
     assert "gone" in answer.message
 
 
@@ -327,17 +327,17 @@ def mutated(text: str, seed: int) -> str:
 
 def check_mutations(seed: int) -> None:
     """Neither texts that our reader takes nor ones that it never sees have the planner raise or hang."""
-    limits = Limits(timeout_s=1.0)
+    limits = PlannerLimits(timeout_s=1.0)
     begin = time.monotonic()
     answer = Kairos().solve(replace(domain(), text=mutated(DOMAIN, seed)), problem(), limits)
-    assert isinstance(answer.verdict, Verdict)
+    assert isinstance(answer.verdict, PlannerVerdict)
     try:
         known = read_domain(mutated(DOMAIN, seed + 1)) if seed % 2 else domain()
         asked = read_problem(mutated(PROBLEM, seed + 2), known)
     except PlanningError:
         return
     answer = Kairos().solve(known, asked, limits)
-    assert answer.verdict not in (Verdict.FAILED, Verdict.INVALID), answer.message
+    assert answer.verdict not in (PlannerVerdict.FAILED, PlannerVerdict.INVALID), answer.message
     assert time.monotonic() - begin < 10.0
 
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from socialbot.core.errors import PlanningError
 from socialbot.planning.pddl.domain import (
-    Domain,
     DurationBounds,
     Metric,
-    Problem,
+    PddlDomain,
+    PddlProblem,
     Signature,
     TimedCondition,
     TimedEffect,
@@ -20,17 +20,17 @@ from socialbot.planning.pddl.domain import (
 from socialbot.planning.pddl.formulas import (
     Add,
     And,
-    Change,
+    ConditionalEffect,
     Delete,
+    Equality,
     Fluent,
-    ForEach,
     Number,
+    NumericEffect,
     Or,
     Predicate,
     Quantified,
-    Same,
-    Typed,
-    When,
+    TypedName,
+    UniversalEffect,
 )
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from tests.planning.random_worlds import domain_text, problem_text
@@ -45,22 +45,22 @@ SMALL = """(define (domain small)
 )"""
 
 
-def small(section: str = "") -> Domain:
+def small(section: str = "") -> PddlDomain:
     return read_domain(SMALL.format(section))
 
 
-def act(condition: str = "()", effect: str = "()") -> Domain:
+def act(condition: str = "()", effect: str = "()") -> PddlDomain:
     return small(f"(:action act :parameters (?x ?y - box) :precondition {condition} :effect {effect})")
 
 
-def last(condition: str = "()", effect: str = "()", duration: str = "(= ?duration 2)") -> Domain:
+def last(condition: str = "()", effect: str = "()", duration: str = "(= ?duration 2)") -> PddlDomain:
     return small(
         "(:durative-action last :parameters (?x ?y - box)\n"
         f":duration {duration}\n:condition {condition}\n:effect {effect})"
     )
 
 
-def problem(rest: str, section: str = "") -> Problem:
+def problem(rest: str, section: str = "") -> PddlProblem:
     return read_problem(f"(define (problem p) (:domain small)\n{rest})", small(section))
 
 
@@ -76,12 +76,12 @@ def test_a_domain_with_all_its_sections():
         "carrier": ("object",),
     }
     assert str(domain.predicates["on"]) == "(on ?b - box ?below - place ?s - base)"
-    assert domain.functions["load"] == Signature("load", (Typed("?c", ("carrier",)),))
+    assert domain.functions["load"] == Signature("load", (TypedName("?c", ("carrier",)),))
     assert list(domain.actions) == ["pick", "put", "come", "move"]
     assert domain.actions["come"].line == 22
     assert domain.actions["come"] == domain.actions["come"].__class__(
         "come",
-        (Typed("?c", ("carrier",)), Typed("?s", ("base",))),
+        (TypedName("?c", ("carrier",)), TypedName("?s", ("base",))),
         DurationBounds(Number(6), Number(6)),
         (
             TimedCondition("start", Predicate("away", ("?c",))),
@@ -126,7 +126,7 @@ def test_types_may_have_several_parents_and_be_named_again():
 
 def test_a_variable_of_either_type_is_refused_where_one_of_them_does_not_fit():
     section = "(:action act :parameters (?x - (either box lid)) :precondition ({} ?x))"
-    assert small(section.format("p")).actions["act"].parameters == (Typed("?x", ("box", "lid")),)
+    assert small(section.format("p")).actions["act"].parameters == (TypedName("?x", ("box", "lid")),)
     with pytest.raises(PlanningError, match=r"\?x is a box or lid, but the predicate q takes a box"):
         small(section.replace("({} ?x)", "(q c1 ?x)"))
 
@@ -145,19 +145,19 @@ def test_formulas():
         "(forall (?z - lid) (exists (?w - (either box lid)) (and (p ?z) (p ?w))))",
         "(>= (+ (n) (m ?x)) (- (n)))",
     ]
-    assert act("(= ?x c1)").actions["act"].conditions == (TimedCondition("start", Same("?x", "c1")),)
+    assert act("(= ?x c1)").actions["act"].conditions == (TimedCondition("start", Equality("?x", "c1")),)
 
 
 def test_effects():
     domain = act(effect="(and (not (p ?x)) (forall (?z - lid) (when (p ?z) (and (not (p ?z)) (assign (n) (m c1))))))")
     found = [one.effect for one in domain.actions["act"].effects]
     assert found[0] == Delete(Predicate("p", ("?x",)))
-    assert found[1] == ForEach(
-        (Typed("?z", ("lid",)),),
+    assert found[1] == UniversalEffect(
+        (TypedName("?z", ("lid",)),),
         (
-            When(
+            ConditionalEffect(
                 Predicate("p", ("?z",)),
-                (Delete(Predicate("p", ("?z",))), Change("assign", Fluent("n"), Fluent("m", ("c1",)))),
+                (Delete(Predicate("p", ("?z",))), NumericEffect("assign", Fluent("n"), Fluent("m", ("c1",)))),
             ),
         ),
     )

@@ -7,36 +7,41 @@ import pytest
 
 from socialbot.planning.pddl.formulas import (
     And,
-    Comparison,
+    Equality,
     Fluent,
     Not,
     Number,
+    NumericComparison,
     Or,
     Predicate,
     Quantified,
-    Same,
-    Typed,
+    TypedName,
 )
-from socialbot.planning.planners.planner import refusal
+from socialbot.planning.planners.planner import unsupported_feature
 from tests.planning.moving import domain, problem
 
 
 def test_a_problem_that_fits_its_domain_is_not_refused():
-    every = Quantified("forall", (Typed("?t", ("thing",)),), Or((Predicate("lies", ("?t", "hall")), Same("?t", "cup"))))
-    asked = replace(problem(), goal=And((every, Comparison("<", Fluent("carried", ("rob",)), Number(1.0)))))
-    assert refusal(domain(), asked) is None
+    every = Quantified(
+        "forall", (TypedName("?t", ("thing",)),), Or((Predicate("lies", ("?t", "hall")), Equality("?t", "cup")))
+    )
+    asked = replace(problem(), goal=And((every, NumericComparison("<", Fluent("carried", ("rob",)), Number(1.0)))))
+    assert unsupported_feature(domain(), asked) is None
 
 
 def test_without_a_goal_there_is_nothing_to_ask():
-    assert refusal(domain(), replace(problem(), goal=None)) == "the problem has no goal"
+    assert unsupported_feature(domain(), replace(problem(), goal=None)) == "the problem has no goal"
 
 
 def test_a_domain_without_text_cannot_be_given_to_a_planner():
-    assert refusal(replace(domain(), text=""), problem()) == "the domain moving has no text to give to a planner"
+    assert (
+        unsupported_feature(replace(domain(), text=""), problem())
+        == "the domain moving has no text to give to a planner"
+    )
 
 
 def test_a_problem_of_another_domain_is_refused():
-    assert refusal(domain(), replace(problem(), domain="cooking")) == (
+    assert unsupported_feature(domain(), replace(problem(), domain="cooking")) == (
         "the problem is for the domain 'cooking', not for 'moving'"
     )
 
@@ -49,16 +54,16 @@ def test_a_problem_of_another_domain_is_refused():
         (Predicate("lies", ("mug", "hall")), "(lies mug hall): unknown object 'mug'"),
         (Predicate("lies", ("rob", "hall")), "(lies rob hall): rob is a robot, not a thing"),
         (Not(Predicate("lies", ("?t", "hall"))), "(lies ?t hall): unknown object '?t'"),
-        (And((Same("cup", "mug"),)), "unknown object 'mug'"),
-        (Comparison("=", Fluent("weight", ("cup",)), Number(1.0)), "the domain moving has no function 'weight'"),
+        (And((Equality("cup", "mug"),)), "unknown object 'mug'"),
+        (NumericComparison("=", Fluent("weight", ("cup",)), Number(1.0)), "the domain moving has no function 'weight'"),
         (
-            Quantified("exists", (Typed("?t", ("drink",)),), Predicate("lies", ("?t", "hall"))),
+            Quantified("exists", (TypedName("?t", ("drink",)),), Predicate("lies", ("?t", "hall"))),
             "unknown type 'drink'",
         ),
     ],
 )
 def test_a_goal_with_names_that_do_not_fit_is_refused(goal, reason):
-    assert refusal(domain(), replace(problem(), goal=goal)) == f"in the goal: {reason}"
+    assert unsupported_feature(domain(), replace(problem(), goal=goal)) == f"in the goal: {reason}"
 
 
 @pytest.mark.parametrize(
@@ -72,4 +77,4 @@ def test_a_goal_with_names_that_do_not_fit_is_refused(goal, reason):
     ],
 )
 def test_a_state_with_names_that_do_not_fit_is_refused(change, reason):
-    assert refusal(domain(), replace(problem(), **change)) == reason
+    assert unsupported_feature(domain(), replace(problem(), **change)) == reason

@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.core.errors import PlanningError
-from socialbot.planning.pddl.domain import Domain
+from socialbot.planning.pddl.domain import PddlDomain
 from socialbot.planning.pddl.formulas import And, Fluent, Formula, Predicate
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.pddl.semantics import changes, evaluate, ground, holds, substitute, unmet
-from socialbot.planning.pddl.state import State
+from socialbot.planning.pddl.state import PddlState
 from tests.planning import brute_force
 from tests.planning.random_worlds import OBJECTS, formula, random_pair
 from tests.planning.texts import crane
@@ -23,9 +23,9 @@ PROBLEM = """(define (problem x) (:domain d) (:objects b1 b2 - box l1 - lid)
   (:init (p b1) (p c1) (q b1) (= (n) 3) (= (m b1) 2) (= (m b2) 4) (= (tiny) 0.3)))"""
 
 
-def made(condition: str = "()", effect: str = "()") -> tuple[Domain, State]:
+def made(condition: str = "()", effect: str = "()") -> tuple[PddlDomain, PddlState]:
     domain = read_domain(DOMAIN.format(condition, effect))
-    return domain, State.of(read_problem(PROBLEM, domain), domain)
+    return domain, PddlState.of(read_problem(PROBLEM, domain), domain)
 
 
 def true(condition: str, x: str = "b1") -> bool:
@@ -134,7 +134,7 @@ def test_effects_that_have_no_value_are_errors(effect, message):
 def test_the_duration_is_part_of_what_is_calculated():
     domain = read_domain("""(define (domain d) (:functions (battery)) (:durative-action go :duration (= ?duration 3)
       :effect (at end (decrease (battery) (* 2 ?duration)))))""")
-    state = State(domain, {}, (), {Fluent("battery"): 10.0})
+    state = PddlState(domain, {}, (), {Fluent("battery"): 10.0})
     action = ground(domain.actions["go"], [])
     assert [str(one) for one in changes(action.effects_at("end"), state, duration=3.5)] == ["(battery) = 3"]
     assert action.duration is not None
@@ -166,7 +166,7 @@ def test_the_unmet_parts_of_conjunctions_are_named():
 
 def test_a_condition_of_the_crane_takes_less_than_20_us():
     domain, problem = crane()
-    state = State.of(problem, domain)
+    state = PddlState.of(problem, domain)
     condition = And(ground(domain.actions["pick"], ["crane_a", "box_2", "box_1", "stack"]).conditions_at("start"))
     best = 1.0
     for _ in range(5):
@@ -184,7 +184,7 @@ def test_it_agrees_with_truth_tables(seed):
     domain, problem, chance = random_pair(seed)
     text = domain.text[:-1] + f"(:action asked :parameters (?x - t) :precondition {formula(chance, 4)}))"
     asked: Formula = And(tuple(one.formula for one in read_domain(text).actions["asked"].conditions))
-    state = State.of(problem, domain)
+    state = PddlState.of(problem, domain)
     world: brute_force.World = (
         {(fact.name, *fact.terms) for fact in problem.facts},
         {(fluent.function, *fluent.terms): value for fluent, value in problem.values.items()},

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from socialbot.core.errors import InstallationError
-from socialbot.planning.pddl.validation import faults
+from socialbot.planning.pddl.validation import validate_plan
 from socialbot.planning.planners import engines as unified_module
 from socialbot.planning.planners.engines import Unified
-from socialbot.planning.planners.planner import Limits, Verdict
+from socialbot.planning.planners.planner import PlannerLimits, PlannerVerdict
 from tests.planning.moving import domain, plan_of, problem
 
-LONG = Limits(timeout_s=60.0)
+LONG = PlannerLimits(timeout_s=60.0)
 
 STAND_IN = """
 import os, sys, time
@@ -103,23 +103,23 @@ def stand_in(tmp_path, monkeypatch) -> None:
 
 def test_a_plan_of_an_engine_is_read_and_validated(stand_in):
     answer = Unified("SOLVED_OPTIMALLY").solve(domain(), problem(), LONG)
-    assert answer.verdict is Verdict.SOLVED
+    assert answer.verdict is PlannerVerdict.SOLVED
     assert plan_of(answer).makespan_s == 14.003
     assert plan_of(answer).steps[1].args == ("rob", "cup", "kitchen")
 
 
 def test_a_plan_that_does_not_do_it_is_invalid(stand_in):
-    assert Unified("ordered").solve(domain(), problem(), LONG).verdict is Verdict.INVALID
+    assert Unified("ordered").solve(domain(), problem(), LONG).verdict is PlannerVerdict.INVALID
 
 
 @pytest.mark.parametrize(
     ("engine", "verdict", "message"),
     [
-        ("UNSOLVABLE_PROVEN", Verdict.IMPOSSIBLE, "unsolvable proven"),
-        ("UNSOLVABLE_INCOMPLETELY", Verdict.GAVE_UP, "unsolvable incompletely"),
-        ("INTERNAL_ERROR", Verdict.FAILED, "internal error"),
-        ("picky", Verdict.REFUSED, "picky cannot handle this kind of problem!"),
-        ("missing", Verdict.FAILED, "unified-planning has no engine 'missing' here: pip install up-missing"),
+        ("UNSOLVABLE_PROVEN", PlannerVerdict.IMPOSSIBLE, "unsolvable proven"),
+        ("UNSOLVABLE_INCOMPLETELY", PlannerVerdict.GAVE_UP, "unsolvable incompletely"),
+        ("INTERNAL_ERROR", PlannerVerdict.FAILED, "internal error"),
+        ("picky", PlannerVerdict.REFUSED, "picky cannot handle this kind of problem!"),
+        ("missing", PlannerVerdict.FAILED, "unified-planning has no engine 'missing' here: pip install up-missing"),
     ],
 )
 def test_what_engines_say_becomes_a_verdict(stand_in, engine, verdict, message):
@@ -130,32 +130,32 @@ def test_what_engines_say_becomes_a_verdict(stand_in, engine, verdict, message):
 def test_what_its_reader_does_not_take_is_refused(stand_in):
     known = domain()
     answer = Unified("SOLVED_OPTIMALLY").solve(replace(known, text=f"{known.text}; unreadable"), problem(), LONG)
-    assert answer.verdict is Verdict.REFUSED
+    assert answer.verdict is PlannerVerdict.REFUSED
     assert answer.message.endswith("unified-planning cannot read the domain or problem: no grammar for this")
 
 
 def test_an_engine_that_crashes_or_eats_the_memory_costs_no_more_than_the_plan(stand_in):
     crashed = Unified("crasher").solve(domain(), problem(), LONG)
-    assert crashed.verdict is Verdict.FAILED
+    assert crashed.verdict is PlannerVerdict.FAILED
     assert "died of SIGABRT" in crashed.message
     assert Unified("eater").solve(domain(), problem(), LONG).message == "up:eater found no plan in 512 MB"
 
 
 def test_an_engine_that_takes_too_long_is_killed(stand_in):
-    answer = Unified("sleeper").solve(domain(), problem(), Limits(timeout_s=1.0))
-    assert answer.verdict is Verdict.GAVE_UP
+    answer = Unified("sleeper").solve(domain(), problem(), PlannerLimits(timeout_s=1.0))
+    assert answer.verdict is PlannerVerdict.GAVE_UP
     assert answer.message == "up:sleeper found no plan in 1 s"
 
 
 def test_it_ends_when_nobody_wants_to_know_any_more(stand_in):
     cancelled = threading.Event()
     threading.Timer(0.5, cancelled.set).start()
-    assert Unified("sleeper").solve(domain(), problem(), LONG, cancelled).verdict is Verdict.CANCELLED
+    assert Unified("sleeper").solve(domain(), problem(), LONG, cancelled).verdict is PlannerVerdict.CANCELLED
 
 
 def test_a_plan_that_is_too_long_is_all_there_is(stand_in):
-    answer = Unified("SOLVED_OPTIMALLY").solve(domain(), problem(), Limits(timeout_s=60.0, makespan_s=10.0))
-    assert answer.verdict is Verdict.GAVE_UP
+    answer = Unified("SOLVED_OPTIMALLY").solve(domain(), problem(), PlannerLimits(timeout_s=60.0, makespan_s=10.0))
+    assert answer.verdict is PlannerVerdict.GAVE_UP
     told = "the plan found first lasts 14.003 s, longer than the 10 s there are; none was found that is short enough"
     assert answer.message == told
 
@@ -171,6 +171,6 @@ def test_without_the_library_the_error_says_what_to_do(monkeypatch):
 )
 def test_the_real_library_with_an_engine():
     answer = Unified("kairos").solve(domain(), problem(), LONG)
-    assert answer.verdict is Verdict.SOLVED
-    assert faults(domain(), problem(), plan_of(answer)) == ()
-    assert Unified("nothing").solve(domain(), problem(), LONG).verdict is Verdict.FAILED
+    assert answer.verdict is PlannerVerdict.SOLVED
+    assert validate_plan(domain(), problem(), plan_of(answer)) == ()
+    assert Unified("nothing").solve(domain(), problem(), LONG).verdict is PlannerVerdict.FAILED

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.core.errors import PlanningError
-from socialbot.planning.pddl.domain import Plan, Problem, Step, parse_plan
+from socialbot.planning.pddl.domain import PddlPlan, PddlProblem, PlanStep, parse_plan
 from socialbot.planning.pddl.formulas import Fluent, Predicate
 from socialbot.planning.pddl.reader import read_domain, read_problem
-from socialbot.planning.pddl.validation import faults
+from socialbot.planning.pddl.validation import validate_plan
 from tests.planning import brute_force
 from tests.planning.random_worlds import OBJECTS, random_pair, random_plan
 from tests.planning.texts import CRANE_PLAN, cellar, crane
@@ -18,7 +18,7 @@ from tests.planning.texts import CRANE_PLAN, cellar, crane
 
 def messages(text: str, pair=crane) -> list[str]:
     domain, problem = pair()
-    return [str(fault) for fault in faults(domain, problem, parse_plan(text))]
+    return [str(fault) for fault in validate_plan(domain, problem, parse_plan(text))]
 
 
 def without(number: int) -> str:
@@ -69,8 +69,8 @@ def test_the_unmet_parts_of_the_goal_are_named():
 
 def test_without_a_goal_any_end_will_do():
     domain, problem = crane()
-    free = Problem(problem.name, problem.domain, problem.objects, problem.facts, problem.values)
-    assert faults(domain, free, Plan()) == ()
+    free = PddlProblem(problem.name, problem.domain, problem.objects, problem.facts, problem.values)
+    assert validate_plan(domain, free, PddlPlan()) == ()
 
 
 @pytest.mark.parametrize(
@@ -150,13 +150,13 @@ def test_running_steps_end_first_and_are_watched():
     domain, problem = crane()
     facts = (problem.facts | {Predicate("over", ("crane_a", "stack"))}) - {Predicate("over", ("crane_a", "bay"))}
     values = {**problem.values, Fluent("held", ("crane_a",)): 1.0}
-    now = Problem("now", "crane", problem.objects, facts, values)
+    now = PddlProblem("now", "crane", problem.objects, facts, values)
     pick, move = (
-        Step(-1, "pick", ("crane_a", "box_2", "box_1", "stack"), 3),
-        Step(0, "move", ("crane_a", "stack", "bay"), 5),
+        PlanStep(-1, "pick", ("crane_a", "box_2", "box_1", "stack"), 3),
+        PlanStep(0, "move", ("crane_a", "stack", "bay"), 5),
     )
-    assert faults(domain, now, Plan((pick, move)), running=(0,)) == ()
-    assert "(over crane_a stack)" in str(faults(domain, problem, Plan((pick,)), running=(0,))[0])
+    assert validate_plan(domain, now, PddlPlan((pick, move)), running=(0,)) == ()
+    assert "(over crane_a stack)" in str(validate_plan(domain, problem, PddlPlan((pick,)), running=(0,))[0])
 
 
 @settings(max_examples=200, deadline=None)
@@ -165,10 +165,10 @@ def test_it_agrees_with_a_simulator_that_was_written_apart(seed, size):
     domain, problem, chance = random_pair(seed)
 
     def usable(_domain, _problem, plan) -> bool:
-        return brute_force.moments_apart(plan) and (chance.random() < 0.3 or not faults(_domain, _problem, plan))
+        return brute_force.moments_apart(plan) and (chance.random() < 0.3 or not validate_plan(_domain, _problem, plan))
 
     plan = random_plan(domain, problem, chance, usable, size)
-    assert (not faults(domain, problem, plan)) == brute_force.is_valid(domain, problem, plan), str(plan)
+    assert (not validate_plan(domain, problem, plan)) == brute_force.is_valid(domain, problem, plan), str(plan)
 
 
 @settings(max_examples=60, deadline=None)
@@ -176,15 +176,15 @@ def test_it_agrees_with_a_simulator_that_was_written_apart(seed, size):
 def test_no_plan_makes_it_raise(seed, steps):
     domain, problem, chance = random_pair(seed)
     names = [*domain.actions, "nothing"]
-    plan = Plan(
+    plan = PddlPlan(
         tuple(
-            Step(
+            PlanStep(
                 start, chance.choice(names), (chance.choice((*OBJECTS, word)),) * chance.choice((1, 1, 1, 2)), duration
             )
             for start, word, duration in steps
         )
     )
-    faults(domain, problem, plan)
+    validate_plan(domain, problem, plan)
 
 
 def test_a_plan_of_200_steps_takes_less_than_50_ms():
@@ -196,7 +196,7 @@ def test_a_plan_of_200_steps_takes_less_than_50_ms():
     best = 1.0
     for _ in range(5):
         begin = time.process_time()
-        found = [str(fault.condition) for fault in faults(domain, problem, plan)]
+        found = [str(fault.condition) for fault in validate_plan(domain, problem, plan)]
         best = min(best, time.process_time() - begin)
         assert found == ["(loaded carrier_a box_1)", "(loaded carrier_a box_2)"]
     assert best < 0.05

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.planning.pddl.domain import Problem, problem_text
-from socialbot.planning.pddl.formulas import Fluent, Number, Predicate, Typed, number_text, typed_text
+from socialbot.planning.pddl.domain import PddlProblem, problem_text
+from socialbot.planning.pddl.formulas import Fluent, Number, Predicate, TypedName, number_text, typed_text
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from tests.planning.random_worlds import domain_text, formula
 from tests.planning.random_worlds import problem_text as random_problem_text
@@ -16,7 +16,7 @@ from tests.planning.texts import crane
 COPIED = ("name", "domain", "objects", "facts", "values", "goal", "metric")
 
 
-def same(one: Problem, other: Problem) -> bool:
+def same(one: PddlProblem, other: PddlProblem) -> bool:
     return all(getattr(one, name) == getattr(other, name) for name in COPIED)
 
 
@@ -35,13 +35,13 @@ def test_a_problem_is_written_in_order():
 
 
 def test_equal_problems_are_written_alike():
-    one = Problem("p", "d", {"a": ("object",), "b": ("object",)}, values={Fluent("n"): 1, Fluent("m"): 2})
-    other = Problem("p", "d", {"b": ("object",), "a": ("object",)}, values={Fluent("m"): 2, Fluent("n"): 1})
+    one = PddlProblem("p", "d", {"a": ("object",), "b": ("object",)}, values={Fluent("n"): 1, Fluent("m"): 2})
+    other = PddlProblem("p", "d", {"b": ("object",), "a": ("object",)}, values={Fluent("m"): 2, Fluent("n"): 1})
     assert problem_text(one) == problem_text(other)
 
 
 def test_constants_and_a_goal_that_is_missing_are_left_out():
-    text = problem_text(Problem("p", "d", {"a": ("t",), "b": ("t",)}), constants={"a"})
+    text = problem_text(PddlProblem("p", "d", {"a": ("t",), "b": ("t",)}), constants={"a"})
     assert text == "(define (problem p)\n  (:domain d)\n  (:objects\n    b - t)\n  (:init))\n"
 
 
@@ -69,8 +69,8 @@ def test_numbers_are_exact_and_have_no_exponent(value):
     ("typed", "text"),
     [
         ([], ""),
-        ([Typed("?a"), Typed("?b")], "?a ?b - object"),
-        ([Typed("?a", ("x",)), Typed("?b", ("x", "y"))], "?a - x ?b - (either x y)"),
+        ([TypedName("?a"), TypedName("?b")], "?a ?b - object"),
+        ([TypedName("?a", ("x",)), TypedName("?b", ("x", "y"))], "?a - x ?b - (either x y)"),
     ],
 )
 def test_lists_with_types(typed, text):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from socialbot.planning.pddl.domain import Domain, Problem
+from socialbot.planning.pddl.domain import PddlDomain, PddlProblem
 from socialbot.planning.pddl.reader import read_domain, read_problem
 
 CRANE = """
@@ -79,11 +79,11 @@ CELLAR_PROBLEM = """
 """
 
 
-def crane() -> tuple[Domain, Problem]:
+def crane() -> tuple[PddlDomain, PddlProblem]:
     domain = read_domain(CRANE)
     return domain, read_problem(CRANE_PROBLEM, domain)
 
 
-def cellar() -> tuple[Domain, Problem]:
+def cellar() -> tuple[PddlDomain, PddlProblem]:
     domain = read_domain(CELLAR)
     return domain, read_problem(CELLAR_PROBLEM, domain)

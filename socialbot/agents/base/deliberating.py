@@ -51,13 +51,13 @@ from socialbot.deliberation.messages import (
     PlanExecutionInfo,
 )
 from socialbot.deliberation.options import DirectorOptions, Options
-from socialbot.deliberation.requests import Asked, Correspondence, Policies, RequestServer
+from socialbot.deliberation.requests import Policies, RequestClient, RequestServer, SentRequest
 from socialbot.deliberation.sensing import FactSensor, watched_by
 from socialbot.graph.node import Delivery, Input, Output, Parameter
-from socialbot.planning.pddl.domain import Domain
+from socialbot.planning.pddl.domain import PddlDomain
 from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.planners.engines import make_planner
-from socialbot.planning.planners.planner import Limits
+from socialbot.planning.planners.planner import PlannerLimits
 
 
 def _seconds(default: float, doc: str) -> Parameter[float]:
@@ -154,9 +154,7 @@ class Deliberating(AgentNode):
             watched=watched_by(sensors),
             observer=self,
         )
-        self.correspondence = Correspondence(
-            engine, self.agent_group, self.requests_out.publish, self.request_timeout_s
-        )
+        self.correspondence = RequestClient(engine, self.agent_group, self.requests_out.publish, self.request_timeout_s)
         self._reception = RequestServer(self.deliberator, self._policies(), self.replies_out.publish)
         for sensor in sensors:
             sensor.join(self.deliberator)
@@ -197,8 +195,8 @@ class Deliberating(AgentNode):
         desire: Desire | None = None,
         monitor: bool = False,
         cause: str = "",
-    ) -> Asked:
-        """Asks another agent to check, add or delete a belief or a desire; see `Correspondence.ask`."""
+    ) -> SentRequest:
+        """Asks another agent to check, add or delete a belief or a desire; see `RequestClient.ask`."""
         return self.correspondence.ask(receiver, operation, belief=belief, desire=desire, monitor=monitor, cause=cause)
 
     def stop(self) -> None:
@@ -218,7 +216,7 @@ class Deliberating(AgentNode):
         folders = (self.folder or Path.cwd(), *paths.workspace())
         return paths.within(name, folders, where=f"{self.name}.{parameter}")
 
-    def _domain(self) -> Domain:
+    def _domain(self) -> PddlDomain:
         if not self.pddl_file:
             raise PlanningError("it has no domain", where=self.name, remedy="set its parameter pddl_file")
         path = self.path("pddl_file")
@@ -239,7 +237,7 @@ class Deliberating(AgentNode):
             autosub_context=self.autosub_context,
             retry_s=self.retry_s,
             give_up_silent_s=self.give_up_silent_s,
-            limits=Limits(timeout_s=self.planning_timeout_s, memory_mb=self.planning_memory_mb),
+            limits=PlannerLimits(timeout_s=self.planning_timeout_s, memory_mb=self.planning_memory_mb),
         )
 
     def _director_options(self) -> DirectorOptions:

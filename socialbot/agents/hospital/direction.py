@@ -20,9 +20,9 @@ from socialbot.agents.hospital.ward.messages import (
     WardState,
 )
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.planning.htn.domain import Item, State
+from socialbot.planning.htn.domain import Item, TaskState
 from socialbot.planning.htn.planner import TaskPlanner
-from socialbot.planning.htn.tree import Node, TaskAnswer, TaskVerdict
+from socialbot.planning.htn.tree import TaskAnswer, TaskNode, TaskVerdict
 
 log = logging.getLogger("socialbot.coordinator")
 
@@ -140,7 +140,7 @@ class Direction:
 
     # Plans
 
-    def state(self, mission: Mission, *, sees_rooms: bool) -> State:
+    def state(self, mission: Mission, *, sees_rooms: bool) -> TaskState:
         """The ward as the planner of tasks is told of it."""
         assert self.ward is not None
         return state_of(self.ward, mission, sees_rooms=sees_rooms)
@@ -246,7 +246,7 @@ class Recovery:
         nurse = ward.agent(mission.team[NURSE])
         return nurse is None or nurse.place != AWAY
 
-    def _repair(self, mission: Mission, course: Course, failed: Node) -> TaskAnswer | None:
+    def _repair(self, mission: Mission, course: Course, failed: TaskNode) -> TaskAnswer | None:
         """A plan that keeps what was done, if that is the policy, and it does not begin with what has failed."""
         direction, policy = self.direction, self.direction.conduct.policy
         if policy == "replan" or (policy == "auto" and course.joint_share > MOSTLY_JOINT):

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from socialbot.planning.htn.domain import Item, State, TaskDomain
+from socialbot.planning.htn.domain import Item, TaskDomain, TaskState
 
 DISINFECT = TaskDomain("disinfect")
 
@@ -22,10 +22,10 @@ def mission(spot: str, uvd: str, nurse: str) -> Item:
     return ("m_patrol_and_disinfect", spot, uvd, nurse)
 
 
-def ward(nurses: Mapping[str, str], robots: Iterable[str], waiting_room: str) -> State:
+def ward(nurses: Mapping[str, str], robots: Iterable[str], waiting_room: str) -> TaskState:
     """Nurses in their rooms, all doors closed, all rooms clean; robots, with full batteries, in the waiting room."""
     robots = list(robots)
-    return State(
+    return TaskState(
         "ward",
         loc={**nurses, **dict.fromkeys(robots, waiting_room)},
         doors=dict.fromkeys(nurses.values(), False),
@@ -37,7 +37,7 @@ def ward(nurses: Mapping[str, str], robots: Iterable[str], waiting_room: str) ->
 
 
 @DISINFECT.action
-def a_navigate_to(state: State, agent: str, room: str) -> State | None:
+def a_navigate_to(state: TaskState, agent: str, room: str) -> TaskState | None:
     """It goes to the room, or before its door, unless its battery is low."""
     if state.low_battery.get(agent):
         return None
@@ -46,67 +46,67 @@ def a_navigate_to(state: State, agent: str, room: str) -> State | None:
 
 
 @DISINFECT.action
-def a_open_door(state: State, agent: str, room: str) -> State:
+def a_open_door(state: TaskState, agent: str, room: str) -> TaskState:
     """It opens the door with its arm."""
     state.doors[room] = True
     return state
 
 
 @DISINFECT.action
-def a_approach_nurse(state: State, spot: str, nurse: str) -> State:
+def a_approach_nurse(state: TaskState, spot: str, nurse: str) -> TaskState:
     """It goes up to the nurse."""
     return state
 
 
 @DISINFECT.action
-def a_authenticate_nurse(state: State, spot: str, nurse: str) -> State:
+def a_authenticate_nurse(state: TaskState, spot: str, nurse: str) -> TaskState:
     """The two make sure who the other is."""
     state.authenticated[spot] = nurse
     return state
 
 
 @DISINFECT.action
-def a_authorize_patrol(state: State, spot: str, nurse: str) -> State:
+def a_authorize_patrol(state: TaskState, spot: str, nurse: str) -> TaskState:
     """The nurse allows one patrol."""
     state.authenticated.pop(spot, None)
     return state
 
 
 @DISINFECT.action
-def a_patrol_room(state: State, spot: str, room: str) -> State:
+def a_patrol_room(state: TaskState, spot: str, room: str) -> TaskState:
     """It looks whether the room is fit to be disinfected."""
     return state
 
 
 @DISINFECT.action
-def a_adapt_room(state: State, nurse: str, room: str) -> State:
+def a_adapt_room(state: TaskState, nurse: str, room: str) -> TaskState:
     """The nurse tidies the room, and sends people out."""
     state.cleaned[room] = True
     return state
 
 
 @DISINFECT.action
-def a_authorize_disinfect(state: State, uvd: str, spot: str) -> State:
+def a_authorize_disinfect(state: TaskState, uvd: str, spot: str) -> TaskState:
     """The robot that patrolled says that nobody is in the room."""
     return state
 
 
 @DISINFECT.action
-def a_disinfect_room(state: State, uvd: str, room: str) -> State:
+def a_disinfect_room(state: TaskState, uvd: str, room: str) -> TaskState:
     """It lights the room with ultraviolet light."""
     state.disinfected[room] = True
     return state
 
 
 @DISINFECT.action
-def a_charge(state: State, robot: str) -> State:
+def a_charge(state: TaskState, robot: str) -> TaskState:
     """It fills its battery."""
     state.low_battery[robot] = False
     return state
 
 
 @DISINFECT.method("m_patrol_and_disinfect")
-def infected(state: State, spot: str, uvd: str, nurse: str) -> list[Item] | None:
+def infected(state: TaskState, spot: str, uvd: str, nurse: str) -> list[Item] | None:
     """The room is to be disinfected: the nurse is met, the room patrolled, then disinfected."""
     if state.disinfected[state.loc[nurse]]:
         return None
@@ -118,7 +118,7 @@ def infected(state: State, spot: str, uvd: str, nurse: str) -> list[Item] | None
 
 
 @DISINFECT.method("m_approach_nurse")
-def door_open(state: State, spot: str, nurse: str) -> list[Item] | None:
+def door_open(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
     """The robot goes straight in."""
     room = state.loc[nurse]
     if not state.doors[room]:
@@ -127,7 +127,7 @@ def door_open(state: State, spot: str, nurse: str) -> list[Item] | None:
 
 
 @DISINFECT.method("m_approach_nurse")
-def door_closed(state: State, spot: str, nurse: str) -> list[Item] | None:
+def door_closed(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
     """The robot opens the door first."""
     room = state.loc[nurse]
     if state.doors[room]:
@@ -141,7 +141,7 @@ def door_closed(state: State, spot: str, nurse: str) -> list[Item] | None:
 
 
 @DISINFECT.method("m_patrol_room")
-def allowed_by_nurse(state: State, spot: str, nurse: str) -> list[Item]:
+def allowed_by_nurse(state: TaskState, spot: str, nurse: str) -> list[Item]:
     """The nurse tidies the room if need be, and is met if that is not the case; then comes the patrol."""
     return [
         ("m_adapt_room", nurse),
@@ -152,7 +152,7 @@ def allowed_by_nurse(state: State, spot: str, nurse: str) -> list[Item]:
 
 
 @DISINFECT.method("m_disinfect_room")
-def patrolled(state: State, uvd: str, spot: str, nurse: str) -> list[Item] | None:
+def patrolled(state: TaskState, uvd: str, spot: str, nurse: str) -> list[Item] | None:
     """The room is fit: the other robot is let in. There is no way for a room that is not."""
     room = state.loc[nurse]
     if not state.cleaned[room]:
@@ -161,20 +161,20 @@ def patrolled(state: State, uvd: str, spot: str, nurse: str) -> list[Item] | Non
 
 
 @DISINFECT.method("m_adapt_room")
-def untidy(state: State, nurse: str) -> list[Item] | None:
+def untidy(state: TaskState, nurse: str) -> list[Item] | None:
     """The nurse tidies the room."""
     room = state.loc[nurse]
     return None if state.cleaned[room] else [("a_adapt_room", nurse, room)]
 
 
 @DISINFECT.method("m_adapt_room")
-def tidy(state: State, nurse: str) -> list[Item]:
+def tidy(state: TaskState, nurse: str) -> list[Item]:
     """There is nothing to tidy."""
     return []
 
 
 @DISINFECT.method("m_meet_nurse")
-def far_away(state: State, spot: str, nurse: str) -> list[Item] | None:
+def far_away(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
     """The robot comes back, with a charge if it needs one."""
     if state.loc[spot] == state.loc[nurse] and not state.low_battery[spot]:
         return None
@@ -182,7 +182,7 @@ def far_away(state: State, spot: str, nurse: str) -> list[Item] | None:
 
 
 @DISINFECT.method("m_meet_nurse")
-def unknown(state: State, spot: str, nurse: str) -> list[Item] | None:
+def unknown(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
     """The robot is in the room, but has to say again who it is."""
     if state.authenticated.get(spot) == nurse:
         return None
@@ -190,18 +190,18 @@ def unknown(state: State, spot: str, nurse: str) -> list[Item] | None:
 
 
 @DISINFECT.method("m_meet_nurse")
-def known(state: State, spot: str, nurse: str) -> list[Item]:
+def known(state: TaskState, spot: str, nurse: str) -> list[Item]:
     """The nurse knows the robot, which has used no permission since."""
     return []
 
 
 @DISINFECT.method("m_go")
-def battery_low(state: State, robot: str, room: str) -> list[Item] | None:
+def battery_low(state: TaskState, robot: str, room: str) -> list[Item] | None:
     """It charges first."""
     return [("a_charge", robot), ("a_navigate_to", robot, room)] if state.low_battery[robot] else None
 
 
 @DISINFECT.method("m_go")
-def battery_full(state: State, robot: str, room: str) -> list[Item]:
+def battery_full(state: TaskState, robot: str, room: str) -> list[Item]:
     """It goes at once."""
     return [("a_navigate_to", robot, room)]

@@ -24,9 +24,9 @@ from socialbot.agents.hospital.ward.messages import (
     PERSON_IN_ROOM,
     WardState,
 )
-from socialbot.planning.htn.domain import Item, State
+from socialbot.planning.htn.domain import Item, TaskState
 from socialbot.planning.htn.planner import progressed
-from socialbot.planning.htn.tree import Node, TaskTree
+from socialbot.planning.htn.tree import TaskNode, TaskTree
 
 JOINT_ACTIONS = frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_authorize_disinfect"})
 """Actions that all agents do whom they name; any other one is done by the first that it names."""
@@ -200,7 +200,7 @@ class Memory(msgspec.Struct):
     last: int = 0
 
 
-def state_of(ward: WardState, mission: Mission, *, sees_rooms: bool) -> State:
+def state_of(ward: WardState, mission: Mission, *, sees_rooms: bool) -> TaskState:
     """What the planner of tasks is told: the ward as it was seen, and what the agents of the mission found out.
 
     Unless it ``sees_rooms``, rooms are taken to be tidy and batteries to be full as long as nobody says otherwise.
@@ -212,7 +212,7 @@ def state_of(ward: WardState, mission: Mission, *, sees_rooms: bool) -> State:
     agents = {name: ward.agent(name) for name in mission.team.values()}
     room = ward.room(mission.room)
     low = {name: sees_rooms and agent is not None and agent.low_battery for name, agent in agents.items()}
-    return State(
+    return TaskState(
         "ward",
         loc={
             name: mission.room if agent and agent.place == mission.room else CORRIDOR for name, agent in agents.items()
@@ -289,12 +289,12 @@ class Course:
     """The tree that a plan comes from, its actions, and how many of them are done."""
 
     tree: TaskTree
-    agenda: tuple[Node, ...]
+    agenda: tuple[TaskNode, ...]
     stages: tuple[Stage, ...]
     position: int = 0
     reached: dict[str, int] = field(default_factory=dict)
     """How many of the actions each agent has behind it."""
-    foreseen: tuple[int, State] | None = None
+    foreseen: tuple[int, TaskState] | None = None
     """The position and the state for which it was last looked over."""
     doubted: int | None = None
     """Since when (ns) it does not seem to be right."""
@@ -306,7 +306,7 @@ class Course:
         return Course(tree, plan, stages([node.item for node in plan], tuple(team), JOINT_ACTIONS))
 
     @property
-    def next(self) -> Node | None:
+    def next(self) -> TaskNode | None:
         """The action that is being done, or comes next."""
         return self.agenda[self.position] if self.position < len(self.agenda) else None
 
@@ -339,7 +339,7 @@ class Course:
         self.position = index + 1
         return True
 
-    def fail(self, agent: str, item: Item) -> Node | None:
+    def fail(self, agent: str, item: Item) -> TaskNode | None:
         """The action that ``agent`` could not do, which now is the next one; if it is none of the plan, the next."""
         index = self.find(agent, item)
         if index is not None:

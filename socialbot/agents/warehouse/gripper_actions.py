@@ -10,7 +10,7 @@ from socialbot.agents.warehouse.messages import OBEYED_NS, GripperPose, GripperS
 from socialbot.agents.warehouse.scenario import HIGH_M
 from socialbot.deliberation.actions import PlanAction
 from socialbot.deliberation.messages import Desire, Fact, Operation
-from socialbot.deliberation.requests import Asked
+from socialbot.deliberation.requests import SentRequest
 from socialbot.deliberation.sensing import predicate
 
 if TYPE_CHECKING:
@@ -171,9 +171,9 @@ class gripper_put_on_carrier(PhasedAction):  # noqa: N801
         super().begin(gripper, box, carrier, bay)
         self.loaded = predicate("lb_load_completed", carrier)
         self.warned = self.tell("del")
-        self.told: Asked | None = None
+        self.told: SentRequest | None = None
 
-    def tell(self, operation: Operation) -> Asked:
+    def tell(self, operation: Operation) -> SentRequest:
         """Has the carrier believe, or not, that it was loaded."""
         return self.gripper.ask(self.args[2], operation, belief=self.loaded, cause=self.id)
 
@@ -194,7 +194,7 @@ class gripper_put_on_carrier(PhasedAction):  # noqa: N801
             self.told = self.tell("add")
         return self.is_known(self.told)
 
-    def is_known(self, asked: Asked) -> bool:
+    def is_known(self, asked: SentRequest) -> bool:
         """Whether the carrier has taken what it was told."""
         if asked.state in ("refused", "timeout"):
             self.fail(f"{self.args[2]} does not want to know whether it was loaded: {asked.reason}")

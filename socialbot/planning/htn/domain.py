@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from socialbot.core.errors import PlanningError
 
 
-class State:
+class TaskState:
     """State variables as attributes: ``State(loc={"spot1": "room4"})``, then ``state.loc["spot1"]``.
 
     A variable is a dictionary, list or set, or a plain value. Values inside of those are never changed in place, but
@@ -30,7 +30,7 @@ class State:
         raise AttributeError(f"{vars(self).get('__name__')} has no state variable {name!r}")
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, State) and self.variables() == other.variables()
+        return isinstance(other, TaskState) and self.variables() == other.variables()
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -41,7 +41,7 @@ class State:
         """The state variables by name."""
         return {name: value for name, value in vars(self).items() if name != "__name__"}
 
-    def copy(self) -> State:
+    def copy(self) -> TaskState:
         """Another state with the same variables; one can be changed without the other."""
         other = object.__new__(type(self))
         vars(other).update(
@@ -156,7 +156,7 @@ class TaskDomain:
         """The action called ``name``, or the methods of that task; none if there is no such thing."""
         return (self.actions[name],) if name in self.actions else self.methods.get(name, ())
 
-    def after(self, state: State, items: Iterable[Item]) -> State:
+    def after(self, state: TaskState, items: Iterable[Item]) -> TaskState:
         """The state after actions have been done one after the other; ``state`` is left as it is.
 
         Raises PlanningError for an action that cannot be done, or that there is not.
@@ -165,7 +165,7 @@ class TaskDomain:
             if item[0] not in self.actions:
                 raise PlanningError(f"{self.name} has no action {item[0]!r}")
             changed = self.actions[item[0]].function(state.copy(), *item[1:])
-            if not isinstance(changed, State):
+            if not isinstance(changed, TaskState):
                 raise PlanningError(f"{item_text(item)} cannot be done", where=self.actions[item[0]].where)
             state = changed
         return state

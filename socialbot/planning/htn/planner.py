@@ -7,12 +7,21 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-from socialbot.planning.htn.domain import Item, State, TaskDomain
-from socialbot.planning.htn.search import Cancelled, DomainFault, LimitReached, Otherwise, Place, Search, Trail, back
-from socialbot.planning.htn.tree import Fault, Node, Status, TaskAnswer, TaskLimits, TaskTree, TaskVerdict
+from socialbot.planning.htn.domain import Item, TaskDomain, TaskState
+from socialbot.planning.htn.search import (
+    Alternative,
+    Cancelled,
+    LimitReached,
+    TaskDomainError,
+    TaskPlace,
+    TaskSearch,
+    Trail,
+    back,
+)
+from socialbot.planning.htn.tree import TaskAnswer, TaskFault, TaskLimits, TaskNode, TaskStatus, TaskTree, TaskVerdict
 
 
-def progressed(tree: TaskTree, reached: Node, status: Status) -> TaskTree:
+def progressed(tree: TaskTree, reached: TaskNode, status: TaskStatus) -> TaskTree:
     """``tree`` after all that is planned before the action ``reached`` was done; that one has ``status``."""
     nodes = dict(tree.nodes)
     for node in tree.plan:
@@ -28,25 +37,25 @@ def progressed(tree: TaskTree, reached: Node, status: Status) -> TaskTree:
     return replace(tree, nodes=nodes, next_id=tree.next_id + 1)
 
 
-def grown(tree: TaskTree, tops: Iterable[Place], trail: Trail | None, redone: int | None = None) -> TaskTree:
+def build_tree(tree: TaskTree, tops: Iterable[TaskPlace], trail: Trail | None, redone: int | None = None) -> TaskTree:
     """``tree`` with ``tops`` done as ``trail`` tells; those that stand at no node become new roots.
 
     A task that is done by the same method and leads to the same as before keeps the ids below it, except for
     ``redone``: what was done and what failed below that becomes former, the rest is left out.
     """
-    methods: dict[Place, str | None] = {}
-    below: dict[Place, list[Place]] = {}
+    methods: dict[TaskPlace, str | None] = {}
+    below: dict[TaskPlace, list[TaskPlace]] = {}
     for entry in reversed(list(back(trail))):
-        place: Place = entry.what
+        place: TaskPlace = entry.what
         methods[place] = entry.method
         if place.above is not None:
             below.setdefault(place.above, []).append(place)
 
     nodes, roots, next_id = dict(tree.nodes), list(tree.roots), tree.next_id
-    waiting: list[tuple[Place, Node]] = []
+    waiting: list[tuple[TaskPlace, TaskNode]] = []
     for top in tops:
         if (at := top.node) is None:
-            waiting.append((top, Node(next_id, top.item)))
+            waiting.append((top, TaskNode(next_id, top.item)))
             roots.append(next_id)
             next_id += 1
         else:
@@ -65,7 +74,7 @@ def grown(tree: TaskTree, tops: Iterable[Place], trail: Trail | None, redone: in
         if same and node.method == methods[place]:
             nearer = [(child, tree.nodes[id]) for child, id in zip(children, node.children, strict=True)]
         else:
-            nearer = [(child, Node(id, child.item, node.id)) for id, child in enumerate(children, next_id)]
+            nearer = [(child, TaskNode(id, child.item, node.id)) for id, child in enumerate(children, next_id)]
             next_id += len(children)
             node = replace(node, children=tuple(new.id for _, new in nearer))
         waiting += reversed(nearer)
@@ -74,7 +83,7 @@ def grown(tree: TaskTree, tops: Iterable[Place], trail: Trail | None, redone: in
     return TaskTree(nodes, tuple(roots), next_id)
 
 
-def _remains(tree: TaskTree, redone: int) -> Iterator[Node]:
+def _remains(tree: TaskTree, redone: int) -> Iterator[TaskNode]:
     """What is left of the nodes at and below ``redone``: what was done, what failed, and the tasks for that."""
     left = {redone: tree.nodes[redone]}
     for node in tree.walk(redone):
@@ -109,7 +118,7 @@ class TaskPlanner:
 
     def plan(
         self,
-        state: State,
+        state: TaskState,
         tasks: Iterable[Item],
         limits: TaskLimits = LIMITS,
         *,
@@ -118,21 +127,21 @@ class TaskPlanner:
     ) -> TaskAnswer:
         """How ``tasks`` can be done one after the other, beginning in ``state``, which is left as it is."""
 
-        def work(search: Search) -> TaskAnswer:
+        def work(search: TaskSearch) -> TaskAnswer:
             asked = list(tasks)
             for item in asked:
                 search.check(item, "what was asked for")
-            tops = [Place(tuple(item)) for item in asked]
+            tops = [TaskPlace(tuple(item)) for item in asked]
             found = search.run(state, tops)
             if found is None:
                 return _impossible(search)
-            return TaskAnswer(TaskVerdict.PLAN, grown(TaskTree(), tops, found.trail))
+            return TaskAnswer(TaskVerdict.PLAN, build_tree(TaskTree(), tops, found.trail))
 
         return self._answer(work, limits, blacklist, cancelled)
 
     def replan(
         self,
-        state: State,
+        state: TaskState,
         tree: TaskTree,
         failed: int,
         limits: TaskLimits = LIMITS,
@@ -147,7 +156,7 @@ class TaskPlanner:
         tree. What comes later and stays as it was keeps its ids.
         """
 
-        def work(search: Search) -> TaskAnswer:
+        def work(search: TaskSearch) -> TaskAnswer:
             path = _path(tree, failed)
             old = progressed(tree, path[0], "failed")
             for node in path[1:] or path:
@@ -161,7 +170,7 @@ class TaskPlanner:
 
     def revise(
         self,
-        state: State,
+        state: TaskState,
         tree: TaskTree,
         next_node: int,
         limits: TaskLimits = LIMITS,
@@ -175,7 +184,7 @@ class TaskPlanner:
         only if it has to be. The tree stays equal, but for what was done, if the plan is still right.
         """
 
-        def work(search: Search) -> TaskAnswer:
+        def work(search: TaskSearch) -> TaskAnswer:
             path = _path(tree, next_node)
             old = progressed(tree, path[0], "planned")
             for node in path:
@@ -188,14 +197,14 @@ class TaskPlanner:
 
     def _answer(
         self,
-        work: Callable[[Search], TaskAnswer],
+        work: Callable[[TaskSearch], TaskAnswer],
         limits: TaskLimits,
         blacklist: Iterable[Item],
         cancelled: threading.Event | None,
     ) -> TaskAnswer:
         begin = time.monotonic()
         end = time.thread_time() + limits.timeout_s
-        search = Search(self.domain, limits, [tuple(item) for item in blacklist], cancelled, end)
+        search = TaskSearch(self.domain, limits, [tuple(item) for item in blacklist], cancelled, end)
         try:
             for item in search.blacklist:
                 search.check(item, "the blacklist")
@@ -206,19 +215,19 @@ class TaskPlanner:
             )
         except Cancelled:
             answer = TaskAnswer(TaskVerdict.CANCELLED, message="cancelled")
-        except DomainFault as problem:
+        except TaskDomainError as problem:
             answer = TaskAnswer(TaskVerdict.ERROR, message=str(problem), fault=problem.fault)
         return replace(answer, seconds=time.monotonic() - begin)
 
 
-def _impossible(search: Search) -> TaskAnswer:
+def _impossible(search: TaskSearch) -> TaskAnswer:
     return TaskAnswer(TaskVerdict.IMPOSSIBLE, message=f"no plan: {search.obstacle}")
 
 
-def _path(tree: TaskTree, id: int) -> list[Node]:
+def _path(tree: TaskTree, id: int) -> list[TaskNode]:
     if id not in tree.nodes or tree.nodes[id].status != "planned":
-        raise DomainFault(
-            Fault.UNKNOWN,
+        raise TaskDomainError(
+            TaskFault.UNKNOWN,
             f"the tree has no planned action at node {id}",
             remedy="give the id of a node of the plan",
         )
@@ -226,24 +235,24 @@ def _path(tree: TaskTree, id: int) -> list[Node]:
 
 
 def _redo(
-    search: Search, state: State, tree: TaskTree, node: Node, failed: int | None, *, again: bool
+    search: TaskSearch, state: TaskState, tree: TaskTree, node: TaskNode, failed: int | None, *, again: bool
 ) -> TaskAnswer | None:
     """What becomes of ``tree`` when ``node`` is done from ``state``, and then all that comes later; None if it cannot.
 
     Unless ``again``, it may not be done as it was when ``failed`` had failed.
     """
-    top = Place(node.item, node=node.id)
+    top = TaskPlace(node.item, node=node.id)
     later: list[int] = []
     for above in tree.path(node.id):
         later += tree.later(above)
-    tops = [top, *(Place(tree.nodes[id].item, node=id) for id in later)]
-    todo: list[Place | Otherwise] = [*tops]
+    tops = [top, *(TaskPlace(tree.nodes[id].item, node=id) for id in later)]
+    todo: list[TaskPlace | Alternative] = [*tops]
     if failed is not None and not again:
         actions = [below for below in tree.walk(node.id, former=False) if below.method is None]
         index = [action.id for action in actions].index(failed)
-        todo.insert(1, Otherwise(top, tuple(action.item for action in actions), index))
+        todo.insert(1, Alternative(top, tuple(action.item for action in actions), index))
     found = search.run(state, todo)
     if found is None:
         return None
     redone = node.id if node.method is not None or failed is not None else None
-    return TaskAnswer(TaskVerdict.PLAN, grown(tree, tops, found.trail, redone), redone=redone)
+    return TaskAnswer(TaskVerdict.PLAN, build_tree(tree, tops, found.trail, redone), redone=redone)

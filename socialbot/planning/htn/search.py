@@ -14,8 +14,8 @@ from types import ModuleType
 from typing import Any
 
 from socialbot.core.errors import InstallationError, PlanningError
-from socialbot.planning.htn.domain import MOST_METHODS, Item, Operator, State, TaskDomain, item_text
-from socialbot.planning.htn.tree import Fault, TaskLimits
+from socialbot.planning.htn.domain import MOST_METHODS, Item, Operator, TaskDomain, TaskState, item_text
+from socialbot.planning.htn.tree import TaskFault, TaskLimits
 
 
 def _load() -> ModuleType:
@@ -46,17 +46,17 @@ class Trail:
         self.method = method
 
 
-class Moment(_GTPYHOP.State):
+class SearchState(_GTPYHOP.State):
     """A state in the search, and how it came about: ``done`` actions long."""
 
     __name__ = "moment"
 
-    def __init__(self, state: State, trail: Trail | None = None, done: int = 0) -> None:
+    def __init__(self, state: TaskState, trail: Trail | None = None, done: int = 0) -> None:
         self.state = state
         self.trail = trail
         self.done = done
 
-    def copy(self, new_name: str | None = None) -> Moment:
+    def copy(self, new_name: str | None = None) -> SearchState:
         # Who does an action copies what it changes.
         return self
 
@@ -74,21 +74,21 @@ Todo = tuple[Any, ...]
 """An entry of a list to do. What its function raises ends the search, and is raised by `seek`."""
 
 
-def step(function: Callable[[Moment], Moment | None]) -> Todo:
+def step(function: Callable[[SearchState], SearchState | None]) -> Todo:
     """An entry that leads to another moment, or to None if that cannot be."""
     return ("_step", function)
 
 
-def task(function: Callable[[Moment, int], list[Todo] | None], methods: int) -> Todo:
+def task(function: Callable[[SearchState, int], list[Todo] | None], methods: int) -> Todo:
     """An entry that leads to a list to do by each of so many methods, or to None if that one does not apply."""
     return (f"task {methods}", function)
 
 
-def seek(start: Moment, todo: Sequence[Todo]) -> Moment | None:
+def seek(start: SearchState, todo: Sequence[Todo]) -> SearchState | None:
     """The first moment at which all of ``todo`` is done, methods tried in order; None if there is none."""
-    found: list[Moment] = []
+    found: list[SearchState] = []
 
-    def end(moment: Moment) -> Moment:
+    def end(moment: SearchState) -> SearchState:
         found.append(moment)
         return moment
 
@@ -96,12 +96,12 @@ def seek(start: Moment, todo: Sequence[Todo]) -> Moment | None:
     return found[0] if found else None
 
 
-def _step(moment: Moment, function: Callable[[Moment], Moment | None]) -> Moment | None:
+def _step(moment: SearchState, function: Callable[[SearchState], SearchState | None]) -> SearchState | None:
     return function(moment)
 
 
-def _method(index: int) -> Callable[[Moment, Callable[[Moment, int], list[Todo] | None]], list[Todo] | None]:
-    def refine(moment: Moment, function: Callable[[Moment, int], list[Todo] | None]) -> list[Todo] | None:
+def _method(index: int) -> Callable[[SearchState, Callable[[SearchState, int], list[Todo] | None]], list[Todo] | None]:
+    def refine(moment: SearchState, function: Callable[[SearchState, int], list[Todo] | None]) -> list[Todo] | None:
         return function(moment, index)
 
     return refine
@@ -128,28 +128,28 @@ class Cancelled(Exception):  # noqa: N818 - no error
     """Nobody wants to know any more."""
 
 
-class DomainFault(Exception):  # noqa: N818 - it carries one
+class TaskDomainError(Exception):
     """The domain, or what was asked, is wrong."""
 
-    def __init__(self, fault: Fault, what: str, *, where: str | None = None, remedy: str | None = None) -> None:
+    def __init__(self, fault: TaskFault, what: str, *, where: str | None = None, remedy: str | None = None) -> None:
         super().__init__(str(PlanningError(what, where=where, remedy=remedy)))
         self.fault = fault
 
 
 @dataclass(eq=False, slots=True)
-class Place:
+class TaskPlace:
     """Where an item stands: below another one; at the top, at a node of a tree, or nowhere yet."""
 
     item: Item
-    above: Place | None = None
+    above: TaskPlace | None = None
     node: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Otherwise:
+class Alternative:
     """Demands that ``place`` was done in another way than by ``actions``, from the one number ``failed`` or earlier."""
 
-    place: Place
+    place: TaskPlace
     actions: tuple[Item, ...]
     failed: int
 
@@ -160,7 +160,7 @@ class Otherwise:
         return not again or self.actions[len(self.actions) - len(new) :] != tuple(reversed(new))
 
 
-def back(trail: Trail | None, start: Place | None = None) -> Iterator[Trail]:
+def back(trail: Trail | None, start: TaskPlace | None = None) -> Iterator[Trail]:
     """The trail from its end back to where ``start`` was done or refined, or to its beginning."""
     while trail is not None:
         yield trail
@@ -168,7 +168,7 @@ def back(trail: Trail | None, start: Place | None = None) -> Iterator[Trail]:
 
 
 @dataclass(eq=False)
-class Search:
+class TaskSearch:
     """Searches in one domain that share their limits; ``end`` is when to give up (``time.thread_time``)."""
 
     domain: TaskDomain
@@ -179,12 +179,12 @@ class Search:
     attempts: int = 0
     _furthest: tuple[int, str] = field(default=(-1, ""))
 
-    def run(self, state: State, todo: Sequence[Place | Otherwise]) -> Moment | None:
+    def run(self, state: TaskState, todo: Sequence[TaskPlace | Alternative]) -> SearchState | None:
         """The moment at which all of ``todo`` is done, one after the other, or None if it cannot be.
 
         Raises LimitReached, Cancelled, DomainFault.
         """
-        return seek(Moment(state.copy()), [self._todo(what) for what in todo])
+        return seek(SearchState(state.copy()), [self._todo(what) for what in todo])
 
     @property
     def obstacle(self) -> str:
@@ -195,8 +195,8 @@ class Search:
     def check(self, item: Any, whence: str, where: str | None = None) -> None:
         """Raises DomainFault if the domain has no such action or task."""
         if not isinstance(item, (list, tuple)) or not item or not isinstance(item[0], str):
-            raise DomainFault(
-                Fault.MALFORMED,
+            raise TaskDomainError(
+                TaskFault.MALFORMED,
                 f"{item!r:.80}, in {whence}, is no task",
                 where=where,
                 remedy='write ("name", argument)',
@@ -204,27 +204,27 @@ class Search:
         operators = self.domain.operators(item[0])
         if not operators:
             similar = self.domain.similar(item[0])
-            raise DomainFault(
-                Fault.UNKNOWN,
+            raise TaskDomainError(
+                TaskFault.UNKNOWN,
                 f"{self.domain.name} has no action or task {item[0]!r}, which stands in {whence}",
                 where=where,
                 remedy=f"did you mean {similar!r}?" if similar else "declare it",
             )
         for operator in operators:
             if not operator.takes(len(item) - 1):
-                raise DomainFault(
-                    Fault.ARITY,
+                raise TaskDomainError(
+                    TaskFault.ARITY,
                     f"{item_text(tuple(item))}, in {whence}: {operator.name} takes {operator.arity} arguments",
                     where=where or operator.where,
                 )
 
-    def _todo(self, what: Place | Otherwise) -> Todo:
-        if isinstance(what, Otherwise):
+    def _todo(self, what: TaskPlace | Alternative) -> Todo:
+        if isinstance(what, Alternative):
             return step(partial(self._compare, what))
         methods = self.domain.methods.get(what.item[0])
         return step(partial(self._act, what)) if methods is None else task(partial(self._refine, what), len(methods))
 
-    def _act(self, place: Place, moment: Moment) -> Moment | None:
+    def _act(self, place: TaskPlace, moment: SearchState) -> SearchState | None:
         self._count()
         if place.item in self.blacklist:
             return self._stuck(moment, f"{item_text(place.item)} is blacklisted")
@@ -232,28 +232,28 @@ class Search:
         after = self._call(action, moment.state.copy(), place.item)
         if after is None or after is False:
             return self._stuck(moment, f"{item_text(place.item)} cannot be done")
-        if not isinstance(after, State):
-            raise DomainFault(
-                Fault.MALFORMED,
+        if not isinstance(after, TaskState):
+            raise TaskDomainError(
+                TaskFault.MALFORMED,
                 f"{action.name} returned {after!r:.80}, which is no state",
                 where=action.where,
                 remedy="return the state, or None if the action cannot be done",
             )
-        return Moment(after, Trail(moment.trail, place, None), moment.done + 1)
+        return SearchState(after, Trail(moment.trail, place, None), moment.done + 1)
 
-    def _refine(self, place: Place, moment: Moment, index: int) -> list[Todo] | None:
+    def _refine(self, place: TaskPlace, moment: SearchState, index: int) -> list[Todo] | None:
         # GTPyhop asks all methods of a task at once; a fault counts only when the search comes to it.
         self._count()
         method = self.domain.methods[place.item[0]][index]
         try:
             items = self._items(method, self._call(method, moment.state, place.item))
-        except DomainFault as fault:
+        except TaskDomainError as fault:
             return [step(partial(_complain, fault))]
         if items is None:
             return self._stuck(moment, f"no method does {item_text(place.item)}")
-        return [step(partial(_choose, place, method.name)), *(self._todo(Place(item, place)) for item in items)]
+        return [step(partial(_choose, place, method.name)), *(self._todo(TaskPlace(item, place)) for item in items)]
 
-    def _compare(self, otherwise: Otherwise, moment: Moment) -> Moment | None:
+    def _compare(self, otherwise: Alternative, moment: SearchState) -> SearchState | None:
         if otherwise.holds(moment.trail):
             return moment
         return self._stuck(moment, f"{item_text(otherwise.place.item)} would fail as it did")
@@ -265,18 +265,18 @@ class Search:
         if self.attempts > self.limits.steps or time.thread_time() >= self.end:
             raise LimitReached
 
-    def _stuck(self, moment: Moment, what: str) -> None:
+    def _stuck(self, moment: SearchState, what: str) -> None:
         if moment.done >= self._furthest[0]:
             self._furthest = (moment.done, what)
 
-    def _call(self, operator: Operator, state: State, item: Item) -> Any:
+    def _call(self, operator: Operator, state: TaskState, item: Item) -> Any:
         try:
             return operator.function(state, *item[1:])
         except Exception as problem:
             file = operator.where.rpartition(":")[0]
             lines = [line.lineno for line in traceback.extract_tb(problem.__traceback__) if line.filename == file]
-            raise DomainFault(
-                Fault.RAISED,
+            raise TaskDomainError(
+                TaskFault.RAISED,
                 f"{operator.name} for {item_text(item)}: {type(problem).__name__}: {problem}",
                 where=f"{file}:{lines[-1]}" if lines else operator.where,
             ) from problem
@@ -285,8 +285,8 @@ class Search:
         if returned is None or returned is False:
             return None
         if not isinstance(returned, (list, tuple)):
-            raise DomainFault(
-                Fault.MALFORMED,
+            raise TaskDomainError(
+                TaskFault.MALFORMED,
                 f"{method.name} returned {returned!r:.80}, which is no list",
                 where=method.where,
                 remedy="return a list of tasks and actions, or None if the method does not apply",
@@ -296,9 +296,9 @@ class Search:
         return [tuple(item) for item in returned]
 
 
-def _choose(place: Place, method: str, moment: Moment) -> Moment:
-    return Moment(moment.state, Trail(moment.trail, place, method), moment.done)
+def _choose(place: TaskPlace, method: str, moment: SearchState) -> SearchState:
+    return SearchState(moment.state, Trail(moment.trail, place, method), moment.done)
 
 
-def _complain(fault: DomainFault, moment: Moment) -> None:
+def _complain(fault: TaskDomainError, moment: SearchState) -> None:
     raise fault

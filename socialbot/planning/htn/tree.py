@@ -9,13 +9,13 @@ from typing import Any, Literal
 
 from socialbot.planning.htn.domain import Item, item_text
 
-Status = Literal["planned", "done", "failed"]
+TaskStatus = Literal["planned", "done", "failed"]
 
 _MARKS = {None: "", "planned": "", "done": "+ ", "failed": "! "}
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class TaskNode:
     """A task, with the method that does it and the nodes that this leads to; or an action, with its status.
 
     ``former`` are nodes of ways that were given up: what was done of them, and what failed. An action has some if no
@@ -28,7 +28,7 @@ class Node:
     method: str | None = None
     children: tuple[int, ...] = ()
     former: tuple[int, ...] = ()
-    status: Status | None = None
+    status: TaskStatus | None = None
 
     def __str__(self) -> str:
         return item_text(self.item)
@@ -38,7 +38,7 @@ class Node:
 class TaskTree:
     """The nodes by id, and which of them are the tasks that were asked for. ``next_id`` was never used."""
 
-    nodes: Mapping[int, Node] = field(default_factory=dict)
+    nodes: Mapping[int, TaskNode] = field(default_factory=dict)
     roots: tuple[int, ...] = ()
     next_id: int = 1
 
@@ -48,16 +48,16 @@ class TaskTree:
         return tuple(self.nodes[root].item for root in self.roots)
 
     @property
-    def plan(self) -> tuple[Node, ...]:
+    def plan(self) -> tuple[TaskNode, ...]:
         """The actions that are still to be done, in order."""
         return tuple(node for node in self.walk() if node.status == "planned")
 
     @property
-    def history(self) -> tuple[Node, ...]:
+    def history(self) -> tuple[TaskNode, ...]:
         """The actions that were done or failed, in order."""
         return tuple(node for node in self.walk() if node.status in ("done", "failed"))
 
-    def walk(self, *starts: int, former: bool = True) -> Iterator[Node]:
+    def walk(self, *starts: int, former: bool = True) -> Iterator[TaskNode]:
         """The nodes at and below ``starts`` (the roots if there are none), in the order in which they come about."""
         waiting = list(reversed(starts or self.roots))
         while waiting:
@@ -70,14 +70,14 @@ class TaskTree:
                     yield from (self.nodes[id] for id in node.former)
                 yield node
 
-    def path(self, node: int) -> list[Node]:
+    def path(self, node: int) -> list[TaskNode]:
         """The node and the tasks that it is for, the nearest first."""
         path = [self.nodes[node]]
         while (parent := path[-1].parent) is not None:
             path.append(self.nodes[parent])
         return path
 
-    def later(self, node: Node) -> tuple[int, ...]:
+    def later(self, node: TaskNode) -> tuple[int, ...]:
         """The nodes beside ``node`` that come after it."""
         beside = self.roots if node.parent is None else self.nodes[node.parent].children
         return beside[beside.index(node.id) + 1 :]
@@ -96,7 +96,7 @@ class TaskTree:
     def from_data(data: Mapping[str, Any]) -> TaskTree:
         """The tree that `as_data` told of; lists among the arguments were tuples. Raises KeyError, TypeError."""
         nodes = (
-            Node(**{name: _tuple(value) if isinstance(value, list) else value for name, value in entry.items()})
+            TaskNode(**{name: _tuple(value) if isinstance(value, list) else value for name, value in entry.items()})
             for entry in data["nodes"]
         )
         return TaskTree({node.id: node for node in nodes}, tuple(data["roots"]), data["next_id"])
@@ -132,10 +132,10 @@ class TaskVerdict(enum.Enum):
     CANCELLED = "cancelled"
     """Nobody wants to know any more."""
     ERROR = "error"
-    """The domain, or what was asked, is wrong: see `Fault`."""
+    """The domain, or what was asked, is wrong: see `TaskFault`."""
 
 
-class Fault(enum.Enum):
+class TaskFault(enum.Enum):
     """What is wrong with a domain, or with what was asked."""
 
     UNKNOWN = "unknown"
@@ -166,11 +166,11 @@ class TaskAnswer:
     verdict: TaskVerdict
     tree: TaskTree | None = None
     message: str = ""
-    fault: Fault | None = None
+    fault: TaskFault | None = None
     redone: int | None = None
     seconds: float = 0.0
 
     @property
-    def plan(self) -> tuple[Node, ...]:
+    def plan(self) -> tuple[TaskNode, ...]:
         """The actions to be done, in order, each with the id of its node."""
         return self.tree.plan if self.tree else ()

@@ -14,11 +14,19 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from socialbot.core.errors import PlanningError
-from socialbot.planning.pddl.domain import Domain, Plan, Problem
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
 from socialbot.planning.pddl.formulas import Fluent, Predicate
-from socialbot.planning.pddl.read_write_sets import Footprints, Happening, Key, Moment, Reading, ReadWriteSets, moments
+from socialbot.planning.pddl.read_write_sets import (
+    Key,
+    PlanEvent,
+    Reading,
+    ReadWriteAnalysis,
+    ReadWriteSets,
+    TimePoint,
+    time_points,
+)
 from socialbot.planning.pddl.semantics import changes, ground
-from socialbot.planning.pddl.state import State
+from socialbot.planning.pddl.state import PddlState
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,18 +37,20 @@ class CausalOrder:
     early does not let others start too early: they wait themselves for what should have come before it.
     """
 
-    before_start: tuple[frozenset[Happening], ...]
-    before_end: tuple[frozenset[Happening], ...]
+    before_start: tuple[frozenset[PlanEvent], ...]
+    before_end: tuple[frozenset[PlanEvent], ...]
 
 
-def causal_order(domain: Domain, now: Problem | State, plan: Plan, running: Collection[int] = ()) -> CausalOrder:
+def causal_order(
+    domain: PddlDomain, now: PddlProblem | PddlState, plan: PddlPlan, running: Collection[int] = ()
+) -> CausalOrder:
     """The order within ``plan``, which has to be valid from ``now`` on.
 
     The steps whose indexes are ``running`` have started: what they change at the start is part of ``now``, and the
     rest of the plan was made for what is the case once they all have ended; their times only tell which one ends
     first. Raises PlanningError for a step that is no action of the domain, or whose effects have no value.
     """
-    state = State.of(now, domain) if isinstance(now, Problem) else now.copy()
+    state = PddlState.of(now, domain) if isinstance(now, PddlProblem) else now.copy()
     history = _recorded(domain, state.copy(), plan, running)
     waits = _Waits(len(history.order))
     _order_writes(history, waits)
@@ -68,7 +78,7 @@ class _Reader:
 class _History:
     """What a plan does; a position is the place of a happening in ``order``."""
 
-    order: list[Happening] = field(default_factory=list)
+    order: list[PlanEvent] = field(default_factory=list)
     footprints: list[ReadWriteSets] = field(default_factory=list)
     starts: dict[int, int] = field(default_factory=dict)
     """The position at which each step starts."""
@@ -78,7 +88,7 @@ class _History:
     positions: dict[Key, int] = field(default_factory=lambda: defaultdict(int))
     """Where each key is written, as bits."""
 
-    def add(self, happening: Happening, footprint: ReadWriteSets, lasting: Reading | None) -> None:
+    def add(self, happening: PlanEvent, footprint: ReadWriteSets, lasting: Reading | None) -> None:
         """Notes what happens next; ``lasting`` is what the step has read all the time, when it ends."""
         position = len(self.order)
         self.order.append(happening)
@@ -123,16 +133,16 @@ class _History:
         return found
 
 
-def _recorded(domain: Domain, state: State, plan: Plan, running: Collection[int]) -> _History:
+def _recorded(domain: PddlDomain, state: PddlState, plan: PddlPlan, running: Collection[int]) -> _History:
     """Carries out ``plan`` in ``state`` and notes what it reads and writes."""
     for step in plan.steps:
         if step.action not in domain.actions:
             raise PlanningError(f"{step.call}: the domain has no action {step.action}")
     actions = [ground(domain.actions[step.action], step.args) for step in plan.steps]
-    footprints = Footprints(domain)
+    footprints = ReadWriteAnalysis(domain)
     lasting = [footprints.reading(action.conditions_at("over all"), state) for action in actions]
     history = _History()
-    for moment in moments(plan, actions, running):
+    for moment in time_points(plan, actions, running):
         prints = {one: footprints.of(actions[one.step], one.edge, state) for one in moment.happenings}
         for happening in _sequence(moment, prints, lasting):
             history.add(happening, prints[happening], lasting[happening.step] if happening.edge == "end" else None)
@@ -141,19 +151,19 @@ def _recorded(domain: Domain, state: State, plan: Plan, running: Collection[int]
     return history
 
 
-def _sequence(moment: Moment, prints: dict[Happening, ReadWriteSets], lasting: Sequence[Reading]) -> list[Happening]:
+def _sequence(moment: TimePoint, prints: dict[PlanEvent, ReadWriteSets], lasting: Sequence[Reading]) -> list[PlanEvent]:
     """What happens at once, one after the other: what a step needs while it lasts comes first, and goes last."""
     waiting = list(moment.happenings)
     if len(waiting) == 1:
         return waiting
     written = {one: print.writing.keys for one, print in prints.items()}
 
-    def comes_first(one: Happening, other: Happening) -> bool:
+    def comes_first(one: PlanEvent, other: PlanEvent) -> bool:
         needs_it = other.edge == "start" and not written[one].isdisjoint(lasting[other.step].keys)
         needed_it = one.edge == "end" and not written[other].isdisjoint(lasting[one.step].keys)
         return one.step != other.step and (needs_it or needed_it)
 
-    found: list[Happening] = []
+    found: list[PlanEvent] = []
     while waiting:
         free = (one for one in waiting if not any(comes_first(other, one) for other in waiting))
         # Steps that need each other to start at the same moment have no order.
@@ -247,14 +257,14 @@ def _bits(mask: int) -> Iterator[int]:
 
 def _reduced(history: _History, waits: _Waits, steps: int) -> CausalOrder:
     """The order without what follows from the rest, where ends may come too early."""
-    starts: list[frozenset[Happening]] = [frozenset()] * steps
-    ends: list[frozenset[Happening]] = [frozenset()] * steps
+    starts: list[frozenset[PlanEvent]] = [frozenset()] * steps
+    ends: list[frozenset[PlanEvent]] = [frozenset()] * steps
     implied: list[int] = []
     for position, happening in enumerate(history.order):
         own_start = history.starts.get(happening.step, -1) if happening.edge == "end" else -1
         covered = implied[own_start] if own_start >= 0 else 0
         all_before = covered
-        needed: list[Happening] = []
+        needed: list[PlanEvent] = []
         for earlier in reversed(list(_bits(waits.before[position]))):
             if not covered >> earlier & 1:
                 needed.append(history.order[earlier])

@@ -14,7 +14,7 @@ from socialbot.planning.pddl.formulas import (
     Fluent,
     Formula,
     Predicate,
-    Typed,
+    TypedName,
     number_text,
     typed_text,
 )
@@ -22,7 +22,7 @@ from socialbot.planning.pddl.formulas import (
 OBJECT = "object"
 """The type of everything."""
 
-When = Literal["start", "over all", "end"]
+TimeSpecifier = Literal["start", "over all", "end"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Signature:
     """The name and the parameters of a predicate or function."""
 
     name: str
-    parameters: tuple[Typed, ...] = ()
+    parameters: tuple[TypedName, ...] = ()
 
     def __str__(self) -> str:
         return f"({' '.join((self.name, typed_text(self.parameters))).rstrip()})"
@@ -40,7 +40,7 @@ class Signature:
 class TimedCondition:
     """A formula that has to hold when an action starts, while it lasts (between start and end), or when it ends."""
 
-    when: When
+    when: TimeSpecifier
     formula: Formula
 
 
@@ -61,11 +61,11 @@ class DurationBounds:
 
 
 @dataclass(frozen=True, slots=True)
-class Action:
+class PddlAction:
     """An action; without ``duration`` it is instantaneous, and all is at its start."""
 
     name: str
-    parameters: tuple[Typed, ...] = ()
+    parameters: tuple[TypedName, ...] = ()
     duration: DurationBounds | None = None
     conditions: tuple[TimedCondition, ...] = ()
     effects: tuple[TimedEffect, ...] = ()
@@ -73,7 +73,7 @@ class Action:
 
 
 @dataclass(frozen=True)
-class Domain:
+class PddlDomain:
     """What can be and what can be done. ``text`` is the PDDL it was read from, which planners are given.
 
     ``types`` maps each type to its parents (`OBJECT` itself has none); ``derived`` predicates follow from formulas.
@@ -84,8 +84,8 @@ class Domain:
     constants: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     predicates: Mapping[str, Signature] = field(default_factory=dict)
     functions: Mapping[str, Signature] = field(default_factory=dict)
-    actions: Mapping[str, Action] = field(default_factory=dict)
-    derived: Mapping[str, tuple[tuple[Typed, ...], Formula]] = field(default_factory=dict)
+    actions: Mapping[str, PddlAction] = field(default_factory=dict)
+    derived: Mapping[str, tuple[tuple[TypedName, ...], Formula]] = field(default_factory=dict)
     requirements: frozenset[str] = frozenset()
     text: str = field(default="", compare=False, repr=False)
     where: str = field(default="", compare=False)
@@ -112,7 +112,7 @@ class Metric:
 
 
 @dataclass(frozen=True)
-class Problem:
+class PddlProblem:
     """What is, and what is wanted. ``objects`` maps names to types (constants of the domain need not be among them)."""
 
     name: str
@@ -133,7 +133,7 @@ SEPARATION_S = 0.001
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Step:
+class PlanStep:
     """An action with its objects, when to begin it (s from the start of the plan) and how long it lasts (s)."""
 
     start_s: float
@@ -156,10 +156,10 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class PddlPlan:
     """Steps in the order of their starts."""
 
-    steps: tuple[Step, ...] = ()
+    steps: tuple[PlanStep, ...] = ()
 
     @property
     def makespan_s(self) -> float:
@@ -170,12 +170,12 @@ class Plan:
         return "".join(f"{step}\n" for step in self.steps)
 
 
-def in_time(plan: Plan, makespan_s: float) -> bool:
+def in_time(plan: PddlPlan, makespan_s: float) -> bool:
     """Whether a plan ends in time, but for what keeps its steps apart."""
     return plan.makespan_s <= makespan_s + SEPARATION_S * (len(plan.steps) + 1)
 
 
-def parse_plan(text: str, *, where: str = "plan") -> Plan:
+def parse_plan(text: str, *, where: str = "plan") -> PddlPlan:
     """The plan that ``text`` holds, a step a line as planners print it. Raises PlanningError with the line.
 
     Empty lines and comments (``;``) are left out; a step without a duration lasts 0 s.
@@ -193,18 +193,18 @@ def parse_plan(text: str, *, where: str = "plan") -> Plan:
             )
         name, *args = found[2].lower().split()
         try:
-            steps.append(Step(float(found[1]), name, tuple(args), float(found[3] or 0.0)))
+            steps.append(PlanStep(float(found[1]), name, tuple(args), float(found[3] or 0.0)))
         except ValueError as error:
             raise PlanningError(f"no number: {error}", where=f"{where}:{number}") from error
-    return Plan(tuple(sorted(steps, key=lambda step: step.start_s)))
+    return PddlPlan(tuple(sorted(steps, key=lambda step: step.start_s)))
 
 
-def problem_text(problem: Problem, constants: Container[str] = ()) -> str:
+def problem_text(problem: PddlProblem, constants: Container[str] = ()) -> str:
     """The problem in PDDL, the same text for equal problems; ``constants``, which the domain declares, are left out.
 
     Without a goal there is no ``:goal``, which planners may not take.
     """
-    objects = (Typed(name, types) for name, types in problem.objects.items() if name not in constants)
+    objects = (TypedName(name, types) for name, types in problem.objects.items() if name not in constants)
     values = [f"(= {fluent} {number_text(value)})" for fluent, value in problem.values.items()]
     lines = [
         f"(define (problem {problem.name})",

@@ -7,31 +7,30 @@ import re
 from dataclasses import replace
 from typing import Literal, cast
 
-from socialbot.planning.pddl.domain import Action, DurationBounds, TimedCondition, TimedEffect
-from socialbot.planning.pddl.domain import When as Time
+from socialbot.planning.pddl.domain import DurationBounds, PddlAction, TimedCondition, TimedEffect, TimeSpecifier
 from socialbot.planning.pddl.formulas import (
     Add,
     And,
     Arithmetic,
-    Change,
     Comparator,
-    Comparison,
+    ConditionalEffect,
     Delete,
     Duration,
     Effect,
+    Equality,
     Expression,
     Fluent,
-    ForEach,
     Formula,
     Not,
     Number,
+    NumericComparison,
+    NumericEffect,
     Or,
     Predicate,
     Quantified,
-    Same,
-    When,
+    UniversalEffect,
 )
-from socialbot.planning.pddl.parser import Group, Scope, Sexpression, Vocabulary, Word
+from socialbot.planning.pddl.parser import Scope, SexpGroup, Sexpression, SexpWord, Vocabulary
 
 COMPARATORS = frozenset({"<", "<=", "=", ">=", ">"})
 ARITHMETIC = frozenset("+-*/")
@@ -45,7 +44,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII)
 
 def is_number(item: Sexpression) -> bool:
     """Whether it is written like a number."""
-    return isinstance(item, Word) and _NUMBER.fullmatch(item.text) is not None
+    return isinstance(item, SexpWord) and _NUMBER.fullmatch(item.text) is not None
 
 
 class FormulaReader:
@@ -91,15 +90,17 @@ class FormulaReader:
             raise self.names.unknown("predicate", word.text, self.names.domain.predicates, word)
         return Predicate(word.text, self.names.terms(signature, group, scope, "predicate"))
 
-    def _comparison(self, group: Group, scope: Scope) -> Formula:
+    def _comparison(self, group: SexpGroup, scope: Scope) -> Formula:
         left, right = self.pair(group)
         if group.head == "=" and self._is_term(left) and self._is_term(right):
-            return Same(self.names.term(left, scope), self.names.term(right, scope))
-        return Comparison(cast("Comparator", group.head), self.expression(left, scope), self.expression(right, scope))
+            return Equality(self.names.term(left, scope), self.names.term(right, scope))
+        return NumericComparison(
+            cast("Comparator", group.head), self.expression(left, scope), self.expression(right, scope)
+        )
 
     def _is_term(self, item: Sexpression) -> bool:
         return (
-            isinstance(item, Word)
+            isinstance(item, SexpWord)
             and item.text != "?duration"
             and not is_number(item)
             and (item.text in self.names.objects or item.text not in self.names.domain.functions)
@@ -109,7 +110,7 @@ class FormulaReader:
 
     def expression(self, item: Sexpression, scope: Scope) -> Expression:
         """A numeric expression."""
-        if isinstance(item, Word):
+        if isinstance(item, SexpWord):
             return self._number(item, scope)
         word = self.names.word(item.items, 0, "a number or function", item)
         if word.text in ARITHMETIC:
@@ -121,7 +122,7 @@ class FormulaReader:
             return Arithmetic(word.text, parts)  # pyright: ignore[reportArgumentType]
         return self.fluent(item, scope)
 
-    def _number(self, word: Word, scope: Scope) -> Expression:
+    def _number(self, word: SexpWord, scope: Scope) -> Expression:
         if is_number(word):
             value = float(word.text)
             if not math.isfinite(value):
@@ -133,11 +134,11 @@ class FormulaReader:
             return Duration()
         if word.text == "#t":
             raise self.names.unsupported("continuous effects (#t)", word)
-        return self.fluent(Group((word,), word.line), scope)
+        return self.fluent(SexpGroup((word,), word.line), scope)
 
     def fluent(self, item: Sexpression, scope: Scope) -> Fluent:
         """A function that is declared, with terms that fit it; its name alone if it takes none."""
-        group = Group((item,), item.line) if isinstance(item, Word) else item
+        group = SexpGroup((item,), item.line) if isinstance(item, SexpWord) else item
         word = self.names.word(group.items, 0, "the name of a function", group)
         signature = self.names.domain.functions.get(word.text)
         if signature is None:
@@ -159,14 +160,14 @@ class FormulaReader:
             case "forall":
                 listed, part = self.pair(group)
                 variables = self.names.variables(self.names.group(listed, "variables").items)
-                return (ForEach(variables, self.effects(part, scope.within(variables))),)
+                return (UniversalEffect(variables, self.effects(part, scope.within(variables))),)
             case "when":
                 condition, part = self.pair(group)
-                return (When(self.formula(condition, scope), self.effects(part, scope)),)
+                return (ConditionalEffect(self.formula(condition, scope), self.effects(part, scope)),)
             case head if head in CHANGES:
                 fluent, amount = self.pair(group)
                 changed = self.fluent(fluent, scope)
-                return (Change(head, changed, self.expression(amount, scope)),)  # pyright: ignore[reportArgumentType]
+                return (NumericEffect(head, changed, self.expression(amount, scope)),)  # pyright: ignore[reportArgumentType]
             case _:
                 return (Add(self._changed(group, scope)),)
 
@@ -178,13 +179,13 @@ class FormulaReader:
 
     # Forms
 
-    def pair(self, group: Group) -> tuple[Sexpression, Sexpression]:
+    def pair(self, group: SexpGroup) -> tuple[Sexpression, Sexpression]:
         """The two parts after the head."""
         if len(group.rest) != 2:
             raise self.names.error(f"{group.head} takes two parts, not {len(group.rest)}: {group}", group)
         return group.rest[0], group.rest[1]
 
-    def _only(self, group: Group) -> Sexpression:
+    def _only(self, group: SexpGroup) -> Sexpression:
         if len(group.rest) != 1:
             raise self.names.error(f"{group.head} takes one part, not {len(group.rest)}: {group}", group)
         return group.rest[0]
@@ -201,7 +202,7 @@ class ActionReader:
         self.names = vocabulary
         self.formulas = FormulaReader(vocabulary)
 
-    def instantaneous(self, group: Group) -> Action:
+    def instantaneous(self, group: SexpGroup) -> PddlAction:
         """An ``:action``."""
         action, scope, fields = self._head(group, INSTANTANEOUS)
         condition, effect = fields.get(":precondition"), fields.get(":effect")
@@ -211,7 +212,7 @@ class ActionReader:
             effects=tuple(TimedEffect("start", one) for one in self.formulas.effects(effect, scope)) if effect else (),
         )
 
-    def durative(self, group: Group) -> Action:
+    def durative(self, group: SexpGroup) -> PddlAction:
         """A ``:durative-action``."""
         action, scope, fields = self._head(group, DURATIVE)
         if ":duration" not in fields:
@@ -224,14 +225,14 @@ class ActionReader:
             effects=self._effects(effect, Scope(scope.variables, duration=True)) if effect else (),
         )
 
-    def _head(self, group: Group, keys: tuple[str, ...]) -> tuple[Action, Scope, dict[str, Sexpression]]:
+    def _head(self, group: SexpGroup, keys: tuple[str, ...]) -> tuple[PddlAction, Scope, dict[str, Sexpression]]:
         """The action so far, the scope of its parameters, and what stands after each key."""
         word = self.names.word(group.items, 1, "the name of the action", group)
         name = self.names.new_name(word, "an action")
         fields: dict[str, Sexpression] = {}
         items = iter(group.items[2:])
         for item in items:
-            if isinstance(item, Group) or not item.text.startswith(":"):
+            if isinstance(item, SexpGroup) or not item.text.startswith(":"):
                 raise self.names.error(f"expected one of {', '.join(keys)} in the action {name}, found {item}", item)
             if item.text not in keys:
                 raise self.names.unknown(f"part of {group.head}", item.text, keys, item)
@@ -243,7 +244,7 @@ class ActionReader:
             fields[item.text] = value
         listed = fields.get(":parameters")
         parameters = self.names.variables(self.names.group(listed, "parameters").items) if listed else ()
-        return Action(name, parameters, line=group.line), Scope().within(parameters), fields
+        return PddlAction(name, parameters, line=group.line), Scope().within(parameters), fields
 
     # Durations
 
@@ -251,7 +252,7 @@ class ActionReader:
         found = DurationBounds(None, None)
         for part in self._duration_parts(item):
             left, right = self.formulas.pair(part)
-            if not isinstance(left, Word) or left.text != "?duration" or part.head not in ("=", "<=", ">="):
+            if not isinstance(left, SexpWord) or left.text != "?duration" or part.head not in ("=", "<=", ">="):
                 raise self.names.error(
                     f"no bound of a duration: {part}", part, "write (= ?duration 5), with =, <= or >="
                 )
@@ -264,7 +265,7 @@ class ActionReader:
                 found = replace(found, **{side: bound})
         return found
 
-    def _duration_parts(self, item: Sexpression) -> list[Group]:
+    def _duration_parts(self, item: Sexpression) -> list[SexpGroup]:
         group = self.names.group(item, "a bound of the duration")
         if not group.items:
             return []
@@ -279,10 +280,10 @@ class ActionReader:
 
     # Conditions and effects with their times
 
-    def _time(self, group: Group) -> tuple[Time, Sexpression]:
+    def _time(self, group: SexpGroup) -> tuple[TimeSpecifier, Sexpression]:
         """The time that a condition or effect begins with, and the rest of it."""
-        words = tuple(item.text if isinstance(item, Word) else "" for item in group.items[:2])
-        times: dict[tuple[str, ...], Time] = {
+        words = tuple(item.text if isinstance(item, SexpWord) else "" for item in group.items[:2])
+        times: dict[tuple[str, ...], TimeSpecifier] = {
             ("at", "start"): "start",
             ("over", "all"): "over all",
             ("at", "end"): "end",
@@ -323,7 +324,9 @@ class ActionReader:
                 listed, part = self.formulas.pair(group)
                 variables = self.names.variables(self.names.group(listed, "variables").items)
                 inside = self._effects(part, scope.within(variables))
-                return tuple(TimedEffect(time, ForEach(variables, effects)) for time, effects in _by_time(inside))
+                return tuple(
+                    TimedEffect(time, UniversalEffect(variables, effects)) for time, effects in _by_time(inside)
+                )
             case "when":
                 condition, part = self.formulas.pair(group)
                 return self._conditional(group, condition, self._effects(part, scope), scope)
@@ -336,17 +339,17 @@ class ActionReader:
                 return tuple(TimedEffect(time, effect) for effect in self.formulas.effects(part, scope))
 
     def _conditional(
-        self, group: Group, condition: Sexpression, effects: tuple[TimedEffect, ...], scope: Scope
+        self, group: SexpGroup, condition: Sexpression, effects: tuple[TimedEffect, ...], scope: Scope
     ) -> tuple[TimedEffect, ...]:
         conditions = self._conditions(condition, scope)
         formula = And(tuple(one.formula for one in conditions))
         by_time = _by_time(effects)
         if any(one.when != time for one in conditions for time, _ in by_time):
             raise self.names.unsupported(f"an effect at another time than its condition: {group}", group)
-        return tuple(TimedEffect(time, When(formula, inside)) for time, inside in by_time)
+        return tuple(TimedEffect(time, ConditionalEffect(formula, inside)) for time, inside in by_time)
 
 
-def _timed(time: Time, formula: Formula) -> tuple[TimedCondition, ...]:
+def _timed(time: TimeSpecifier, formula: Formula) -> tuple[TimedCondition, ...]:
     """The conjuncts of ``formula`` one by one, so that one that does not hold can be named."""
     if isinstance(formula, And):
         return tuple(condition for part in formula.parts for condition in _timed(time, part))

@@ -15,7 +15,7 @@ Terms = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Typed:
+class TypedName:
     """A variable or object and its type; with ``either`` several types, it may have any of them."""
 
     name: str
@@ -85,7 +85,7 @@ class Predicate:
 
 
 @dataclass(frozen=True, slots=True)
-class Same:
+class Equality:
     """``(= ?x ?y)`` of two objects."""
 
     left: str
@@ -96,7 +96,7 @@ class Same:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class NumericComparison:
     """Two numbers compared."""
 
     comparator: Comparator
@@ -142,14 +142,14 @@ class Quantified:
     """A formula for all objects of some types, or for at least one."""
 
     quantifier: Literal["forall", "exists"]
-    variables: tuple[Typed, ...]
+    variables: tuple[TypedName, ...]
     part: Formula
 
     def __str__(self) -> str:
         return _call(self.quantifier, f"({typed_text(self.variables)})", self.part)
 
 
-Formula = Predicate | Same | Comparison | Not | And | Or | Quantified
+Formula = Predicate | Equality | NumericComparison | Not | And | Or | Quantified
 
 
 # Effects
@@ -176,7 +176,7 @@ class Delete:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class NumericEffect:
     """Changes the value of a function."""
 
     operator: Literal["assign", "increase", "decrease", "scale-up", "scale-down"]
@@ -188,10 +188,10 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class ForEach:
+class UniversalEffect:
     """Effects for all objects of some types."""
 
-    variables: tuple[Typed, ...]
+    variables: tuple[TypedName, ...]
     effects: tuple[Effect, ...]
 
     def __str__(self) -> str:
@@ -199,7 +199,7 @@ class ForEach:
 
 
 @dataclass(frozen=True, slots=True)
-class When:
+class ConditionalEffect:
     """Effects if a condition holds."""
 
     condition: Formula
@@ -209,10 +209,10 @@ class When:
         return _call("when", self.condition, _call("and", *self.effects))
 
 
-Effect = Add | Delete | Change | ForEach | When
+Effect = Add | Delete | NumericEffect | UniversalEffect | ConditionalEffect
 
 
-class World(Protocol):
+class PddlWorld(Protocol):
     """What formulas are asked about: a state while a plan is checked, or what an agent believes."""
 
     def holds(self, predicate: Predicate) -> bool:
@@ -237,7 +237,7 @@ def number_text(value: float) -> str:
     return (format(Decimal(text), "f") if "e" in text else text).removesuffix(".0")
 
 
-def typed_text(typed: Iterable[Typed]) -> str:
+def typed_text(typed: Iterable[TypedName]) -> str:
     """Variables or objects with their types, as PDDL writes them: ``?a ?b - box``."""
     words: list[str] = []
     types: tuple[str, ...] | None = None

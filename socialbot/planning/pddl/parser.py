@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from socialbot.core.errors import PlanningError
-from socialbot.planning.pddl.domain import OBJECT, Domain, Signature
-from socialbot.planning.pddl.formulas import Terms, Typed
+from socialbot.planning.pddl.domain import OBJECT, PddlDomain, Signature
+from socialbot.planning.pddl.formulas import Terms, TypedName
 
 DEPTH = 100
 """How deep parentheses may be nested."""
@@ -18,7 +18,7 @@ _TOKEN = re.compile(r"[()]|[^\s()]+")
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
+class SexpWord:
     """Anything without blanks and parentheses, in lower case."""
 
     text: str
@@ -29,7 +29,7 @@ class Word:
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class SexpGroup:
     """What stands between two parentheses; ``line`` is that of the first of them."""
 
     items: tuple[Sexpression, ...]
@@ -38,7 +38,7 @@ class Group:
     @property
     def head(self) -> str:
         """The first word; empty if there is none."""
-        return self.items[0].text if self.items and isinstance(self.items[0], Word) else ""
+        return self.items[0].text if self.items and isinstance(self.items[0], SexpWord) else ""
 
     @property
     def rest(self) -> tuple[Sexpression, ...]:
@@ -49,12 +49,12 @@ class Group:
         return f"({' '.join(map(str, self.items))})"
 
 
-Sexpression = Word | Group
+Sexpression = SexpWord | SexpGroup
 
 
-def read_sexpression(text: str, *, where: str) -> Group:
+def read_sexpression(text: str, *, where: str) -> SexpGroup:
     """The one group that ``text`` consists of; comments begin with ``;``. Raises PlanningError with the line."""
-    whole: Group | None = None
+    whole: SexpGroup | None = None
     end = nested = 0
     open_groups: list[tuple[int, list[Sexpression]]] = []
     for number, line in enumerate(text.lower().split("\n"), 1):
@@ -77,7 +77,7 @@ def read_sexpression(text: str, *, where: str) -> Group:
                 )
             elif token == ")":
                 begin, items = open_groups.pop()
-                group = Group(tuple(items), begin)
+                group = SexpGroup(tuple(items), begin)
                 if open_groups:
                     open_groups[-1][1].append(group)
                 else:
@@ -85,7 +85,7 @@ def read_sexpression(text: str, *, where: str) -> Group:
             else:
                 if token.startswith(":") and len(open_groups) > 2 and not open_groups[-1][1]:
                     nested = nested or number
-                open_groups[-1][1].append(Word(token, number))
+                open_groups[-1][1].append(SexpWord(token, number))
     if open_groups:
         remedy = f"add the missing ), perhaps before the section in line {nested}" if nested else "add the missing )"
         raise PlanningError("this parenthesis is never closed", where=f"{where}:{open_groups[-1][0]}", remedy=remedy)
@@ -108,7 +108,7 @@ class Scope:
     variables: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     duration: bool = False
 
-    def within(self, variables: Iterable[Typed]) -> Scope:
+    def within(self, variables: Iterable[TypedName]) -> Scope:
         """The scope inside a quantifier or an action."""
         return Scope({**self.variables, **{typed.name: typed.types for typed in variables}}, self.duration)
 
@@ -118,7 +118,7 @@ class Vocabulary:
     """The names that are known so far. ``objects`` are all that can be named: constants, in problems objects too."""
 
     where: str
-    domain: Domain
+    domain: PddlDomain
     objects: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def error(self, what: str, at: Sexpression, remedy: str | None = None) -> PlanningError:
@@ -136,22 +136,22 @@ class Vocabulary:
             f"unknown {kind} {name!r}", at, f"did you mean {near[0]!r}?" if near else f"declare the {kind}"
         )
 
-    def group(self, item: Sexpression, what: str) -> Group:
+    def group(self, item: Sexpression, what: str) -> SexpGroup:
         """``item`` if it is a group."""
-        if isinstance(item, Word):
+        if isinstance(item, SexpWord):
             raise self.error(f"expected {what} in parentheses, found {item}", item)
         return item
 
-    def word(self, items: Sequence[Sexpression], index: int, what: str, of: Sexpression) -> Word:
+    def word(self, items: Sequence[Sexpression], index: int, what: str, of: Sexpression) -> SexpWord:
         """The word at ``index``."""
         if index >= len(items):
             raise self.error(f"{what} is missing", of)
         item = items[index]
-        if isinstance(item, Group):
+        if isinstance(item, SexpGroup):
             raise self.error(f"expected {what}, found {item}", item)
         return item
 
-    def new_name(self, word: Word, what: str) -> str:
+    def new_name(self, word: SexpWord, what: str) -> str:
         """The name that ``word`` gives to something."""
         if word.text in RESERVED or not _NAME.fullmatch(word.text):
             raise self.error(
@@ -165,13 +165,13 @@ class Vocabulary:
 
     # Lists with types
 
-    def typed_list(self, items: Sequence[Sexpression]) -> list[tuple[Word, tuple[str, ...]]]:
+    def typed_list(self, items: Sequence[Sexpression]) -> list[tuple[SexpWord, tuple[str, ...]]]:
         """Words with their types, as in ``a b - box c``; the types are not looked up."""
-        found: list[tuple[Word, tuple[str, ...]]] = []
-        waiting: list[Word] = []
+        found: list[tuple[SexpWord, tuple[str, ...]]] = []
+        waiting: list[SexpWord] = []
         rest = _parted(items)
         for item in rest:
-            if isinstance(item, Group):
+            if isinstance(item, SexpGroup):
                 raise self.error(f"expected a name, found {item}", item)
             if item.text != "-":
                 waiting.append(item)
@@ -185,7 +185,7 @@ class Vocabulary:
         return found + [(word, (OBJECT,)) for word in waiting]
 
     def _types(self, item: Sexpression) -> tuple[str, ...]:
-        if isinstance(item, Word):
+        if isinstance(item, SexpWord):
             return (item.text,)
         if item.head != "either" or not item.rest:
             raise self.error(f"expected a type, found {item}", item, "several types are written (either a b)")
@@ -198,9 +198,9 @@ class Vocabulary:
                 raise self.unknown("type", name, self.domain.types, at)
         return types
 
-    def variables(self, items: Sequence[Sexpression]) -> tuple[Typed, ...]:
+    def variables(self, items: Sequence[Sexpression]) -> tuple[TypedName, ...]:
         """The variables that a list declares."""
-        found: dict[str, Typed] = {}
+        found: dict[str, TypedName] = {}
         for word, types in self.typed_list(items):
             if not word.text.startswith("?") or not _NAME.fullmatch(word.text[1:]):
                 raise self.error(f"expected a variable, found {word}", word, "variables begin with ?: ?box")
@@ -208,7 +208,7 @@ class Vocabulary:
                 raise self.error("?duration is the duration of an action and cannot be declared", word)
             if word.text in found:
                 raise self.error(f"the variable {word} is declared twice", word)
-            found[word.text] = Typed(word.text, self.known_types(types, word))
+            found[word.text] = TypedName(word.text, self.known_types(types, word))
         return tuple(found.values())
 
     def signature(self, item: Sexpression, what: str) -> Signature:
@@ -219,7 +219,7 @@ class Vocabulary:
 
     # Uses of what was declared
 
-    def terms(self, signature: Signature, group: Group, scope: Scope, kind: str) -> Terms:
+    def terms(self, signature: Signature, group: SexpGroup, scope: Scope, kind: str) -> Terms:
         """The terms that a predicate or function is given, if they fit it."""
         if len(group.rest) != len(signature.parameters):
             raise self.error(
@@ -240,7 +240,7 @@ class Vocabulary:
 
     def term(self, item: Sexpression, scope: Scope) -> str:
         """The name of an object or variable that is declared."""
-        if isinstance(item, Group):
+        if isinstance(item, SexpGroup):
             raise self.error(f"expected an object or a variable, found {item}", item)
         if item.text.startswith("?"):
             if item.text not in scope.variables:
@@ -253,9 +253,9 @@ class Vocabulary:
 def _parted(items: Sequence[Sexpression]) -> Iterator[Sexpression]:
     """The items of a list with types; ``-box`` is ``- box``, as many write it."""
     for item in items:
-        if isinstance(item, Word) and len(item.text) > 1 and item.text.startswith("-"):
-            yield Word("-", item.line)
-            yield Word(item.text[1:], item.line)
+        if isinstance(item, SexpWord) and len(item.text) > 1 and item.text.startswith("-"):
+            yield SexpWord("-", item.line)
+            yield SexpWord(item.text[1:], item.line)
         else:
             yield item
 

@@ -6,23 +6,23 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
-from socialbot.planning.pddl.domain import Domain, Plan
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan
 from socialbot.planning.pddl.formulas import (
     Add,
     And,
-    Change,
-    Comparison,
+    ConditionalEffect,
     Delete,
     Effect,
+    Equality,
     Fluent,
-    ForEach,
     Formula,
     Not,
+    NumericComparison,
+    NumericEffect,
     Or,
     Predicate,
     Quantified,
-    Same,
-    When,
+    UniversalEffect,
 )
 from socialbot.planning.pddl.semantics import (
     Binding,
@@ -34,7 +34,7 @@ from socialbot.planning.pddl.semantics import (
     substitute,
     triggered,
 )
-from socialbot.planning.pddl.state import State
+from socialbot.planning.pddl.state import PddlState
 
 EPSILON_S = 0.0005
 """What happens nearer than this is simultaneous, s."""
@@ -42,7 +42,7 @@ EPSILON_S = 0.0005
 Edge = Literal["start", "end"]
 
 
-class Happening(NamedTuple):
+class PlanEvent(NamedTuple):
     """The start or the end of a step, which is given by its index; all there is of an instantaneous one is a start."""
 
     step: int
@@ -50,41 +50,41 @@ class Happening(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class TimePoint:
     """What happens at once, in the order of the steps, ends first."""
 
     time_s: float
-    happenings: tuple[Happening, ...]
+    happenings: tuple[PlanEvent, ...]
 
 
-def moments(plan: Plan, actions: Sequence[GroundAction], running: Collection[int] = ()) -> list[Moment]:
+def time_points(plan: PddlPlan, actions: Sequence[GroundAction], running: Collection[int] = ()) -> list[TimePoint]:
     """All moments of ``plan``, whose steps do ``actions``.
 
     The steps ``running`` have started before; they end first of all, one after the other in the order of their ends.
     """
     ends = sorted(running, key=lambda index: (plan.steps[index].end_s, index))
-    found = [Moment(0.0, (Happening(index, "end"),)) for index in ends]
-    times: list[tuple[float, Happening]] = []
+    found = [TimePoint(0.0, (PlanEvent(index, "end"),)) for index in ends]
+    times: list[tuple[float, PlanEvent]] = []
     for index, (step, action) in enumerate(zip(plan.steps, actions, strict=True)):
         if index in running:
             continue
-        times.append((step.start_s, Happening(index, "start")))
+        times.append((step.start_s, PlanEvent(index, "start")))
         if action.duration is not None:
-            times.append((step.end_s, Happening(index, "end")))
+            times.append((step.end_s, PlanEvent(index, "end")))
     times.sort(key=lambda timed: timed[0])
-    together: list[Happening] = []
+    together: list[PlanEvent] = []
     begin = 0.0
     for time_s, happening in times:
         if together and time_s - begin >= EPSILON_S:
-            found.append(Moment(begin, _in_order(together)))
+            found.append(TimePoint(begin, _in_order(together)))
             together = []
         if not together:
             begin = time_s
         together.append(happening)
-    return [*found, Moment(begin, _in_order(together))] if together else found
+    return [*found, TimePoint(begin, _in_order(together))] if together else found
 
 
-def _in_order(together: list[Happening]) -> tuple[Happening, ...]:
+def _in_order(together: list[PlanEvent]) -> tuple[PlanEvent, ...]:
     return tuple(sorted(together, key=lambda one: (one.edge == "start", one.step)))
 
 
@@ -144,15 +144,15 @@ class ReadWriteSets:
         return min(map(str, found), default=None)
 
 
-class Footprints:
+class ReadWriteAnalysis:
     """Takes the footprints of the actions of a domain."""
 
-    def __init__(self, domain: Domain) -> None:
+    def __init__(self, domain: PddlDomain) -> None:
         self._domain = domain
         effects = (one.effect for action in domain.actions.values() for one in action.effects)
         self._changing = frozenset(_changing(effects))
 
-    def of(self, action: GroundAction, edge: Edge, state: State) -> ReadWriteSets:
+    def of(self, action: GroundAction, edge: Edge, state: PddlState) -> ReadWriteSets:
         """The footprint of the start or end of ``action`` in ``state``."""
         reading = self.reading(action.conditions_at(edge), state)
         effects = action.effects_at(edge)
@@ -164,14 +164,14 @@ class Footprints:
                 reading.groups.append(read)
         return ReadWriteSets(reading, _writing(effects, state))
 
-    def reading(self, formulas: Iterable[Formula], state: State) -> Reading:
+    def reading(self, formulas: Iterable[Formula], state: PddlState) -> Reading:
         """What ``formulas`` read in ``state``."""
         reading = Reading()
         for formula in formulas:
             self._read(formula, True, state, {}, reading)
         return reading
 
-    def _read(self, formula: Formula, wanted: bool, state: State, binding: Binding, into: Reading) -> None:
+    def _read(self, formula: Formula, wanted: bool, state: PddlState, binding: Binding, into: Reading) -> None:
         match formula:
             case Predicate(name):
                 if name in self._domain.derived:
@@ -180,9 +180,9 @@ class Footprints:
                     into.literals[bound(formula, binding)] = wanted
             case Not(part):
                 self._read(part, not wanted, state, binding, into)
-            case Comparison(_, left, right):
+            case NumericComparison(_, left, right):
                 into.groups.append(frozenset((*fluents(left, binding), *fluents(right, binding))))
-            case Same():
+            case Equality():
                 pass
             case _:
                 parts = list(_parts(formula, state, binding))
@@ -195,7 +195,7 @@ class Footprints:
                     for part, inner in parts:
                         self._read(part, wanted, state, inner, into)
 
-    def _read_any(self, parts: list[tuple[Formula, Binding]], wanted: bool, state: State, into: Reading) -> None:
+    def _read_any(self, parts: list[tuple[Formula, Binding]], wanted: bool, state: PddlState, into: Reading) -> None:
         """Reads parts of which one has to be as ``wanted``; those that nothing can change may settle it."""
         settled = [self._settled(part, state, inner) for part, inner in parts]
         if wanted in settled:
@@ -207,18 +207,18 @@ class Footprints:
         if inside is not into and inside.keys:
             into.groups.append(inside.keys)
 
-    def _settled(self, formula: Formula, state: State, binding: Binding) -> bool | None:
+    def _settled(self, formula: Formula, state: PddlState, binding: Binding) -> bool | None:
         """Whether ``formula`` is true or false for ever; None if actions can change that."""
         match formula:
             case Predicate(name):
                 changing = name in self._domain.derived or name in self._changing
                 return None if changing else state.holds(bound(formula, binding))
-            case Same(left, right):
+            case Equality(left, right):
                 return binding.get(left, left) == binding.get(right, right)
             case Not(part):
                 known = self._settled(part, state, binding)
                 return None if known is None else not known
-            case Comparison():
+            case NumericComparison():
                 return None
             case _:
                 decisive = isinstance(formula, Or) or (
@@ -227,19 +227,19 @@ class Footprints:
                 parts = _parts(formula, state, binding)
                 return decided((self._settled(part, state, inner) for part, inner in parts), decisive)
 
-    def _read_by_effects(self, effects: Iterable[Effect], state: State, binding: Binding, into: Reading) -> None:
+    def _read_by_effects(self, effects: Iterable[Effect], state: PddlState, binding: Binding, into: Reading) -> None:
         """Reads the amounts, and the conditions as a whole: it matters which way they turn out."""
         for effect in effects:
             match effect:
-                case ForEach(variables, inside):
+                case UniversalEffect(variables, inside):
                     for inner in bindings(variables, state, binding):
                         self._read_by_effects(inside, state, inner, into)
-                case When(condition, inside):
+                case ConditionalEffect(condition, inside):
                     if self._settled(condition, state, binding) is None:
                         read = self.reading((substitute(condition, binding),), state).keys
                         into.groups.append(read)
                     self._read_by_effects(inside, state, binding, into)
-                case Change(_, _, amount):
+                case NumericEffect(_, _, amount):
                     read = frozenset(fluents(amount, binding))
                     if read:
                         into.groups.append(read)
@@ -247,7 +247,7 @@ class Footprints:
                     pass
 
 
-def _parts(formula: And | Or | Quantified, state: State, binding: Binding) -> Iterator[tuple[Formula, Binding]]:
+def _parts(formula: And | Or | Quantified, state: PddlState, binding: Binding) -> Iterator[tuple[Formula, Binding]]:
     match formula:
         case Quantified(_, variables, part):
             return ((part, inner) for inner in bindings(variables, state, binding))
@@ -255,7 +255,7 @@ def _parts(formula: And | Or | Quantified, state: State, binding: Binding) -> It
             return ((part, binding) for part in formula.parts)
 
 
-def _writing(effects: Iterable[Effect], state: State) -> Writing:
+def _writing(effects: Iterable[Effect], state: PddlState) -> Writing:
     writing = Writing()
     for effect, binding in triggered(effects, state):
         match effect:
@@ -263,7 +263,7 @@ def _writing(effects: Iterable[Effect], state: State) -> Writing:
                 writing.added.add(bound(predicate, binding))
             case Delete(predicate):
                 writing.deleted.add(bound(predicate, binding))
-            case Change(operator, fluent, _):
+            case NumericEffect(operator, fluent, _):
                 target = writing.moved if operator in ("increase", "decrease") else writing.assigned
                 target.add(bound(fluent, binding))
     writing.moved -= writing.assigned
@@ -276,7 +276,7 @@ def _changing(effects: Iterable[Effect]) -> Iterator[str]:
         match effect:
             case Add(predicate) | Delete(predicate):
                 yield predicate.name
-            case ForEach(_, inside) | When(_, inside):
+            case UniversalEffect(_, inside) | ConditionalEffect(_, inside):
                 yield from _changing(inside)
             case _:
                 pass

@@ -11,10 +11,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from socialbot.planning.pddl.domain import OBJECT, Action, Domain, Metric, Problem, Signature
+from socialbot.planning.pddl.domain import OBJECT, Metric, PddlAction, PddlDomain, PddlProblem, Signature
 from socialbot.planning.pddl.formula_reader import ActionReader, FormulaReader, is_number
-from socialbot.planning.pddl.formulas import And, Fluent, Formula, Or, Predicate, Quantified, Same, Typed
-from socialbot.planning.pddl.parser import Group, Scope, Sexpression, Vocabulary, Word, read_sexpression
+from socialbot.planning.pddl.formulas import And, Equality, Fluent, Formula, Or, Predicate, Quantified, TypedName
+from socialbot.planning.pddl.parser import Scope, SexpGroup, Sexpression, SexpWord, Vocabulary, read_sexpression
 from socialbot.planning.pddl.semantics import substitute
 from socialbot.planning.pddl.state import Derivation
 
@@ -35,17 +35,17 @@ _UNSUPPORTED = {
 }
 
 
-def read_domain(text: str, *, where: str = "domain") -> Domain:
+def read_domain(text: str, *, where: str = "domain") -> PddlDomain:
     """The domain that ``text`` holds. Raises PlanningError with ``where`` and the line."""
     return _DomainReader(text, where).read()
 
 
-def read_problem(text: str, domain: Domain, *, where: str = "problem") -> Problem:
+def read_problem(text: str, domain: PddlDomain, *, where: str = "problem") -> PddlProblem:
     """The problem that ``text`` holds; without ``:goal`` its goal is None. Raises PlanningError with the line."""
     return _ProblemReader(text, domain, where).read()
 
 
-def _named(names: Vocabulary, whole: Group, kind: str) -> str:
+def _named(names: Vocabulary, whole: SexpGroup, kind: str) -> str:
     """The name in ``(define (domain name) ...)``."""
     if whole.head != "define" or not whole.rest:
         raise names.error(f"expected (define ({kind} ...) ...), found ({whole.head} ...)", whole)
@@ -56,7 +56,9 @@ def _named(names: Vocabulary, whole: Group, kind: str) -> str:
     return names.word(group.items, 1, f"the name of the {kind}", group).text
 
 
-def _sections(names: Vocabulary, whole: Group, single: tuple[str, ...], repeated: tuple[str, ...]) -> list[Group]:
+def _sections(
+    names: Vocabulary, whole: SexpGroup, single: tuple[str, ...], repeated: tuple[str, ...]
+) -> list[SexpGroup]:
     """The sections, each checked to be known and, but for the ``repeated``, to be there once."""
     sections = [names.group(item, "a section") for item in whole.rest[1:]]
     seen: set[str] = set()
@@ -72,7 +74,7 @@ def _sections(names: Vocabulary, whole: Group, single: tuple[str, ...], repeated
     return sections
 
 
-def _requirements(names: Vocabulary, section: Group) -> frozenset[str]:
+def _requirements(names: Vocabulary, section: SexpGroup) -> frozenset[str]:
     for index in range(1, len(section.items)):
         word = names.word(section.items, index, "a requirement", section)
         if word.text not in REQUIREMENTS:
@@ -80,7 +82,7 @@ def _requirements(names: Vocabulary, section: Group) -> frozenset[str]:
     return frozenset(str(item) for item in section.rest)
 
 
-def _objects(names: Vocabulary, section: Group) -> dict[str, tuple[str, ...]]:
+def _objects(names: Vocabulary, section: SexpGroup) -> dict[str, tuple[str, ...]]:
     """The objects that a section declares; those of the domain may be declared again, with the same type."""
     found: dict[str, tuple[str, ...]] = {}
     for word, types in names.typed_list(section.rest):
@@ -94,17 +96,17 @@ def _objects(names: Vocabulary, section: Group) -> dict[str, tuple[str, ...]]:
 class _DomainReader:
     def __init__(self, text: str, where: str) -> None:
         self._whole = read_sexpression(text, where=where)
-        self._names = Vocabulary(where, Domain("", text=text, where=where))
+        self._names = Vocabulary(where, PddlDomain("", text=text, where=where))
 
     def _add(self, **what: object) -> None:
         self._names.domain = replace(self._names.domain, **what)  # pyright: ignore[reportArgumentType]
 
-    def read(self) -> Domain:
+    def read(self) -> PddlDomain:
         names = self._names
         self._add(name=_named(names, self._whole, "domain"))
         sections = _sections(names, self._whole, _SINGLE, _REPEATED)
         parts = {section.head: section for section in sections if section.head in _SINGLE}
-        empty = Group((), self._whole.line)
+        empty = SexpGroup((), self._whole.line)
         if ":requirements" in parts:
             self._add(requirements=_requirements(names, parts[":requirements"]))
         self._add(types=self._types(parts.get(":types", empty)))
@@ -116,7 +118,7 @@ class _DomainReader:
         self._add(actions=self._actions(sections))
         return names.domain
 
-    def _types(self, section: Group) -> dict[str, tuple[str, ...]]:
+    def _types(self, section: SexpGroup) -> dict[str, tuple[str, ...]]:
         names = self._names
         listed = names.typed_list(section.rest)
         found: dict[str, tuple[str, ...]] = {OBJECT: ()}
@@ -131,7 +133,7 @@ class _DomainReader:
         for word, parents in listed:
             for parent in parents:
                 found.setdefault(
-                    names.new_name(Word(parent, word.line), "a type") if parent != OBJECT else parent, (OBJECT,)
+                    names.new_name(SexpWord(parent, word.line), "a type") if parent != OBJECT else parent, (OBJECT,)
                 )
         for word, _ in listed:
             if word.text in _ancestors(word.text, found):
@@ -143,7 +145,7 @@ class _DomainReader:
         found: list[Sexpression] = []
         rest = iter(items)
         for item in rest:
-            if not isinstance(item, Word) or item.text != "-":
+            if not isinstance(item, SexpWord) or item.text != "-":
                 found.append(item)
                 continue
             kind = next(rest, item)
@@ -160,10 +162,10 @@ class _DomainReader:
             found[signature.name] = signature
         return found
 
-    def _read_derived(self, sections: list[Group]) -> None:
+    def _read_derived(self, sections: list[SexpGroup]) -> None:
         """Several rules for a predicate are one: any of them will do."""
         names = self._names
-        rules: dict[str, list[tuple[tuple[Typed, ...], Formula]]] = {}
+        rules: dict[str, list[tuple[tuple[TypedName, ...], Formula]]] = {}
         for section in sections:
             if len(section.rest) != 2:
                 raise names.error(f":derived takes a predicate and a condition, not {len(section.rest)} parts", section)
@@ -179,13 +181,13 @@ class _DomainReader:
             scope = Scope().within(signature.parameters)
             rule = signature.parameters, FormulaReader(names).formula(section.rest[1], scope)
             rules.setdefault(signature.name, []).append(rule)
-        derived: dict[str, tuple[tuple[Typed, ...], Formula]] = {}
+        derived: dict[str, tuple[tuple[TypedName, ...], Formula]] = {}
         for name, alike in rules.items():
             if len(alike) == 1:
                 derived[name] = alike[0]
                 continue
             wanted = names.domain.predicates[name].parameters
-            parameters = tuple(Typed(f"?#{number}", typed.types) for number, typed in enumerate(wanted))
+            parameters = tuple(TypedName(f"?#{number}", typed.types) for number, typed in enumerate(wanted))
             derived[name] = parameters, Or(tuple(_renamed(rule, parameters) for rule in alike))
         self._add(derived=derived)
         circle = Derivation(names.domain).circle
@@ -193,9 +195,9 @@ class _DomainReader:
             at = next(section for section in sections if str(section.rest[0])[1:-1].split()[0] == circle)
             raise names.error(f"{circle} is derived from its own opposite", at)
 
-    def _actions(self, sections: list[Group]) -> dict[str, Action]:
+    def _actions(self, sections: list[SexpGroup]) -> dict[str, PddlAction]:
         reader = ActionReader(self._names)
-        found: dict[str, Action] = {}
+        found: dict[str, PddlAction] = {}
         for section in sections:
             if section.head not in (":action", ":durative-action"):
                 continue
@@ -206,7 +208,7 @@ class _DomainReader:
         return found
 
 
-def _renamed(rule: tuple[tuple[Typed, ...], Formula], parameters: tuple[Typed, ...]) -> Formula:
+def _renamed(rule: tuple[tuple[TypedName, ...], Formula], parameters: tuple[TypedName, ...]) -> Formula:
     """The condition of a rule about ``parameters`` in place of its own, which may be of narrower types."""
     pairs = list(zip(rule[0], parameters, strict=True))
     narrow = [(own, parameter) for own, parameter in pairs if own.types != parameter.types]
@@ -215,7 +217,7 @@ def _renamed(rule: tuple[tuple[Typed, ...], Formula], parameters: tuple[Typed, .
     )
     if not narrow:
         return formula
-    same = (Same(own.name, parameter.name) for own, parameter in narrow)
+    same = (Equality(own.name, parameter.name) for own, parameter in narrow)
     return Quantified("exists", tuple(own for own, _ in narrow), And((*same, formula)))
 
 
@@ -231,17 +233,17 @@ def _ancestors(name: str, types: Mapping[str, tuple[str, ...]]) -> set[str]:
 
 
 class _ProblemReader:
-    def __init__(self, text: str, domain: Domain, where: str) -> None:
+    def __init__(self, text: str, domain: PddlDomain, where: str) -> None:
         self._whole = read_sexpression(text, where=where)
         self._names = Vocabulary(where, domain, dict(domain.constants))
         self._formulas = FormulaReader(self._names)
-        self._problem = Problem("", domain.name, text=text, where=where)
+        self._problem = PddlProblem("", domain.name, text=text, where=where)
 
-    def read(self) -> Problem:
+    def read(self) -> PddlProblem:
         names = self._names
         name = _named(names, self._whole, "problem")
         parts = {section.head: section for section in _sections(names, self._whole, _OF_PROBLEMS, ())}
-        empty = Group((), self._whole.line)
+        empty = SexpGroup((), self._whole.line)
         self._check_domain(parts.get(":domain"))
         _requirements(names, parts.get(":requirements", empty))
         objects = _objects(names, parts.get(":objects", empty))
@@ -260,7 +262,7 @@ class _ProblemReader:
             metric=self._metric(metric) if metric is not None else None,
         )
 
-    def _check_domain(self, section: Group | None) -> None:
+    def _check_domain(self, section: SexpGroup | None) -> None:
         names = self._names
         if section is None:
             raise names.error("the problem does not say for which domain it is", self._whole, "add (:domain ...)")
@@ -268,7 +270,7 @@ class _ProblemReader:
         if word.text != names.domain.name:
             raise names.error(f"the problem is for the domain {word}, not {names.domain.name}", word)
 
-    def _init(self, section: Group) -> tuple[frozenset[Predicate], dict[Fluent, float]]:
+    def _init(self, section: SexpGroup) -> tuple[frozenset[Predicate], dict[Fluent, float]]:
         names = self._names
         facts: set[Predicate] = set()
         denied: dict[Predicate, Sexpression] = {}
@@ -296,7 +298,7 @@ class _ProblemReader:
             raise self._names.error(f"{predicate.name} is derived: it cannot be given", item)
         return predicate
 
-    def _value(self, group: Group) -> tuple[Fluent, float]:
+    def _value(self, group: SexpGroup) -> tuple[Fluent, float]:
         names = self._names
         left, right = self._formulas.pair(group)
         if not is_number(right):
@@ -306,7 +308,7 @@ class _ProblemReader:
             raise names.error(f"{right} is too large a number", right)
         return self._formulas.fluent(left, Scope()), value
 
-    def _metric(self, section: Group) -> Metric:
+    def _metric(self, section: SexpGroup) -> Metric:
         names = self._names
         direction = names.word(section.items, 1, "minimize or maximize", section)
         if direction.text not in ("minimize", "maximize") or len(section.items) != 3:

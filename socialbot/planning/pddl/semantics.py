@@ -13,30 +13,29 @@ from dataclasses import dataclass
 from typing import overload
 
 from socialbot.core.errors import PlanningError
-from socialbot.planning.pddl.domain import Action, DurationBounds, TimedCondition, TimedEffect
-from socialbot.planning.pddl.domain import When as Time
+from socialbot.planning.pddl.domain import DurationBounds, PddlAction, TimedCondition, TimedEffect, TimeSpecifier
 from socialbot.planning.pddl.formulas import (
     Add,
     And,
     Arithmetic,
-    Change,
-    Comparison,
+    ConditionalEffect,
     Delete,
     Duration,
     Effect,
+    Equality,
     Expression,
     Fluent,
-    ForEach,
     Formula,
     Not,
     Number,
+    NumericComparison,
+    NumericEffect,
     Or,
+    PddlWorld,
     Predicate,
     Quantified,
-    Same,
-    Typed,
-    When,
-    World,
+    TypedName,
+    UniversalEffect,
 )
 
 TOLERANCE = 1e-9
@@ -65,12 +64,12 @@ GroundChange = Add | Delete | SetValue
 # Formulas
 
 
-def holds(formula: Formula, world: World, binding: Binding = _NONE) -> bool:
+def holds(formula: Formula, world: PddlWorld, binding: Binding = _NONE) -> bool:
     """Whether ``formula`` is true in ``world``; ``binding`` gives its variables objects."""
     return _truth(formula, world, binding) is True
 
 
-def unmet(formulas: Iterable[Formula], world: World, binding: Binding = _NONE) -> list[Formula]:
+def unmet(formulas: Iterable[Formula], world: PddlWorld, binding: Binding = _NONE) -> list[Formula]:
     """Which of ``formulas`` do not hold; of conjunctions, which of their parts."""
     found: list[Formula] = []
     for formula in formulas:
@@ -81,7 +80,7 @@ def unmet(formulas: Iterable[Formula], world: World, binding: Binding = _NONE) -
     return found
 
 
-def _truth(formula: Formula, world: World, binding: Binding) -> bool | None:
+def _truth(formula: Formula, world: PddlWorld, binding: Binding) -> bool | None:
     """True, false, or None where a value is missing (Kleene's logic)."""
     match formula:
         case Predicate():
@@ -92,10 +91,10 @@ def _truth(formula: Formula, world: World, binding: Binding) -> bool | None:
         case Not(part):
             truth = _truth(part, world, binding)
             return None if truth is None else not truth
-        case Comparison(comparator, left, right):
+        case NumericComparison(comparator, left, right):
             one, other = evaluate(left, world, binding), evaluate(right, world, binding)
             return None if one is None or other is None else compare(comparator, one, other)
-        case Same(left, right):
+        case Equality(left, right):
             return binding.get(left, left) == binding.get(right, right)
         case Or(parts):
             truths = (_truth(part, world, binding) for part in parts)
@@ -116,7 +115,7 @@ def decided(truths: Iterable[bool | None], decisive: bool) -> bool | None:
     return result
 
 
-def bindings(variables: tuple[Typed, ...], world: World, binding: Binding = _NONE) -> Iterator[Binding]:
+def bindings(variables: tuple[TypedName, ...], world: PddlWorld, binding: Binding = _NONE) -> Iterator[Binding]:
     """``binding`` with each combination of objects for ``variables``."""
     names = [typed.name for typed in variables]
     for objects in itertools.product(*(tuple(world.objects(typed.types)) for typed in variables)):
@@ -143,7 +142,7 @@ def compare(comparator: str, left: float, right: float) -> bool:
 
 
 def evaluate(
-    expression: Expression, world: World, binding: Binding = _NONE, duration: float | None = None
+    expression: Expression, world: PddlWorld, binding: Binding = _NONE, duration: float | None = None
 ) -> float | None:
     """The value of ``expression``; None if a part has none, or for a division by zero or a number too large."""
     match expression:
@@ -190,12 +189,12 @@ def fluents(expression: Expression, binding: Binding = _NONE) -> Iterator[Fluent
             return
 
 
-def atoms(formula: Formula, world: World, binding: Binding = _NONE) -> Iterator[Predicate | Fluent]:
+def atoms(formula: Formula, world: PddlWorld, binding: Binding = _NONE) -> Iterator[Predicate | Fluent]:
     """All that ``formula`` reads, with the objects of ``world``."""
     match formula:
         case Predicate():
             yield bound(formula, binding)
-        case Comparison(_, left, right):
+        case NumericComparison(_, left, right):
             yield from fluents(left, binding)
             yield from fluents(right, binding)
         case Not(part):
@@ -214,7 +213,7 @@ def atoms(formula: Formula, world: World, binding: Binding = _NONE) -> Iterator[
 
 
 def changes(
-    effects: Iterable[Effect], world: World, binding: Binding = _NONE, duration: float | None = None
+    effects: Iterable[Effect], world: PddlWorld, binding: Binding = _NONE, duration: float | None = None
 ) -> list[GroundChange]:
     """What ``effects`` change in ``world``, all at once, in the order to apply it.
 
@@ -232,7 +231,7 @@ def changes(
             case Delete(predicate):
                 ground = bound(predicate, inner)
                 deleted[ground] = Delete(ground)
-            case Change(operator, fluent, amount):
+            case NumericEffect(operator, fluent, amount):
                 ground = bound(fluent, inner)
                 before = values[ground] if ground in values else world.value(ground)
                 values[ground] = _changed(operator, ground, before, evaluate(amount, world, inner, duration))
@@ -241,15 +240,15 @@ def changes(
 
 
 def triggered(
-    effects: Iterable[Effect], world: World, binding: Binding = _NONE
-) -> Iterator[tuple[Add | Delete | Change, Binding]]:
+    effects: Iterable[Effect], world: PddlWorld, binding: Binding = _NONE
+) -> Iterator[tuple[Add | Delete | NumericEffect, Binding]]:
     """The single effects that take place, each with its binding."""
     for effect in effects:
         match effect:
-            case ForEach(variables, inside):
+            case UniversalEffect(variables, inside):
                 for inner in bindings(variables, world, binding):
                     yield from triggered(inside, world, inner)
-            case When(condition, inside):
+            case ConditionalEffect(condition, inside):
                 if holds(condition, world, binding):
                     yield from triggered(inside, world, binding)
             case _:
@@ -290,11 +289,11 @@ class GroundAction:
     conditions: tuple[TimedCondition, ...]
     effects: tuple[TimedEffect, ...]
 
-    def conditions_at(self, when: Time) -> tuple[Formula, ...]:
+    def conditions_at(self, when: TimeSpecifier) -> tuple[Formula, ...]:
         """What has to hold when it starts, while it lasts, or when it ends."""
         return tuple(condition.formula for condition in self.conditions if condition.when == when)
 
-    def effects_at(self, when: Time) -> tuple[Effect, ...]:
+    def effects_at(self, when: TimeSpecifier) -> tuple[Effect, ...]:
         """What it changes when it starts, or when it ends."""
         return tuple(effect.effect for effect in self.effects if effect.when == when)
 
@@ -302,7 +301,7 @@ class GroundAction:
         return f"({' '.join((self.name, *self.args))})"
 
 
-def ground(action: Action, args: Iterable[str]) -> GroundAction:
+def ground(action: PddlAction, args: Iterable[str]) -> GroundAction:
     """``action`` with ``args`` in place of its parameters. Raises PlanningError if their number is wrong."""
     objects = tuple(args)
     if len(objects) != len(action.parameters):
@@ -325,10 +324,10 @@ def substitute(formula: Formula, binding: Binding) -> Formula:
     match formula:
         case Predicate():
             return bound(formula, binding)
-        case Same(left, right):
-            return Same(binding.get(left, left), binding.get(right, right))
-        case Comparison(comparator, left, right):
-            return Comparison(comparator, substitute_number(left, binding), substitute_number(right, binding))
+        case Equality(left, right):
+            return Equality(binding.get(left, left), binding.get(right, right))
+        case NumericComparison(comparator, left, right):
+            return NumericComparison(comparator, substitute_number(left, binding), substitute_number(right, binding))
         case Not(part):
             return Not(substitute(part, binding))
         case And(parts):
@@ -356,20 +355,22 @@ def _substituted(effect: Effect, binding: Binding) -> Effect:
             return Add(bound(predicate, binding))
         case Delete(predicate):
             return Delete(bound(predicate, binding))
-        case Change(operator, fluent, amount):
-            return Change(operator, bound(fluent, binding), substitute_number(amount, binding))
-        case ForEach(variables, inside):
+        case NumericEffect(operator, fluent, amount):
+            return NumericEffect(operator, bound(fluent, binding), substitute_number(amount, binding))
+        case UniversalEffect(variables, inside):
             inner = _without(binding, variables)
-            return ForEach(variables, tuple(_substituted(one, inner) for one in inside))
-        case When(condition, inside):
-            return When(substitute(condition, binding), tuple(_substituted(one, binding) for one in inside))
+            return UniversalEffect(variables, tuple(_substituted(one, inner) for one in inside))
+        case ConditionalEffect(condition, inside):
+            return ConditionalEffect(
+                substitute(condition, binding), tuple(_substituted(one, binding) for one in inside)
+            )
 
 
 def _optional(expression: Expression | None, binding: Binding) -> Expression | None:
     return None if expression is None else substitute_number(expression, binding)
 
 
-def _without(binding: Binding, variables: tuple[Typed, ...]) -> Binding:
+def _without(binding: Binding, variables: tuple[TypedName, ...]) -> Binding:
     hidden = {typed.name for typed in variables}
     return {name: value for name, value in binding.items() if name not in hidden}
 

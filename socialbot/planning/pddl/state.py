@@ -4,8 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from socialbot.planning.pddl.domain import Domain, Problem
-from socialbot.planning.pddl.formulas import Add, And, Delete, Fluent, Formula, Not, Or, Predicate, Quantified, World
+from socialbot.planning.pddl.domain import PddlDomain, PddlProblem
+from socialbot.planning.pddl.formulas import (
+    Add,
+    And,
+    Delete,
+    Fluent,
+    Formula,
+    Not,
+    Or,
+    PddlWorld,
+    Predicate,
+    Quantified,
+)
 from socialbot.planning.pddl.semantics import GroundChange, atoms, bindings, holds
 
 
@@ -15,13 +26,13 @@ class Derivation:
     ``circle`` names a predicate that depends on its own opposite; there is none in a domain that was read.
     """
 
-    def __init__(self, domain: Domain) -> None:
+    def __init__(self, domain: PddlDomain) -> None:
         self._rules = domain.derived
         self.circle: str | None = None
         self._levels = self._by_level()
         self._bases: dict[Predicate, frozenset[Predicate | Fluent]] = {}
 
-    def derived(self, world: World) -> frozenset[Predicate]:
+    def derived(self, world: PddlWorld) -> frozenset[Predicate]:
         """All that is derived in ``world``, which is asked for other predicates only."""
         overlay = _Overlay(world, self._rules)
         for level in self._levels:
@@ -36,7 +47,7 @@ class Derivation:
                             overlay.found.add(predicate)
         return frozenset(overlay.found)
 
-    def bases(self, predicate: Predicate, world: World) -> frozenset[Predicate | Fluent]:
+    def bases(self, predicate: Predicate, world: PddlWorld) -> frozenset[Predicate | Fluent]:
         """All that the derived ``predicate`` may follow from in the end, with the objects of ``world``."""
         if predicate not in self._bases:
             seen = {predicate}
@@ -74,7 +85,7 @@ class Derivation:
 class _Overlay:
     """A world with what was derived so far."""
 
-    def __init__(self, world: World, rules: Iterable[str]) -> None:
+    def __init__(self, world: PddlWorld, rules: Iterable[str]) -> None:
         self._world = world
         self._rules = rules
         self.found: set[Predicate] = set()
@@ -105,12 +116,12 @@ def _read(formula: Formula, positive: bool) -> Iterator[tuple[str, bool]]:
             return
 
 
-class State:
-    """The facts and values of a moment; a `World` that formulas can be asked about."""
+class PddlState:
+    """The facts and values of a moment; a `PddlWorld` that formulas can be asked about."""
 
     def __init__(
         self,
-        domain: Domain,
+        domain: PddlDomain,
         objects: Mapping[str, tuple[str, ...]],
         facts: Iterable[Predicate] = (),
         values: Mapping[Fluent, float] | None = None,
@@ -125,17 +136,17 @@ class State:
         self._of_types: dict[tuple[str, ...], tuple[str, ...]] = {}
 
     @classmethod
-    def of(cls, problem: Problem, domain: Domain) -> State:
+    def of(cls, problem: PddlProblem, domain: PddlDomain) -> PddlState:
         """The state that ``problem`` begins with."""
         return cls(domain, problem.objects, problem.facts, problem.values)
 
-    def copy(self) -> State:
+    def copy(self) -> PddlState:
         """A state of its own with the same facts and values."""
-        return State(self.domain, self.types, self.facts, self.values)
+        return PddlState(self.domain, self.types, self.facts, self.values)
 
-    def problem(self, goal: Formula | None, *, name: str = "now") -> Problem:
+    def problem(self, goal: Formula | None, *, name: str = "now") -> PddlProblem:
         """How to reach ``goal`` from here."""
-        return Problem(name, self.domain.name, self.types, frozenset(self.facts), dict(self.values), goal)
+        return PddlProblem(name, self.domain.name, self.types, frozenset(self.facts), dict(self.values), goal)
 
     def holds(self, predicate: Predicate) -> bool:
         if predicate.name not in self.domain.derived:

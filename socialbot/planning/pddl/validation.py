@@ -8,18 +8,18 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from socialbot.core.errors import PlanningError
-from socialbot.planning.pddl.domain import Domain, Plan, Problem, Step
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.formulas import Formula
-from socialbot.planning.pddl.read_write_sets import EPSILON_S, Footprints, Happening, Key, Moment, moments
+from socialbot.planning.pddl.read_write_sets import EPSILON_S, Key, PlanEvent, ReadWriteAnalysis, TimePoint, time_points
 from socialbot.planning.pddl.semantics import TOLERANCE, GroundAction, SetValue, changes, evaluate, ground, unmet
-from socialbot.planning.pddl.state import State
+from socialbot.planning.pddl.state import PddlState
 
 DURATION_S = 0.001
 """How exactly a duration has to be met, s: plans are printed with three decimals."""
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class PlanFault:
     """What is wrong with a plan; ``condition`` is what does not hold, ``step`` the index of the step, if one is it."""
 
     message: str
@@ -31,15 +31,17 @@ class Fault:
         return f"{self.time_s:.3f} s: {self.message}"
 
 
-def faults(domain: Domain, problem: Problem, plan: Plan, running: Collection[int] = ()) -> tuple[Fault, ...]:
+def validate_plan(
+    domain: PddlDomain, problem: PddlProblem, plan: PddlPlan, running: Collection[int] = ()
+) -> tuple[PlanFault, ...]:
     """All that is wrong with ``plan`` in the order of time; empty for a plan that is valid.
 
     The steps whose indexes are ``running`` started before ``problem`` was seen, and end before all others begin.
     Without a goal in ``problem`` any end will do.
     """
-    state = State.of(problem, domain)
+    state = PddlState.of(problem, domain)
     wrong = [
-        Fault(message, step.start_s, index)
+        PlanFault(message, step.start_s, index)
         for index, step in enumerate(plan.steps)
         if (message := unfit(domain, state, step, index in running)) is not None
     ]
@@ -49,7 +51,7 @@ def faults(domain: Domain, problem: Problem, plan: Plan, running: Collection[int
     return tuple(_Simulation(domain, state, plan, actions, running).run(problem.goal))
 
 
-def unfit(domain: Domain, state: State, step: Step, running: bool = False) -> str | None:
+def unfit(domain: PddlDomain, state: PddlState, step: PlanStep, running: bool = False) -> str | None:
     """Why ``step`` makes no sense, whatever is the case: an unknown action or object, a wrong type or time."""
     action = domain.actions.get(step.action)
     if action is None:
@@ -77,18 +79,23 @@ def unfit(domain: Domain, state: State, step: Step, running: bool = False) -> st
 
 class _Simulation:
     def __init__(
-        self, domain: Domain, state: State, plan: Plan, actions: Sequence[GroundAction], running: Collection[int]
+        self,
+        domain: PddlDomain,
+        state: PddlState,
+        plan: PddlPlan,
+        actions: Sequence[GroundAction],
+        running: Collection[int],
     ) -> None:
         self._state = state
         self._steps = plan.steps
         self._actions = actions
         self._running = running
-        self._footprints = Footprints(domain)
-        self._moments = moments(plan, actions, running)
+        self._footprints = ReadWriteAnalysis(domain)
+        self._moments = time_points(plan, actions, running)
         self._lasting: dict[int, frozenset[Key]] = {}
         """What the conditions over all of the steps that go on read."""
 
-    def run(self, goal: Formula | None) -> Iterator[Fault]:
+    def run(self, goal: Formula | None) -> Iterator[PlanFault]:
         time_s = 0.0
         yield from self._begun(self._running, time_s)
         for moment in self._moments:
@@ -107,49 +114,49 @@ class _Simulation:
             starts = (one.step for one in moment.happenings if one.edge == "start")
             yield from self._begun((index for index in starts if self._actions[index].duration is not None), time_s)
         for formula in unmet(() if goal is None else (goal,), self._state):
-            yield Fault(f"the goal is not reached: {formula} does not hold", time_s, None, formula)
+            yield PlanFault(f"the goal is not reached: {formula} does not hold", time_s, None, formula)
 
-    def _begun(self, indexes: Iterable[int], time_s: float) -> Iterator[Fault]:
+    def _begun(self, indexes: Iterable[int], time_s: float) -> Iterator[PlanFault]:
         for index in indexes:
             formulas = self._actions[index].conditions_at("over all")
             if formulas:
                 self._lasting[index] = self._footprints.reading(formulas, self._state).keys
                 yield from self._interrupted(index, time_s)
 
-    def _interrupted(self, index: int, time_s: float) -> Iterator[Fault]:
+    def _interrupted(self, index: int, time_s: float) -> Iterator[PlanFault]:
         call = self._steps[index].call
         for formula in unmet(self._actions[index].conditions_at("over all"), self._state):
-            yield Fault(f"{call} cannot go on: {formula} does not hold", time_s, index, formula)
+            yield PlanFault(f"{call} cannot go on: {formula} does not hold", time_s, index, formula)
 
-    def _unready(self, happening: Happening, time_s: float) -> Iterator[Fault]:
+    def _unready(self, happening: PlanEvent, time_s: float) -> Iterator[PlanFault]:
         index, edge = happening
         step = self._steps[index]
         for formula in unmet(self._actions[index].conditions_at(edge), self._state):
-            yield Fault(f"{step.call} cannot {edge}: {formula} does not hold", time_s, index, formula)
+            yield PlanFault(f"{step.call} cannot {edge}: {formula} does not hold", time_s, index, formula)
         bounds = self._actions[index].duration
         if edge == "end" or bounds is None:
             return
         least = None if bounds.least is None else evaluate(bounds.least, self._state)
         most = None if bounds.most is None else evaluate(bounds.most, self._state)
         if (bounds.least is not None and least is None) or (bounds.most is not None and most is None):
-            yield Fault(f"{step.call}: its duration has no value", time_s, index)
+            yield PlanFault(f"{step.call}: its duration has no value", time_s, index)
         elif least is not None and step.duration_s < least - DURATION_S - TOLERANCE:
-            yield Fault(f"{step.call} lasts {step.duration_s:g} s, less than {least:g} s", time_s, index)
+            yield PlanFault(f"{step.call} lasts {step.duration_s:g} s, less than {least:g} s", time_s, index)
         elif most is not None and step.duration_s > most + DURATION_S + TOLERANCE:
-            yield Fault(f"{step.call} lasts {step.duration_s:g} s, more than {most:g} s", time_s, index)
+            yield PlanFault(f"{step.call} lasts {step.duration_s:g} s, more than {most:g} s", time_s, index)
 
-    def _carried_out(self, happening: Happening, time_s: float, changed: set[Key]) -> Iterator[Fault]:
+    def _carried_out(self, happening: PlanEvent, time_s: float, changed: set[Key]) -> Iterator[PlanFault]:
         step = self._steps[happening.step]
         effects = self._actions[happening.step].effects_at(happening.edge)
         try:
             made = changes(effects, self._state, duration=step.duration_s)
         except PlanningError as error:
-            yield Fault(f"{step.call}: {error.what}", time_s, happening.step)
+            yield PlanFault(f"{step.call}: {error.what}", time_s, happening.step)
             return
         self._state.apply(made)
         changed.update(one.fluent if isinstance(one, SetValue) else one.predicate for one in made)
 
-    def _clashes(self, moment: Moment) -> Iterator[Fault]:
+    def _clashes(self, moment: TimePoint) -> Iterator[PlanFault]:
         """What cannot be at once."""
         if len(moment.happenings) < 2:
             return
@@ -160,7 +167,7 @@ class _Simulation:
             what = mine.clash(theirs)
             if what is not None:
                 first, second = self._steps[one.step].call, self._steps[other.step].call
-                yield Fault(
+                yield PlanFault(
                     f"{first} cannot {one.edge} at the moment that {second} {other.edge}s: both need {what}",
                     moment.time_s,
                     other.step,

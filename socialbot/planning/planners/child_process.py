@@ -33,7 +33,7 @@ _GUARD = str(Path(__file__).with_name("exec_with_limits.py"))
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class ChildExit:
     """How a child ended. ``code`` is its exit code, or minus the number of the signal that killed it.
 
     ``seconds`` is how much of its time it has used.
@@ -66,7 +66,7 @@ def guarded(command: Sequence[str], memory_mb: int, cpu_s: float) -> list[str]:
     return [sys.executable, "-I", "-S", _GUARD, *limits, *command]
 
 
-def run(command: Sequence[str], folder: Path, timeout_s: float, cancelled: threading.Event) -> Ended:
+def run(command: Sequence[str], folder: Path, timeout_s: float, cancelled: threading.Event) -> ChildExit:
     """Runs ``command`` in ``folder`` until it ends, has used ``timeout_s``, or ``cancelled`` is set.
 
     Its standard input is a pipe that closes when this process ends. When it ends, by itself or not, its whole
@@ -82,7 +82,7 @@ def run(command: Sequence[str], folder: Path, timeout_s: float, cancelled: threa
         bufsize=0,
     )
     output, errors = bytearray(), bytearray()
-    used = Used(process.pid)
+    used = ProcessTime(process.pid)
     with process:
         try:
             how = _listen(process, {process.stdout: output, process.stderr: errors}, used, timeout_s, cancelled)
@@ -90,10 +90,10 @@ def run(command: Sequence[str], folder: Path, timeout_s: float, cancelled: threa
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
     texts = (heard.decode("utf-8", "replace") for heard in (output, errors))
-    return Ended(how, process.returncode, *texts, seconds=used.seconds)
+    return ChildExit(how, process.returncode, *texts, seconds=used.seconds)
 
 
-class Used:
+class ProcessTime:
     """The time that a process has used since this was made: at work, or asleep, but not waiting for a processor.
 
     Where Linux does not tell, all of the time counts.
@@ -134,7 +134,7 @@ def _stat(process: Path) -> list[str]:
 
 
 def _listen(
-    process: subprocess.Popen[bytes], heard: dict, used: Used, timeout_s: float, cancelled: threading.Event
+    process: subprocess.Popen[bytes], heard: dict, used: ProcessTime, timeout_s: float, cancelled: threading.Event
 ) -> Literal["by itself", "late", "cancelled"]:
     """Reads what a child writes until it has ended (nothing unread is left then), is late or is not wanted."""
     with selectors.DefaultSelector() as selector:

@@ -13,17 +13,17 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from socialbot.core.errors import InstallationError, ParameterError, PlanningError
-from socialbot.planning.pddl.domain import Plan, Step, in_time, parse_plan
-from socialbot.planning.planners.child_process import Ended, guarded, run
+from socialbot.planning.pddl.domain import PddlPlan, PlanStep, in_time, parse_plan
+from socialbot.planning.planners.child_process import ChildExit, guarded, run
 from socialbot.planning.planners.planner import (
     DOMAIN_FILE,
     PROBLEM_FILE,
-    Answer,
     ChildPlanner,
-    Limits,
     Planner,
-    Search,
-    Verdict,
+    PlannerAnswer,
+    PlannerLimits,
+    PlannerVerdict,
+    SearchJob,
 )
 
 UNHURRIED_S = 1_000_000
@@ -36,12 +36,12 @@ THREAD_MB = 128
 PLAN_FILE = "plan.txt"
 
 _VERDICTS = {
-    2: Verdict.REFUSED,  # it cannot read the domain or the problem
-    10: Verdict.IMPOSSIBLE,
-    11: Verdict.GAVE_UP,  # no time left
-    12: Verdict.GAVE_UP,  # no memory left
-    13: Verdict.REFUSED,  # it cannot plan with what the domain uses
-    14: Verdict.GAVE_UP,  # neither a plan nor a proof
+    2: PlannerVerdict.REFUSED,  # it cannot read the domain or the problem
+    10: PlannerVerdict.IMPOSSIBLE,
+    11: PlannerVerdict.GAVE_UP,  # no time left
+    12: PlannerVerdict.GAVE_UP,  # no memory left
+    13: PlannerVerdict.REFUSED,  # it cannot plan with what the domain uses
+    14: PlannerVerdict.GAVE_UP,  # neither a plan nor a proof
 }
 
 
@@ -61,25 +61,25 @@ class Kairos(ChildPlanner):
     def __init__(self) -> None:
         self.command = _command()
 
-    def search(self, search: Search) -> Answer:
+    def search(self, search: SearchJob) -> PlannerAnswer:
         if search.target_s is None:
             return self._thorough(search, "--no-anytime")
         aim = ["--anytime", "--target-cost", str(search.target_s)]
         greedy = self._search(search.half, *aim, "--search", "ehc")
-        if search.good(greedy) or greedy.verdict is Verdict.CANCELLED:
+        if search.good(greedy) or greedy.verdict is PlannerVerdict.CANCELLED:
             return greedy
         return self._thorough(search.after(greedy), *aim)
 
-    def _thorough(self, search: Search, *options: str) -> Answer:
+    def _thorough(self, search: SearchJob, *options: str) -> PlannerAnswer:
         answer = self._search(search.half, *options)
         if search.good(answer) or answer.seconds < search.half.left_s:
             return answer
         other = self._search(search.after(answer), *options, "--engine", "m3")
         # That it has no use for what the domain uses says nothing of the problem.
-        found = answer if other.verdict is Verdict.REFUSED else other
+        found = answer if other.verdict is PlannerVerdict.REFUSED else other
         return replace(found, seconds=answer.seconds + other.seconds)
 
-    def _search(self, search: Search, *options: str) -> Answer:
+    def _search(self, search: SearchJob, *options: str) -> PlannerAnswer:
         left_s, limits = search.left_s, search.limits
         words = ["--format", "json", "--timeout", str(UNHURRIED_S), "--memory", str(limits.memory_mb)]
         solve = [self.command, "solve", DOMAIN_FILE, PROBLEM_FILE, *words, "--threads", str(limits.threads), *options]
@@ -87,28 +87,28 @@ class Kairos(ChildPlanner):
         ended = run(command, search.folder, left_s, search.cancelled)
         return replace(self._answer(ended, search), seconds=ended.seconds)
 
-    def _answer(self, ended: Ended, search: Search) -> Answer:
+    def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
         """What a search came to."""
         if ended.how == "cancelled":
-            return Answer(Verdict.CANCELLED, message="cancelled")
+            return PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
         plans = _plans(ended.output)
         if not plans:
             return _without(ended, search.limits)
         best = min(plans, key=lambda plan: plan.makespan_s)
         if search.limits.makespan_s is not None and not in_time(best, search.limits.makespan_s):
-            return Answer(Verdict.SOLVED, best)  # nobody will use it
+            return PlannerAnswer(PlannerVerdict.SOLVED, best)  # nobody will use it
         return self._checked(best, search)
 
-    def _checked(self, plan: Plan, search: Search) -> Answer:
+    def _checked(self, plan: PddlPlan, search: SearchJob) -> PlannerAnswer:
         """``plan``, when the validator of Kairos agrees too."""
         (search.folder / PLAN_FILE).write_text(str(plan), "utf-8")
         command = [self.command, "validate", DOMAIN_FILE, PROBLEM_FILE, PLAN_FILE]
         ended = run(command, search.folder, VALIDATE_S, search.cancelled)
         if ended.how == "cancelled":
-            return Answer(Verdict.CANCELLED, message="cancelled")
+            return PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
         if ended.how == "by itself" and ended.code == 0:
-            return Answer(Verdict.SOLVED, plan)
-        return Answer(Verdict.INVALID, message=f"kairos does not validate its own plan: {_reason(ended)}")
+            return PlannerAnswer(PlannerVerdict.SOLVED, plan)
+        return PlannerAnswer(PlannerVerdict.INVALID, message=f"kairos does not validate its own plan: {_reason(ended)}")
 
 
 @cache
@@ -127,17 +127,17 @@ def _command() -> str:
     return found
 
 
-def _plans(output: str) -> list[Plan]:
+def _plans(output: str) -> list[PddlPlan]:
     """The plans that it has written, one a line; what is no whole line is none."""
     return [_plan(json.loads(line)) for line in output.splitlines() if line.startswith("{") and line.endswith("}")]
 
 
-def _plan(written: dict) -> Plan:
+def _plan(written: dict) -> PddlPlan:
     steps = []
     for step in written["steps"]:
         name, *args = step["action"].strip("()").lower().split()
-        steps.append(Step(_seconds(step["time"]), name, tuple(args), _seconds(step["duration"])))
-    return Plan(tuple(sorted(steps, key=lambda step: step.start_s)))
+        steps.append(PlanStep(_seconds(step["time"]), name, tuple(args), _seconds(step["duration"])))
+    return PddlPlan(tuple(sorted(steps, key=lambda step: step.start_s)))
 
 
 def _seconds(number: float | None) -> float:
@@ -145,19 +145,19 @@ def _seconds(number: float | None) -> float:
     return round(float(number or 0.0), 6)
 
 
-def _without(ended: Ended, limits: Limits) -> Answer:
+def _without(ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer:
     """What it means that there is no plan."""
     if ended.how == "late" or ended.code == 11:
-        return Answer(Verdict.GAVE_UP, message=f"kairos found no plan in {limits.timeout_s:g} s")
+        return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"kairos found no plan in {limits.timeout_s:g} s")
     if ended.code == 12 or "bad_alloc" in ended.errors:
-        return Answer(Verdict.GAVE_UP, message=f"kairos found no plan in {limits.memory_mb} MB")
-    verdict = _VERDICTS.get(ended.code, Verdict.FAILED)
-    if verdict is Verdict.FAILED:
-        return Answer(verdict, message=f"kairos {ended.death}")
-    return Answer(verdict, message=f"kairos: {_reason(ended)}")
+        return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"kairos found no plan in {limits.memory_mb} MB")
+    verdict = _VERDICTS.get(ended.code, PlannerVerdict.FAILED)
+    if verdict is PlannerVerdict.FAILED:
+        return PlannerAnswer(verdict, message=f"kairos {ended.death}")
+    return PlannerAnswer(verdict, message=f"kairos: {_reason(ended)}")
 
 
-def _reason(ended: Ended) -> str:
+def _reason(ended: ChildExit) -> str:
     """The first error or note that it wrote, without the code at its end."""
     lines = [line.strip() for line in (ended.errors + ended.output).splitlines()]
     found = next((line for line in lines if re.search(r"\b(error|note):", line)), None)
@@ -187,7 +187,7 @@ class Popf(ChildPlanner):
             )
         self.command = str(Path(found).absolute())
 
-    def search(self, search: Search) -> Answer:
+    def search(self, search: SearchJob) -> PlannerAnswer:
         improve = [] if search.target_s is None else ["-n"]
         left_s, limits = search.left_s, search.limits
         command = guarded(
@@ -198,23 +198,23 @@ class Popf(ChildPlanner):
         ended = run(command, search.folder, left_s, search.cancelled)
         return replace(self._answer(ended, search.limits), seconds=ended.seconds)
 
-    def _answer(self, ended: Ended, limits: Limits) -> Answer:
+    def _answer(self, ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer:
         """What a search came to."""
         if ended.how == "cancelled":
-            return Answer(Verdict.CANCELLED, message="cancelled")
+            return PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
         plan = _last_plan(ended.output, whole=ended.how == "by itself")
         if plan is not None:
-            return Answer(Verdict.SOLVED, plan)
+            return PlannerAnswer(PlannerVerdict.SOLVED, plan)
         if ended.how == "late":
-            return Answer(Verdict.GAVE_UP, message=f"popf found no plan in {limits.timeout_s:g} s")
+            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"popf found no plan in {limits.timeout_s:g} s")
         if "unsolvable" in ended.output.lower():
-            return Answer(Verdict.GAVE_UP, message="popf says that there is no plan, which is no proof")
+            return PlannerAnswer(PlannerVerdict.GAVE_UP, message="popf says that there is no plan, which is no proof")
         if "bad_alloc" in ended.errors or "out of memory" in ended.errors.lower():
-            return Answer(Verdict.GAVE_UP, message=f"popf found no plan in {limits.memory_mb} MB")
-        return Answer(Verdict.FAILED, message=f"popf {ended.death}")
+            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"popf found no plan in {limits.memory_mb} MB")
+        return PlannerAnswer(PlannerVerdict.FAILED, message=f"popf {ended.death}")
 
 
-def _last_plan(output: str, *, whole: bool) -> Plan | None:
+def _last_plan(output: str, *, whole: bool) -> PddlPlan | None:
     """The last of the plans it wrote, which is the best; if it was cut short, the last that is surely whole."""
     parts = _SOLUTION.split(output)[1:]
     for part in reversed(parts if whole else parts[:-1]):
@@ -249,9 +249,9 @@ class Unified(ChildPlanner):
         self.engine = engine
         self.name = f"up:{engine}"
 
-    def search(self, search: Search) -> Answer:
+    def search(self, search: SearchJob) -> PlannerAnswer:
         if search.target_s is not None:
-            return Answer(Verdict.GAVE_UP, message=f"{self.name} does not search for shorter plans")
+            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} does not search for shorter plans")
         left_s, limits = search.left_s, search.limits
         worker = [sys.executable, "-m", "socialbot.planning.planners.unified_worker", self.engine]
         command = guarded(
@@ -262,28 +262,28 @@ class Unified(ChildPlanner):
         ended = run(command, search.folder, left_s + GRACE_S, search.cancelled)
         return replace(self._answer(ended, search), seconds=ended.seconds)
 
-    def _answer(self, ended: Ended, search: Search) -> Answer:
+    def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
         """What a search came to."""
         limits = search.limits
         if ended.how == "cancelled":
-            return Answer(Verdict.CANCELLED, message="cancelled")
+            return PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
         if ended.how == "late":
-            return Answer(Verdict.GAVE_UP, message=f"{self.name} found no plan in {limits.timeout_s:g} s")
+            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} found no plan in {limits.timeout_s:g} s")
         if "MemoryError" in ended.errors or "bad_alloc" in ended.errors:
-            return Answer(Verdict.GAVE_UP, message=f"{self.name} found no plan in {limits.memory_mb} MB")
+            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} found no plan in {limits.memory_mb} MB")
         if ended.code != 0:
-            return Answer(Verdict.FAILED, message=f"{self.name} {ended.death}")
+            return PlannerAnswer(PlannerVerdict.FAILED, message=f"{self.name} {ended.death}")
         return self._told(json.loads((search.folder / ANSWER_FILE).read_text("utf-8")))
 
-    def _told(self, written: dict) -> Answer:
-        verdict = Verdict(written["verdict"])
-        if verdict is not Verdict.SOLVED:
-            return Answer(verdict, message=f"{self.name}: {written['message']}")
+    def _told(self, written: dict) -> PlannerAnswer:
+        verdict = PlannerVerdict(written["verdict"])
+        if verdict is not PlannerVerdict.SOLVED:
+            return PlannerAnswer(verdict, message=f"{self.name}: {written['message']}")
         steps = [
-            Step(round(start, 6), name.lower(), tuple(arg.lower() for arg in args), round(duration, 6))
+            PlanStep(round(start, 6), name.lower(), tuple(arg.lower() for arg in args), round(duration, 6))
             for start, name, args, duration in written["steps"]
         ]
-        return Answer(verdict, Plan(tuple(sorted(steps, key=lambda step: step.start_s))))
+        return PlannerAnswer(verdict, PddlPlan(tuple(sorted(steps, key=lambda step: step.start_s))))
 
 
 DEFAULT = "kairos"

@@ -14,24 +14,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from socialbot.planning.pddl.domain import Domain, Plan, Problem, Signature, in_time, problem_text
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, Signature, in_time, problem_text
 from socialbot.planning.pddl.formulas import (
     And,
     Arithmetic,
-    Comparison,
+    Equality,
     Expression,
     Fluent,
     Formula,
     Not,
+    NumericComparison,
     Or,
     Predicate,
     Quantified,
-    Same,
 )
-from socialbot.planning.pddl.validation import faults
+from socialbot.planning.pddl.validation import validate_plan
 
 
-class Verdict(enum.Enum):
+class PlannerVerdict(enum.Enum):
     """What came of planning."""
 
     SOLVED = "solved"
@@ -51,7 +51,7 @@ class Verdict(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class PlannerLimits:
     """How much a planner may use. ``makespan_s`` is how long the plan may last; longer ones are no use.
 
     ``timeout_s`` is how long it may work, all threads together, or sleep. While others have the processor no time
@@ -65,11 +65,11 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """What came of planning: the plan if it is `Verdict.SOLVED`, else why not, and the seconds it took."""
+class PlannerAnswer:
+    """What came of planning: the plan if it is `PlannerVerdict.SOLVED`, else why not, and the seconds it took."""
 
-    verdict: Verdict
-    plan: Plan | None = None
+    verdict: PlannerVerdict
+    plan: PddlPlan | None = None
     message: str = ""
     seconds: float = 0.0
 
@@ -80,8 +80,8 @@ class Planner(Protocol):
     name: str
 
     def solve(
-        self, domain: Domain, problem: Problem, limits: Limits, cancelled: threading.Event | None = None
-    ) -> Answer:
+        self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: threading.Event | None = None
+    ) -> PlannerAnswer:
         """Blocks until there is an answer; setting ``cancelled`` (from another thread) ends that within 0.1 s."""
         ...
 
@@ -89,13 +89,13 @@ class Planner(Protocol):
 Types = tuple[str, ...]
 
 
-def refusal(domain: Domain, problem: Problem) -> str | None:
+def unsupported_feature(domain: PddlDomain, problem: PddlProblem) -> str | None:
     """The first thing that is wrong with ``problem``: no goal, or a name that does not fit the domain; else None."""
     return next(_Asked(domain, problem).mistakes(), None)
 
 
 class _Asked:
-    def __init__(self, domain: Domain, problem: Problem) -> None:
+    def __init__(self, domain: PddlDomain, problem: PddlProblem) -> None:
         self.domain = domain
         self.problem = problem
         self.objects: Mapping[str, Types] = {**domain.constants, **problem.objects}
@@ -123,11 +123,11 @@ class _Asked:
             case Predicate(name, terms):
                 known = {**self.domain.predicates, **self._derived()}
                 yield from self._atom("predicate", known, name, terms, variables)
-            case Same(left, right):
+            case Equality(left, right):
                 for term in (left, right):
                     if self._types(term, variables) is None:
                         yield f"unknown object {term!r}"
-            case Comparison(_, left, right):
+            case NumericComparison(_, left, right):
                 for side in (left, right):
                     yield from self._expression(side, variables)
             case Not(part):
@@ -187,7 +187,7 @@ PROBLEM_FILE = "problem.pddl"
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class SearchJob:
     """What a planner is to do: the domain and the problem lie in ``folder``; it has ``left_s`` (s) for that.
 
     ``target_s`` is the makespan that ends a search for ever shorter plans; None asks for the first plan.
@@ -195,20 +195,20 @@ class Search:
 
     folder: Path
     left_s: float
-    limits: Limits
+    limits: PlannerLimits
     cancelled: threading.Event
     target_s: float | None = None
 
     @property
-    def half(self) -> Search:
+    def half(self) -> SearchJob:
         """The same with half of the time."""
         return replace(self, left_s=self.left_s / 2)
 
-    def after(self, answer: Answer) -> Search:
+    def after(self, answer: PlannerAnswer) -> SearchJob:
         """The same with the time that a search left that came to ``answer``."""
         return replace(self, left_s=max(0.0, self.left_s - answer.seconds))
 
-    def good(self, answer: Answer) -> bool:
+    def good(self, answer: PlannerAnswer) -> bool:
         """Whether a plan is there that ends in time."""
         return answer.plan is not None and (self.target_s is None or in_time(answer.plan, self.target_s))
 
@@ -222,33 +222,35 @@ class ChildPlanner(ABC):
     name = ""
 
     def solve(
-        self, domain: Domain, problem: Problem, limits: Limits, cancelled: threading.Event | None = None
-    ) -> Answer:
+        self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: threading.Event | None = None
+    ) -> PlannerAnswer:
         """Blocks until there is an answer; setting ``cancelled`` (from another thread) ends that within 0.1 s."""
         begin = time.monotonic()
         try:
             answer = self._solve(domain, problem, limits, cancelled or threading.Event())
         except Exception as error:
             log.exception("%s failed", self.name)
-            answer = Answer(Verdict.FAILED, message=f"{self.name}: {type(error).__name__}: {error}")
+            answer = PlannerAnswer(PlannerVerdict.FAILED, message=f"{self.name}: {type(error).__name__}: {error}")
         return replace(answer, seconds=time.monotonic() - begin)
 
     @abstractmethod
-    def search(self, search: Search) -> Answer:
-        """Runs the planner. `Verdict.SOLVED` means here that it says so; nothing is validated or compared yet.
+    def search(self, search: SearchJob) -> PlannerAnswer:
+        """Runs the planner. `PlannerVerdict.SOLVED` means here that it says so; nothing is validated or compared yet.
 
         The seconds of the answer are those that were used of what was left.
         """
 
-    def _solve(self, domain: Domain, problem: Problem, limits: Limits, cancelled: threading.Event) -> Answer:
-        reason = refusal(domain, problem)
+    def _solve(
+        self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: threading.Event
+    ) -> PlannerAnswer:
+        reason = unsupported_feature(domain, problem)
         if reason is not None:
-            return Answer(Verdict.REFUSED, message=reason)
+            return PlannerAnswer(PlannerVerdict.REFUSED, message=reason)
         with tempfile.TemporaryDirectory(prefix="socialbot-plan-") as name:
             folder = Path(name)
             (folder / DOMAIN_FILE).write_text(domain.text, "utf-8")
             (folder / PROBLEM_FILE).write_text(problem_text(problem, domain.constants), "utf-8")
-            search = Search(folder, limits.timeout_s, limits, cancelled)
+            search = SearchJob(folder, limits.timeout_s, limits, cancelled)
             answer = self._validated(self.search(search), domain, problem)
             aimed = replace(search.after(answer), target_s=limits.makespan_s)
             if answer.plan is None or aimed.good(answer):
@@ -258,20 +260,20 @@ class ChildPlanner(ABC):
             (folder / PROBLEM_FILE).write_text(text, "utf-8")
             return _shorter(answer.plan, self._validated(self.search(aimed), domain, problem), aimed)
 
-    def _validated(self, answer: Answer, domain: Domain, problem: Problem) -> Answer:
+    def _validated(self, answer: PlannerAnswer, domain: PddlDomain, problem: PddlProblem) -> PlannerAnswer:
         """``answer``, or that its plan is invalid, by our own judgement."""
         if answer.plan is None:
             return answer
-        found = faults(domain, problem, answer.plan)
-        return Answer(Verdict.INVALID, message=f"{self.name}: {found[0]}") if found else answer
+        found = validate_plan(domain, problem, answer.plan)
+        return PlannerAnswer(PlannerVerdict.INVALID, message=f"{self.name}: {found[0]}") if found else answer
 
 
-def _shorter(late: Plan, answer: Answer, search: Search) -> Answer:
+def _shorter(late: PddlPlan, answer: PlannerAnswer, search: SearchJob) -> PlannerAnswer:
     """What the search for a plan shorter than ``late`` came to.
 
     It says of no other plan how long it lasts: how far a search came in its time is not the same twice.
     """
-    if search.good(answer) or answer.verdict in (Verdict.CANCELLED, Verdict.FAILED):
+    if search.good(answer) or answer.verdict in (PlannerVerdict.CANCELLED, PlannerVerdict.FAILED):
         return answer
     found = f"the plan found first lasts {late.makespan_s:g} s, longer than the {search.target_s:g} s there are"
-    return Answer(Verdict.GAVE_UP, message=f"{found}; none was found that is short enough")
+    return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{found}; none was found that is short enough")

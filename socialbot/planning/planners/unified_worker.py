@@ -14,20 +14,20 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from socialbot.planning.planners.planner import Verdict
+from socialbot.planning.planners.planner import PlannerVerdict
 
 INSTANT_S = 0.001
 """How far apart actions without duration are put when a plan only says their order."""
 
 _VERDICTS = {
-    "SOLVED_SATISFICING": Verdict.SOLVED,
-    "SOLVED_OPTIMALLY": Verdict.SOLVED,
-    "INTERMEDIATE": Verdict.SOLVED,
-    "UNSOLVABLE_PROVEN": Verdict.IMPOSSIBLE,
-    "UNSOLVABLE_INCOMPLETELY": Verdict.GAVE_UP,
-    "TIMEOUT": Verdict.GAVE_UP,
-    "MEMOUT": Verdict.GAVE_UP,
-    "UNSUPPORTED_PROBLEM": Verdict.REFUSED,
+    "SOLVED_SATISFICING": PlannerVerdict.SOLVED,
+    "SOLVED_OPTIMALLY": PlannerVerdict.SOLVED,
+    "INTERMEDIATE": PlannerVerdict.SOLVED,
+    "UNSOLVABLE_PROVEN": PlannerVerdict.IMPOSSIBLE,
+    "UNSOLVABLE_INCOMPLETELY": PlannerVerdict.GAVE_UP,
+    "TIMEOUT": PlannerVerdict.GAVE_UP,
+    "MEMOUT": PlannerVerdict.GAVE_UP,
+    "UNSUPPORTED_PROBLEM": PlannerVerdict.REFUSED,
 }
 
 
@@ -39,7 +39,7 @@ def main() -> None:
     Path(answer).write_text(json.dumps(written), "utf-8")
 
 
-def _ask(engine: str, domain: str, problem: str, timeout_s: float) -> tuple[Verdict, str, list]:
+def _ask(engine: str, domain: str, problem: str, timeout_s: float) -> tuple[PlannerVerdict, str, list]:
     shortcuts: Any = importlib.import_module("unified_planning.shortcuts")
     reading: Any = importlib.import_module("unified_planning.io")
     exceptions: Any = importlib.import_module("unified_planning.exceptions")
@@ -48,19 +48,19 @@ def _ask(engine: str, domain: str, problem: str, timeout_s: float) -> tuple[Verd
     with suppress(ModuleNotFoundError):
         importlib.import_module("up_kairos").register()
     if engine not in environment.factory.engines:
-        return Verdict.FAILED, f"unified-planning has no engine {engine!r} here: pip install up-{engine}", []
+        return PlannerVerdict.FAILED, f"unified-planning has no engine {engine!r} here: pip install up-{engine}", []
     try:
         asked = reading.PDDLReader().parse_problem(domain, problem)
     except Exception as error:  # noqa: BLE001 - the reader raises whatever its grammar meets
-        return Verdict.REFUSED, f"unified-planning cannot read the domain or problem: {_first_line(error)}", []
+        return PlannerVerdict.REFUSED, f"unified-planning cannot read the domain or problem: {_first_line(error)}", []
     try:
         with shortcuts.OneshotPlanner(name=engine) as planner:
             result = planner.solve(asked, timeout=timeout_s)
     except (exceptions.UPUsageError, exceptions.UPUnsupportedProblemTypeError) as error:
-        return Verdict.REFUSED, _first_line(error), []
-    verdict = _VERDICTS.get(result.status.name, Verdict.FAILED)
+        return PlannerVerdict.REFUSED, _first_line(error), []
+    verdict = _VERDICTS.get(result.status.name, PlannerVerdict.FAILED)
     said = result.status.name.lower().replace("_", " ")
-    return verdict, said, list(_steps(result.plan)) if verdict is Verdict.SOLVED else []
+    return verdict, said, list(_steps(result.plan)) if verdict is PlannerVerdict.SOLVED else []
 
 
 def _steps(plan: Any) -> Iterator[tuple[float, str, list[str], float]]:

@@ -5,16 +5,16 @@ import time
 import pytest
 
 from socialbot.agents.hospital.disinfect import DISINFECT, mission, ward
-from socialbot.planning.htn.domain import Item, State
+from socialbot.planning.htn.domain import Item, TaskState
 from socialbot.planning.htn.planner import TaskPlanner
-from socialbot.planning.htn.tree import Node, TaskAnswer, TaskLimits, TaskTree, TaskVerdict
+from socialbot.planning.htn.tree import TaskAnswer, TaskLimits, TaskNode, TaskTree, TaskVerdict
 from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SPOT, UVD
 
 MISSION = mission(SPOT, UVD, NURSE)
 PLANNER = TaskPlanner(DISINFECT)
 
 
-def infected(rooms: int = 1) -> State:
+def infected(rooms: int = 1) -> TaskState:
     """A ward where the rooms of all nurses are to be disinfected."""
     state = ward(
         {f"nurse_disinfected{number}": f"room{number}" for number in range(1, rooms + 1)}, (SPOT, UVD), "waiting_room"
@@ -32,7 +32,7 @@ def tree(answer: TaskAnswer) -> TaskTree:
     return answer.tree
 
 
-def reach(answer: TaskAnswer, state: State, item: Item) -> tuple[Node, State]:
+def reach(answer: TaskAnswer, state: TaskState, item: Item) -> tuple[TaskNode, TaskState]:
     """The node of ``item``, and the state after all that comes before it."""
     position = items(answer).index(item)
     return answer.plan[position], DISINFECT.after(state, items(answer)[:position])

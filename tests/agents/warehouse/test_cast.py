@@ -9,7 +9,7 @@ from socialbot.agents.warehouse.scenario import SIX, carrier_beliefs, cast_of, g
 from socialbot.core.errors import ParameterError
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
-from socialbot.deliberation.messages import FLUENT, Condition, Desire, Fact
+from socialbot.deliberation.messages import FLUENT, Desire, Fact, FactCondition
 from tests.agents.brief import believing, domain_of, plan_for, settled
 
 
@@ -111,7 +111,7 @@ def test_a_carrier_leaves_with_two_boxes_and_a_hasty_one_with_one(rules, boxes, 
 
 
 def holds(facts: FactBase, name: str) -> bool:
-    return facts.check(Condition(condition_to_check=Fact(name=name, params=("carrier_c",))))
+    return facts.check(FactCondition(condition_to_check=Fact(name=name, params=("carrier_c",))))
 
 
 def test_a_bay_is_clear_again_once_its_carrier_has_left_and_no_box_stands_there():
@@ -125,7 +125,7 @@ def test_a_bay_is_clear_again_once_its_carrier_has_left_and_no_box_stands_there(
 
 def test_a_bay_is_not_clear_while_a_box_that_has_missed_its_carrier_stands_there():
     facts = believing(cast.GRIPPER_DOMAIN, gripper_beliefs(SIX))
-    clear = Condition(condition_to_check=Fact(name="clear", params=("base_b",)))
+    clear = FactCondition(condition_to_check=Fact(name="clear", params=("base_b",)))
     facts.add(Fact(name="in", params=("box_b1", "base_b")))
     assert "DEL belief (clear base_b)" in settled(facts, cast.GRIPPER_RULES)
     assert not facts.check(clear)

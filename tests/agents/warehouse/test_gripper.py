@@ -12,7 +12,7 @@ from socialbot.agents.warehouse.scenario import SIX
 from socialbot.bdi import Engine
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation.messages import AgentRequest, Desire, Fact, RequestState
-from socialbot.deliberation.requests import Correspondence
+from socialbot.deliberation.requests import RequestClient
 from tests.agents.warehouse.hall import GRIPPER, Hall, Try, boxes, hall_with_gripper, status, to_be_in, told
 
 
@@ -268,7 +268,7 @@ class TestAskingACarrierToCome:
         sent: list[AgentRequest] = []
         for time in (4, 7):
             clock = ManualClock()
-            letters = Correspondence(Engine(GRIPPER, clock), "grippers", sent.append)
+            letters = RequestClient(Engine(GRIPPER, clock), "grippers", sent.append)
             clock.set(time * SECOND)
             letters.ask("carrier_a", "add", desire=to_be_in("base", 0.6))
         assert sent[0].id != sent[1].id

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from socialbot.planning.htn.domain import Item, State, TaskDomain
+from socialbot.planning.htn.domain import Item, TaskDomain, TaskState
 from socialbot.planning.htn.tree import TaskTree
 
 Way = tuple[Item, Any, tuple[Any, ...]]
@@ -13,8 +13,8 @@ Way = tuple[Item, Any, tuple[Any, ...]]
 
 
 def ways(
-    domain: TaskDomain, state: State, items: Sequence[Item], blacklist: Sequence[Item] = ()
-) -> Iterator[tuple[tuple[Way, ...], State]]:
+    domain: TaskDomain, state: TaskState, items: Sequence[Item], blacklist: Sequence[Item] = ()
+) -> Iterator[tuple[tuple[Way, ...], TaskState]]:
     """All the ways to do ``items`` one after the other, and the states they lead to, the first methods first."""
     if not items:
         yield (), state
@@ -24,7 +24,9 @@ def ways(
             yield (way, *rest), after
 
 
-def ways_of(domain: TaskDomain, state: State, item: Item, blacklist: Sequence[Item]) -> Iterator[tuple[Way, State]]:
+def ways_of(
+    domain: TaskDomain, state: TaskState, item: Item, blacklist: Sequence[Item]
+) -> Iterator[tuple[Way, TaskState]]:
     if item[0] in domain.actions:
         after = None if item in blacklist else domain.actions[item[0]].function(state.copy(), *item[1:])
         if after is not None:

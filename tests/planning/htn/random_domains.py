@@ -6,17 +6,17 @@ import random
 from collections.abc import Callable
 from typing import Any
 
-from socialbot.planning.htn.domain import Item, State, TaskDomain
+from socialbot.planning.htn.domain import Item, TaskDomain, TaskState
 
 TASKS = 4
 VARIABLES = "xyz"
 
 
-def random_state(chance: random.Random) -> State:
-    return State(at={name: chance.randint(0, 1) for name in VARIABLES})
+def random_state(chance: random.Random) -> TaskState:
+    return TaskState(at={name: chance.randint(0, 1) for name in VARIABLES})
 
 
-def _condition(chance: random.Random) -> Callable[[State], bool]:
+def _condition(chance: random.Random) -> Callable[[TaskState], bool]:
     if chance.random() < 0.4:
         return lambda state: True
     name, value = chance.choice(VARIABLES), chance.randint(0, 1)
@@ -26,7 +26,7 @@ def _condition(chance: random.Random) -> Callable[[State], bool]:
 def _action(chance: random.Random, name: str) -> Callable[..., Any]:
     possible, changed, value = _condition(chance), chance.choice(VARIABLES), chance.choice((0, 1, None))
 
-    def action(state: State, argument: int) -> State | None:
+    def action(state: TaskState, argument: int) -> TaskState | None:
         if not possible(state):
             return None
         if value is not None:
@@ -42,7 +42,7 @@ def _method(chance: random.Random, number: int, name: str) -> Callable[..., Any]
     names = [f"act{index}" for index in range(3)] * 2 + [f"task{index}" for index in range(number + 1, TASKS)]
     items = [(chance.choice(names), chance.randint(0, 1)) for _ in range(chance.choice((0, 1, 2, 2, 3)))]
 
-    def method(state: State, argument: int) -> list[Item] | None:
+    def method(state: TaskState, argument: int) -> list[Item] | None:
         return list(items) if applies(state) else None
 
     method.__name__ = name

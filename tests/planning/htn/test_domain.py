@@ -6,7 +6,7 @@ import pickle
 import pytest
 
 from socialbot.core.errors import PlanningError
-from socialbot.planning.htn.domain import State, TaskDomain
+from socialbot.planning.htn.domain import TaskDomain, TaskState
 
 
 def a_say(state, text):
@@ -93,7 +93,7 @@ def test_a_function_that_no_planner_can_call_is_refused_where_it_stands(function
 def test_the_state_after_actions_is_another_one():
     domain = TaskDomain("d")
     domain.declare_actions(a_say, a_move)
-    state = State(loc={"spot1": "room1"})
+    state = TaskState(loc={"spot1": "room1"})
     after = domain.after(state, [("a_say", "hello"), ("a_move", "spot1", "room2")])
     assert (state.loc["spot1"], after.loc["spot1"]) == ("room1", "room2")
     with pytest.raises(PlanningError, match=r"a_move\(spot1, nowhere\) cannot be done"):
@@ -103,24 +103,24 @@ def test_the_state_after_actions_is_another_one():
 
 
 def test_a_copy_of_a_state_can_be_changed_alone():
-    state = State("ward", loc={"spot1": "room1"}, rooms=["room1"], people={"ann"}, hour=8)
+    state = TaskState("ward", loc={"spot1": "room1"}, rooms=["room1"], people={"ann"}, hour=8)
     other = state.copy()
     assert other == state
     other.loc["spot1"] = "room2"
     other.rooms.append("room2")
     other.people.add("bob")
     other.hour = 9
-    assert state == State(loc={"spot1": "room1"}, rooms=["room1"], people={"ann"}, hour=8)
+    assert state == TaskState(loc={"spot1": "room1"}, rooms=["room1"], people={"ann"}, hour=8)
     assert other != state
 
 
 def test_a_state_says_which_variable_it_does_not_have():
     with pytest.raises(AttributeError, match="ward has no state variable 'lok'"):
-        _ = State("ward", loc={}).lok
+        _ = TaskState("ward", loc={}).lok
 
 
 def test_a_state_can_be_pickled_and_copied_deeply():
-    state = State("ward", loc={"spot1": "room1"})
+    state = TaskState("ward", loc={"spot1": "room1"})
     for other in (pickle.loads(pickle.dumps(state)), copy.deepcopy(state)):
         assert repr(other) == repr(state) == "State('ward', loc={'spot1': 'room1'})"
         assert other == state

@@ -11,11 +11,11 @@ from collections.abc import Callable
 import pytest
 
 from socialbot.bridge.node_thread import Stopwatch
-from socialbot.planning.htn.domain import State, TaskDomain
+from socialbot.planning.htn.domain import TaskDomain, TaskState
 from socialbot.planning.htn.planner import TaskPlanner
-from socialbot.planning.htn.tree import Fault, TaskLimits, TaskTree, TaskVerdict
+from socialbot.planning.htn.tree import TaskFault, TaskLimits, TaskTree, TaskVerdict
 
-HERE = State(loc="home", told=())
+HERE = TaskState(loc="home", told=())
 
 
 def household() -> TaskDomain:
@@ -127,12 +127,12 @@ def test_arguments_may_be_anything_also_what_cannot_be_hashed():
 @pytest.mark.parametrize(
     ("tasks", "fault", "message"),
     [
-        ([("m_fetchh", "cup")], Fault.UNKNOWN, "did you mean 'm_fetch'?"),
-        ([("walk",)], Fault.UNKNOWN, "household has no action or task 'walk'"),
-        ([("a_say",)], Fault.ARITY, "a_say(), in what was asked for: a_say takes 1 arguments"),
-        ([("m_fetch", "cup", "plate")], Fault.ARITY, "here takes 1 arguments"),
-        (["m_rest"], Fault.MALFORMED, "'m_rest', in what was asked for, is no task"),
-        ([()], Fault.MALFORMED, "is no task"),
+        ([("m_fetchh", "cup")], TaskFault.UNKNOWN, "did you mean 'm_fetch'?"),
+        ([("walk",)], TaskFault.UNKNOWN, "household has no action or task 'walk'"),
+        ([("a_say",)], TaskFault.ARITY, "a_say(), in what was asked for: a_say takes 1 arguments"),
+        ([("m_fetch", "cup", "plate")], TaskFault.ARITY, "here takes 1 arguments"),
+        (["m_rest"], TaskFault.MALFORMED, "'m_rest', in what was asked for, is no task"),
+        ([()], TaskFault.MALFORMED, "is no task"),
     ],
 )
 def test_what_cannot_be_asked_is_an_error_and_never_an_empty_plan(tasks, fault, message):
@@ -143,7 +143,7 @@ def test_what_cannot_be_asked_is_an_error_and_never_an_empty_plan(tasks, fault, 
 
 def test_a_mistyped_blacklist_is_an_error():
     answer = TaskPlanner(household()).plan(HERE, [("m_rest",)], blacklist=[("a_goo", "kitchen")])
-    assert answer.fault is Fault.UNKNOWN
+    assert answer.fault is TaskFault.UNKNOWN
     assert "did you mean 'a_go'?" in answer.message
 
 
@@ -170,17 +170,17 @@ def no_state(state):
 @pytest.mark.parametrize(
     ("method", "fault", "message"),
     [
-        (mistyped, Fault.UNKNOWN, "did you mean 'm_greet'?"),
-        (raising, Fault.RAISED, "raising for m_odd(): TypeError: string indices must be integers"),
-        (asking, Fault.RAISED, "has no state variable 'lok'"),
-        (no_list, Fault.MALFORMED, "no_list returned {('m_rest',)}, which is no list"),
+        (mistyped, TaskFault.UNKNOWN, "did you mean 'm_greet'?"),
+        (raising, TaskFault.RAISED, "raising for m_odd(): TypeError: string indices must be integers"),
+        (asking, TaskFault.RAISED, "has no state variable 'lok'"),
+        (no_list, TaskFault.MALFORMED, "no_list returned {('m_rest',)}, which is no list"),
     ],
 )
 def test_what_a_method_does_wrong_is_an_error_with_its_place(method, fault, message):
     answer = with_method(method).plan(HERE, [("a_say", "hello"), ("m_odd",)])
     assert (answer.verdict, answer.fault) == (TaskVerdict.ERROR, fault)
     assert message in answer.message
-    line = method.__code__.co_firstlineno + (fault is Fault.RAISED)
+    line = method.__code__.co_firstlineno + (fault is TaskFault.RAISED)
     assert answer.message.startswith(f"{__file__}:{line}: ")
 
 
@@ -188,15 +188,15 @@ def test_what_an_action_does_wrong_is_an_error():
     domain = household()
     domain.declare_actions(no_state, raising)
     planner = TaskPlanner(domain)
-    assert planner.plan(HERE, [("no_state",)]).fault is Fault.MALFORMED
-    assert planner.plan(HERE, [("raising",)]).fault is Fault.RAISED
+    assert planner.plan(HERE, [("no_state",)]).fault is TaskFault.MALFORMED
+    assert planner.plan(HERE, [("raising",)]).fault is TaskFault.RAISED
 
 
 def test_a_wrong_method_does_no_harm_when_an_earlier_one_will_do():
     domain = household()
     domain.declare_task_methods("m_rest", raising)
     assert TaskPlanner(domain).plan(HERE, [("m_rest",)]).verdict is TaskVerdict.PLAN
-    assert TaskPlanner(domain).plan(HERE, [("m_rest",), ("a_lift", "cup")]).fault is Fault.RAISED
+    assert TaskPlanner(domain).plan(HERE, [("m_rest",), ("a_lift", "cup")]).fault is TaskFault.RAISED
 
 
 def endless(state):
@@ -300,7 +300,7 @@ def test_planners_of_different_domains_work_side_by_side_in_threads():
 
     def work(number: int) -> None:
         for _ in range(15):
-            answers[number].append(planners[number].plan(State(), [("task", 0)]))
+            answers[number].append(planners[number].plan(TaskState(), [("task", 0)]))
 
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)

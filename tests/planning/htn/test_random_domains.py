@@ -6,7 +6,7 @@ import random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.planning.htn.domain import Item, State
+from socialbot.planning.htn.domain import Item, TaskState
 from socialbot.planning.htn.planner import TaskPlanner
 from socialbot.planning.htn.tree import TaskTree, TaskVerdict
 from tests.planning.htn.brute_force import Way, actions, way, ways
@@ -56,7 +56,7 @@ def same_end(old: list[Item], failed: int, new: list[Item]) -> bool:
 
 
 def expected(
-    domain, state: State, tree: TaskTree, failed: int, blacklist: list[Item]
+    domain, state: TaskState, tree: TaskTree, failed: int, blacklist: list[Item]
 ) -> tuple[int, tuple[Way, ...]] | None:
     """The node that has to be redone after ``failed``, and how all goes on from there."""
     path = tree.path(failed)

@@ -5,15 +5,15 @@ from collections.abc import Callable
 
 import pytest
 
-from socialbot.planning.htn.domain import State, TaskDomain
+from socialbot.planning.htn.domain import TaskDomain, TaskState
 from socialbot.planning.htn.planner import TaskPlanner
-from socialbot.planning.htn.tree import Fault, TaskAnswer, TaskTree, TaskVerdict
+from socialbot.planning.htn.tree import TaskAnswer, TaskFault, TaskTree, TaskVerdict
 
-DAY = State(raining=False, bus=True)
+DAY = TaskState(raining=False, bus=True)
 
 
-def action(name: str) -> Callable[..., State]:
-    def act(state: State, *args: str) -> State:
+def action(name: str) -> Callable[..., TaskState]:
+    def act(state: TaskState, *args: str) -> TaskState:
         return state
 
     act.__name__ = name
@@ -86,7 +86,7 @@ def test_a_task_that_failed_is_done_in_another_way_and_the_rest_stays():
 
 def test_what_comes_later_is_planned_for_the_world_as_it_is_now():
     first = day()
-    again = PLANNER.replan(State(raining=True, bus=False), tree(first), node(first, "a_walk(park)"))
+    again = PLANNER.replan(TaskState(raining=True, bus=False), tree(first), node(first, "a_walk(park)"))
     assert texts(again) == ["a_drive(park)", "a_pay(park)", "a_drive(home)", "a_pay(home)", "a_eat()"]
 
 
@@ -155,7 +155,7 @@ def test_one_failure_after_another_leaves_a_full_history():
 
 def test_a_world_that_changed_for_the_worse_changes_the_plan_before_it_fails():
     first = day()
-    rain = State(raining=True, bus=True)
+    rain = TaskState(raining=True, bus=True)
     revised = PLANNER.revise(rain, tree(first), node(first, "a_wait()"))
     assert texts(revised) == ["a_wait()", "a_pay(park)", "a_ride(park)", "a_pay(home)", "a_ride(home)", "a_eat()"]
     assert revised.redone is None
@@ -164,7 +164,7 @@ def test_a_world_that_changed_for_the_worse_changes_the_plan_before_it_fails():
 
 
 def test_a_task_that_has_begun_goes_on_as_it_is():
-    rain = State(raining=True, bus=True)
+    rain = TaskState(raining=True, bus=True)
     first = PLANNER.plan(rain, [("m_day",)])
     revised = PLANNER.revise(DAY, tree(first), node(first, "a_ride(park)"))
     assert texts(revised) == ["a_ride(park)", "a_walk(home)", "a_eat()"]
@@ -174,7 +174,7 @@ def test_a_task_that_has_begun_goes_on_as_it_is():
 def test_only_actions_of_the_plan_can_fail(which):
     first = day()
     for answer in (PLANNER.replan(DAY, tree(first), which), PLANNER.revise(DAY, tree(first), which)):
-        assert (answer.verdict, answer.fault) == (TaskVerdict.ERROR, Fault.UNKNOWN)
+        assert (answer.verdict, answer.fault) == (TaskVerdict.ERROR, TaskFault.UNKNOWN)
         assert f"no planned action at node {which}" in answer.message
 
 
