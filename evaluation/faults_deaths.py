@@ -29,7 +29,7 @@ from evaluation.faults_plan import Plan
 from evaluation.faults_processes import await_, beside, write_pictures
 from evaluation.report import Report, Value
 from socialbot.bridge import environment
-from socialbot.bridge.graph_observer import Fates, observing
+from socialbot.bridge.graph_observer import LatestStatistics, observe_graph
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import ActionRequest, CameraInfo, Health, Message, Mind, PersonDetections, SpeechStatus
 from socialbot.graph.files import load_graph
@@ -195,11 +195,11 @@ def kills(report: Report, plan: Plan) -> str:
     folder = plan.records("kills")
     pictures = write_pictures(folder / "pictures", SCENE)
     graph = load_graph("waldo")
-    witness, fates, chance = Witness(), Fates(graph), random.Random(9)
+    witness, fates, chance = Witness(), LatestStatistics(graph), random.Random(9)
     changes = [word for setting, value in SETTINGS.items() for word in ("--set", f"{setting}={value}")]
     killed: list[Kill] = []
     with (
-        observing(TOPICS, witness.note, fates.note, latched=(MIND, INFO)),
+        observe_graph(TOPICS, witness.note, fates.note, latched=(MIND, INFO)),
         beside(plan, folder, "up", "up", "--camera", pictures, "--out", folder / "run", *changes),
     ):
         await_(lambda: bool(witness.begun and witness.latest.get(DETECTIONS)), 120.0, "no detections", folder)
@@ -223,7 +223,7 @@ def kills(report: Report, plan: Plan) -> str:
     return _report(report, killed, found, usual)
 
 
-def kill(node: str, witness: Witness, fates: Fates) -> Kill:
+def kill(node: str, witness: Witness, fates: LatestStatistics) -> Kill:
     """Kills the process of ``node``, and waits until it is back."""
     before = fates.latest[node]["pid"]
     at = time.time_ns()

@@ -96,7 +96,7 @@ def power(report: Report, plan: Plan) -> str:
 
 
 def _cut(plan: Plan, folder: Path, pictures: Path, after_s: float, recorded: Sequence[str]) -> dict[str, Value]:
-    from socialbot.bridge.graph_observer import observing
+    from socialbot.bridge.graph_observer import observe_graph
 
     heard: list[tuple[int, int]] = []
 
@@ -106,7 +106,7 @@ def _cut(plan: Plan, folder: Path, pictures: Path, after_s: float, recorded: Seq
     up = ("up", "--camera", pictures, "--out", folder / "run", "--set", "camera.loop=true")
     topics = [word for topic in recorded for word in ("--topics", topic)]
     with (
-        observing({DETECTIONS: PersonDetections}, note, lambda *_: None),
+        observe_graph({DETECTIONS: PersonDetections}, note, lambda *_: None),
         beside(plan, folder, "up", *up, "--set", "speech.playback=off") as graph,
         beside(plan, folder, "record", "bag", "record", folder / "bag", *topics) as recorder,
     ):

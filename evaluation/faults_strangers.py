@@ -225,13 +225,13 @@ def _besiege(
     plan: Plan, folder: Path, keys: Keys, count: int
 ) -> tuple[Counter[tuple[str, str]], Counter[tuple[str, str]], Counter[str], float]:
     """What had been done when the friend had spoken, and in the end; what was refused; how long it took (s)."""
-    from socialbot.bridge.graph_observer import Fates, observing
+    from socialbot.bridge.graph_observer import LatestStatistics, observe_graph
     from socialbot.bridge.topics import send
 
     graph = load_graph(str(folder / "graph.yaml"))
-    effects, fates = Effects(), Fates(graph)
+    effects, fates = Effects(), LatestStatistics(graph)
     with (
-        observing(EFFECTS, effects.note, fates.note) as watch,
+        observe_graph(EFFECTS, effects.note, fates.note) as watch,
         beside(plan, folder, "up", "up", folder / "graph.yaml", "--out", folder / "run"),
     ):
         await_(lambda: _standing(fates.latest, len(graph.placements)), READY_S, "no graph", folder)

@@ -60,7 +60,7 @@ def stamp_of(data: bytes) -> int:
 
 def watch(deployment: Deployment, topics: list[str], file: Path, end: threading.Event) -> None:
     """Watches ``topics`` until the ``end``, in an environment that is prepared."""
-    from socialbot.bridge.graph_observer import observing
+    from socialbot.bridge.graph_observer import observe_graph
     from socialbot.bridge.transport import message_class, subscription_qos
 
     encoder = msgspec.json.Encoder()
@@ -78,7 +78,9 @@ def watch(deployment: Deployment, topics: list[str], file: Path, end: threading.
         def note(node: str, values: dict[str, str]) -> None:
             write(DIAGNOSTICS, 0, {"node": node, **values})
 
-        with observing({topic: kinds[topic] for topic in topics if topic not in pictures}, observe, note) as onlooker:
+        with observe_graph(
+            {topic: kinds[topic] for topic in topics if topic not in pictures}, observe, note
+        ) as onlooker:
             for topic in pictures:
                 onlooker.ros.create_subscription(
                     message_class(ros_type(Image)),

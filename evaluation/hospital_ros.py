@@ -22,7 +22,7 @@ from socialbot.agents.hospital.graphs import WORLD
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState
 from socialbot.agents.hospital.ward.ward import paper_ward
-from socialbot.bridge.graph_observer import Fates, expect_free_names, observing
+from socialbot.bridge.graph_observer import LatestStatistics, expect_free_names, observe_graph
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message
@@ -91,7 +91,7 @@ class Seen:
 
     def watch(self, graph: Graph, folder: Path) -> None:
         """Brings up ``graph`` and looks on until the mission is over, or too long."""
-        with observing(TOPICS, self.note, Fates(graph).note) as onlooker:
+        with observe_graph(TOPICS, self.note, LatestStatistics(graph).note) as onlooker:
             expect_free_names(onlooker.ros, graph)
             begun = time.monotonic()
             with Launch(graph, folder) as launch:

@@ -35,7 +35,7 @@ from rich.table import Table
 
 from evaluation.inspect_browser import first_picture_ms, page, steps_ms, update_ms
 from socialbot.bags.reader import BagWriter
-from socialbot.bridge.graph_observer import observing
+from socialbot.bridge.graph_observer import observe_graph
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import CompressedImage, PersonDetection, PersonDetections
@@ -114,7 +114,7 @@ def host_of(names: Sequence[str]) -> int:
         if node in names and values.get("state") == "active":
             hosts[node] = int(values["pid"])
 
-    with observing({}, lambda topic, message: None, note):
+    with observe_graph({}, lambda topic, message: None, note):
         until = time.monotonic() + BEGINS_WITHIN_S
         while len(hosts) < len(names) or len(set(hosts.values())) > 1:
             if time.monotonic() > until:

@@ -21,7 +21,7 @@ from evaluation.transport_nodes import Answerer, Begin, Camera, IdleDetector, Lo
 from socialbot.bags.codec import encode, ros_type
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import Connection, publisher_connection
-from socialbot.bridge.graph_observer import Onlooker, await_graph, observing
+from socialbot.bridge.graph_observer import GraphObserver, await_graph, observe_graph
 from socialbot.bridge.transport import RclpyTypes, message_class, publisher_qos
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import NodeError
@@ -93,7 +93,7 @@ class Trial:
         """Brings up the graph, lets the camera take its pictures, and collects. Raises NodeError when it fails."""
         graph = self.graph(folder)
         topics = {"/agent/actions": ActionRequest}
-        with observing(topics, self._hear, self._note) as onlooker, Launch(graph, folder) as launch:
+        with observe_graph(topics, self._hear, self._note) as onlooker, Launch(graph, folder) as launch:
             self._begin(graph, onlooker, launch)
             self._await_pictures(launch, folder / "sent.json")
             self.ended = self.clock.now()
@@ -161,7 +161,7 @@ class Trial:
     def _note(self, name: str, values: dict[str, str]) -> None:
         self.costs.setdefault(name, Cost()).note(self.clock.now(), values)
 
-    def _begin(self, graph: Graph, onlooker: Onlooker, launch: Launch) -> None:
+    def _begin(self, graph: Graph, onlooker: GraphObserver, launch: Launch) -> None:
         """Waits until all connections stand, and tells the camera to begin."""
         begin = _Topic(onlooker.ros, "/evaluation/begin", Begin)
 

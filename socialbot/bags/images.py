@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 
-from socialbot.bags.reader import Place, open_bag
+from socialbot.bags.reader import MessageLocation, open_bag
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.runs.run import Picture
@@ -35,7 +35,7 @@ class BagPictures:
         self._topic = topic
         self._bag = open_bag(path)
         self._bag.topic(topic)
-        self._places: list[Place] = []
+        self._places: list[MessageLocation] = []
         self._stamps: list[int] = []
         self._done = False
         self._closed = False
@@ -59,7 +59,7 @@ class BagPictures:
         self._closed = True
         self._bag.close()
 
-    def _read(self, place: Place) -> bytes | None:
+    def _read(self, place: MessageLocation) -> bytes | None:
         message = self._bag.message_at(place)
         if not isinstance(message, (Image, CompressedImage)):
             return None

@@ -34,7 +34,7 @@ from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message,
 from socialbot.core.yaml import check_depth
 from socialbot.graph.node import suggestion
 
-__all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "Topic", "open_bag"]
+__all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "BagTopic", "open_bag"]
 
 log = logging.getLogger("socialbot.bags")
 
@@ -52,7 +52,7 @@ _REPAIRS = {
 
 
 @dataclass(frozen=True)
-class Topic:
+class BagTopic:
     """A topic of a bag: its ROS type and the number of its messages."""
 
     name: str
@@ -61,7 +61,7 @@ class Topic:
 
 
 @dataclass(frozen=True)
-class Place:
+class MessageLocation:
     """Where in a bag a message lies: its stamp (ns), the number of the file, the topic and the time of reception."""
 
     stamp: int
@@ -110,7 +110,7 @@ class Bag:
         self.skipped: dict[str, Skipped] = {}
         self._readers = readers
         self._connections = [connection for reader in readers for connection in reader.connections]
-        self.topics: tuple[Topic, ...] = self._sum_topics()
+        self.topics: tuple[BagTopic, ...] = self._sum_topics()
         filled = [reader for reader in readers if reader.message_count]
         self.start: int = min((reader.start_time for reader in filled), default=0)
         self.end: int = max((reader.end_time - 1 for reader in filled), default=0)
@@ -133,11 +133,11 @@ class Bag:
         return (self.end - self.start) / SECOND
 
     @property
-    def image_topics(self) -> tuple[Topic, ...]:
+    def image_topics(self) -> tuple[BagTopic, ...]:
         """The topics with pictures, compressed or not."""
         return tuple(topic for topic in self.topics if topic.type in IMAGE_TYPES and topic.count)
 
-    def topic(self, name: str) -> Topic:
+    def topic(self, name: str) -> BagTopic:
         """The topic called ``name``. Raises BagError when the bag has none."""
         for topic in self.topics:
             if topic.name == name:
@@ -161,7 +161,7 @@ class Bag:
             for extra in extras
         )
 
-    def choose_image_topic(self, wanted: str | None = None) -> Topic:
+    def choose_image_topic(self, wanted: str | None = None) -> BagTopic:
         """The ``wanted`` image topic, or the only one.
 
         Raises BagError when there is none, when there are several and none is ``wanted``, or when
@@ -187,7 +187,7 @@ class Bag:
             raise BagError(what, where=where, remedy=suggestion(wanted, names))
         return self.topic(wanted)
 
-    def camera_info_topic_for(self, image_topic: str) -> Topic | None:
+    def camera_info_topic_for(self, image_topic: str) -> BagTopic | None:
         """The CameraInfo topic in the namespace of ``image_topic``, if the bag has one.
 
         ``/camera/image_raw`` and ``/camera/image_raw/compressed`` both belong to ``/camera/camera_info``.
@@ -219,7 +219,7 @@ class Bag:
                 )
         return self._decoded(topics, kinds or {})
 
-    def places(self, name: str) -> Iterator[Place]:
+    def places(self, name: str) -> Iterator[MessageLocation]:
         """Where each message of a topic with headers lies, with the stamp that `messages` gives it.
 
         Damaged ones are left out. Raises BagError where the file breaks off.
@@ -231,9 +231,9 @@ class Bag:
             header = None if ros_message is None else codec.header_stamp(ros_message)
             received = times.next(time)
             if header is not None:
-                yield Place(stamps.next(header, received), file, name, time)
+                yield MessageLocation(stamps.next(header, received), file, name, time)
 
-    def message_at(self, place: Place) -> Message | None:
+    def message_at(self, place: MessageLocation) -> Message | None:
         """The message at one of `places`, with its stamp; None when it is damaged. Raises BagError."""
         reader = self._readers[place.file]
         wanted = [connection for connection in reader.connections if connection.topic == place.topic]
@@ -320,12 +320,12 @@ class Bag:
     def _names(self) -> list[str]:
         return [topic.name for topic in self.topics]
 
-    def _sum_topics(self) -> tuple[Topic, ...]:
-        topics: dict[str, Topic] = {}
+    def _sum_topics(self) -> tuple[BagTopic, ...]:
+        topics: dict[str, BagTopic] = {}
         for connection in self._connections:
             before = topics.get(connection.topic)
             count = connection.msgcount + (before.count if before else 0)
-            topics[connection.topic] = Topic(connection.topic, connection.msgtype, count)
+            topics[connection.topic] = BagTopic(connection.topic, connection.msgtype, count)
         return tuple(topics[name] for name in sorted(topics))
 
 

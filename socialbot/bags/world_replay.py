@@ -82,7 +82,7 @@ class Commands:
         return topic, str(fields or id)
 
 
-class Script:
+class WorldScript:
     """What the world of ``bag`` has to say to ``graph``, which has none of its own.
 
     ``feeds`` are the topics (bag topic to graph topic) of what it says. All is said in the order and at the distances
@@ -181,7 +181,7 @@ class Script:
         return found is not None
 
 
-class Stage(Protocol):
+class ReplayStage(Protocol):
     """Where a script is played."""
 
     @property
@@ -198,7 +198,7 @@ class Stage(Protocol):
         ...
 
 
-def play(script: Script, stage: Stage, ending: Ending) -> None:
+def play(script: WorldScript, stage: ReplayStage, ending: Ending) -> None:
     """Plays a script until all is said, or it is asked to end."""
     while (due := script.due) is not None and not ending.asked:
         stage.advance(max(due, stage.now))
@@ -214,7 +214,7 @@ def play(script: Script, stage: Stage, ending: Ending) -> None:
 class InlineStage:
     """An inline run as the stage of a script. Call `begin` before its nodes start, then `play`."""
 
-    def __init__(self, runner: InlineRunner, script: Script) -> None:
+    def __init__(self, runner: InlineRunner, script: WorldScript) -> None:
         self._runner = runner
         self._script = script
         for topic in script.told:
@@ -247,7 +247,7 @@ class InlineStage:
             self.say(topic, message)
 
 
-class Played(msgspec.Struct):
+class PlaybackResult(msgspec.Struct):
     """How it went: messages sent, what the graph did not answer in time, and the damaged messages of each topic.
 
     Where the graph takes pictures, only they count; else it is commands to the world that count as answers.

@@ -32,7 +32,7 @@ CALLS_AVERAGED = 8
 
 
 @dataclass(eq=False)
-class Line:
+class InputQueue:
     """The messages that wait at one input, and what became of the others."""
 
     port: Input[Any]
@@ -100,7 +100,7 @@ class Line:
             self.skipped += 1
 
 
-class Alarm:
+class PendingTimer:
     """A timer that has not fired yet."""
 
     def __init__(self, callback: Callable[[], None]) -> None:
@@ -111,7 +111,7 @@ class Alarm:
         self.callback = None
 
 
-class Inbox:
+class CallbackQueue:
     """Everything that waits for one node. ``put`` from any thread, ``take`` from the node's own.
 
     ``now`` tells the node's time (ns). While it is simulated, whoever moves it calls ``time_moved``.
@@ -121,12 +121,12 @@ class Inbox:
         self._now = now
         self._simulated = simulated
         self._changed = threading.Condition()
-        self._lines: dict[str, Line] = {}
-        self._order: deque[Line] = deque()
+        self._lines: dict[str, InputQueue] = {}
+        self._order: deque[InputQueue] = deque()
         self._calls: deque[Callable[[], None]] = deque()
         self._expected = 0
         self._when_idle: Callable[[], None] | None = None
-        self._alarms: list[tuple[int, int, Alarm]] = []
+        self._alarms: list[tuple[int, int, PendingTimer]] = []
         self._sequence = itertools.count()
         self._closed = False
         self._vitals: HealthMonitor | None = None
@@ -139,7 +139,7 @@ class Inbox:
             self._changed.notify()
 
     @property
-    def lines(self) -> tuple[Line, ...]:
+    def lines(self) -> tuple[InputQueue, ...]:
         """The inputs that messages have come to."""
         return tuple(self._lines.values())
 
@@ -153,7 +153,7 @@ class Inbox:
         with self._changed:
             if self._vitals is not None:
                 self._vitals.came(port, message)
-            line = self._lines.setdefault(port.name, Line(port))
+            line = self._lines.setdefault(port.name, InputQueue(port))
             line.put(message)
             if line.waiting and line not in self._order:
                 self._order.append(line)
@@ -183,9 +183,9 @@ class Inbox:
             self._when_idle = callback
             self._changed.notify()
 
-    def call_at(self, time: int, callback: Callable[[], None]) -> Alarm:
+    def call_at(self, time: int, callback: Callable[[], None]) -> PendingTimer:
         """Adds a call for when the node's time has reached ``time`` (ns)."""
-        alarm = Alarm(callback)
+        alarm = PendingTimer(callback)
         with self._changed:
             heapq.heappush(self._alarms, (time, next(self._sequence), alarm))
             self._changed.notify()
@@ -202,7 +202,7 @@ class Inbox:
             self._closed = True
             self._changed.notify()
 
-    def take(self) -> Callable[[], None] | tuple[Line, Message] | None:
+    def take(self) -> Callable[[], None] | tuple[InputQueue, Message] | None:
         """Waits for, and removes, what is to be done next; None when the inbox is closed."""
         with self._changed:
             while not self._closed:
@@ -251,7 +251,7 @@ class Inbox:
         # Simulated time may stand still, and a second input has something to do meanwhile.
         return 0.0 if self._simulated or len(self._order) > 1 else self._order[0].pause(self._now())
 
-    def _next_message(self) -> tuple[Line, Message]:
+    def _next_message(self) -> tuple[InputQueue, Message]:
         line = self._order.popleft()
         message = line.take()
         if line.waiting:

@@ -19,7 +19,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node as RosNode
 
-from socialbot.bridge.callback_queue import Line
+from socialbot.bridge.callback_queue import InputQueue
 from socialbot.bridge.transport import reason_of, wire
 from socialbot.core.errors import MessageError
 from socialbot.graph.node import Graph
@@ -35,7 +35,7 @@ log = logging.getLogger("socialbot.diagnostics")
 _DECODER = msgspec.json.Decoder(tuple[str, dict[str, str]])
 
 
-class DiagnosticsOutlet:
+class DiagnosticsPublisher:
     """Tells through the rclpy node ``ros`` how nodes fare."""
 
     def __init__(self, ros: Any) -> None:
@@ -57,7 +57,7 @@ class DiagnosticsOutlet:
             status.values = [*status.values, KeyValue(key=SEAL, value=self._stream.seal(text))]
 
 
-class DiagnosticsInlet:
+class DiagnosticsSubscriber:
     """Hears through the rclpy node ``ros`` how nodes fare, and calls ``take`` in its thread.
 
     What is not to be believed is counted in ``refused`` and logged; others than nodes of socialbot may speak there too,
@@ -162,7 +162,7 @@ PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 @dataclass
-class Statistics:
+class NodeStatistics:
     """Counts of one node since its start, the durations (s) of its last calls, and the ages (s) of what it handled.
 
     The age of a message is the time from its stamp, by the node's clock, until it had been handled.
@@ -205,7 +205,7 @@ class Statistics:
 
 
 @dataclass(frozen=True)
-class Spread:
+class DurationStats:
     """Mean and percentiles of durations (s); 0 where there are none."""
 
     mean: float = 0.0
@@ -213,17 +213,17 @@ class Spread:
     p99: float = 0.0
 
     @staticmethod
-    def of(durations: Collection[float]) -> Spread:
+    def of(durations: Collection[float]) -> DurationStats:
         """The spread of ``durations``."""
         ordered = sorted(durations)
         if not ordered:
-            return Spread()
+            return DurationStats()
         p50, p99 = (ordered[min(len(ordered) - 1, int(share * len(ordered)))] for share in (0.5, 0.99))
-        return Spread(sum(ordered) / len(ordered), p50, p99)
+        return DurationStats(sum(ordered) / len(ordered), p50, p99)
 
 
 @dataclass(frozen=True)
-class Usage:
+class ResourceUsage:
     """What was counted up to a time (s): calls, messages published, processor seconds."""
 
     time: float = 0.0
@@ -231,7 +231,7 @@ class Usage:
     published: int = 0
     cpu_s: float = 0.0
 
-    def rates_since(self, before: Usage) -> dict[str, float]:
+    def rates_since(self, before: ResourceUsage) -> dict[str, float]:
         """How often and how much since ``before``: calls and messages a second, percent of one core."""
         seconds = self.time - before.time
         return {
@@ -241,15 +241,15 @@ class Usage:
         }
 
 
-class Reporter:
+class DiagnosticsReporter:
     """Publishes the ``statistics`` of a node on /diagnostics: once a second, more often until it is connected."""
 
     def __init__(
         self,
         ros: RosNode,
-        statistics: Statistics,
+        statistics: NodeStatistics,
         connections: Sequence[Connection],
-        lines: Callable[[], Sequence[Line]],
+        lines: Callable[[], Sequence[InputQueue]],
         state: Callable[[], str],
     ) -> None:
         self._ros = ros
@@ -259,9 +259,9 @@ class Reporter:
         self._state = state
         self._ticks = itertools.count()
         self._lacking = ""
-        self._usage = Usage(time.monotonic(), cpu_s=_cpu_s())
+        self._usage = ResourceUsage(time.monotonic(), cpu_s=_cpu_s())
         self._rates: dict[str, float] = {}
-        self._outlet = DiagnosticsOutlet(ros)
+        self._outlet = DiagnosticsPublisher(ros)
         self._timer = ros.create_timer(TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _tick(self) -> None:
@@ -276,12 +276,12 @@ class Reporter:
 
     def _measure(self) -> None:
         before, statistics = self._usage, self._statistics
-        self._usage = Usage(time.monotonic(), statistics.calls, statistics.published, _cpu_s())
+        self._usage = ResourceUsage(time.monotonic(), statistics.calls, statistics.published, _cpu_s())
         self._rates = self._usage.rates_since(before)
 
     def _status(self, state: str, lacking: str) -> DiagnosticStatus:
         statistics, lines = self._statistics, self._lines()
-        calls, ages = Spread.of(statistics.durations), Spread.of(statistics.ages)
+        calls, ages = DurationStats.of(statistics.durations), DurationStats.of(statistics.ages)
         publication, block = statistics.take_longest_publication()
         values: dict[str, Any] = {
             "machine": machine(),

@@ -13,7 +13,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialbot.bridge import environment
-from socialbot.bridge.diagnostics import UNCONNECTED, Connection, DiagnosticsInlet, subscription_connection, unconnected
+from socialbot.bridge.diagnostics import (
+    UNCONNECTED,
+    Connection,
+    DiagnosticsSubscriber,
+    subscription_connection,
+    unconnected,
+)
 from socialbot.bridge.transport import Receiver, wire
 from socialbot.core.errors import MessageError, NodeError
 from socialbot.core.messages import Message
@@ -22,7 +28,7 @@ from socialbot.graph.node import Graph, WireForm
 log = logging.getLogger("socialbot.observer")
 
 
-class Fates:
+class LatestStatistics:
     """The latest statistics of each node of ``graph``, as /diagnostics tells them; others may speak there, too."""
 
     def __init__(self, graph: Graph) -> None:
@@ -36,7 +42,7 @@ class Fates:
 
 
 @dataclass(frozen=True)
-class Onlooker:
+class GraphObserver:
     """The rclpy node that looks on, and its subscriptions by topic."""
 
     ros: Any
@@ -53,21 +59,21 @@ def rounded(count: int) -> bool:
 
 
 @contextmanager
-def observing(
+def observe_graph(
     topics: Mapping[str, type[Message]],
     observe: Callable[[str, Message], None],
     note: Callable[[str, dict[str, str]], None],
     form: WireForm = "json",
     *,
     latched: Collection[str] = (),
-) -> Iterator[Onlooker]:
+) -> Iterator[GraphObserver]:
     """Calls ``observe`` with each message of ``topics``, and ``note`` with each node's statistics, from one thread.
 
     Of those that are ``latched`` it hears what was said last before it came. ``form`` is that of the graph's messages.
     Raises InstallationError when there is no ROS, or not that form.
     """
     environment.require_ros()
-    from socialbot.bridge.diagnostics import DiagnosticsInlet
+    from socialbot.bridge.diagnostics import DiagnosticsSubscriber
     from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.transport import onlooker_qos
 
@@ -94,8 +100,8 @@ def observing(
             )
             for topic, kind in topics.items()
         }
-        DiagnosticsInlet(ros, note)
-        yield Onlooker(ros, subscriptions)
+        DiagnosticsSubscriber(ros, note)
+        yield GraphObserver(ros, subscriptions)
 
 
 LOOK_AGAIN_S = 0.02
@@ -109,7 +115,7 @@ class Readiness:
 
     def __init__(self, ros: Any, graph: Graph) -> None:
         self._lacking = dict.fromkeys((placement.name for placement in graph.placements), "everything")
-        self._inlet = DiagnosticsInlet(ros, self._note)
+        self._inlet = DiagnosticsSubscriber(ros, self._note)
 
     def missing(self) -> list[str]:
         """What is missing, such as "head: /head/command"; empty when the graph stands."""
@@ -155,7 +161,7 @@ def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = Non
     def note(name: str, _: Mapping[str, str]) -> None:
         speaking.add(name)
 
-    inlet = DiagnosticsInlet(ros, note)
+    inlet = DiagnosticsSubscriber(ros, note)
     begun = time.monotonic()
     look_s = LOOK_ROUND_S
     while time.monotonic() - begun < look_s:

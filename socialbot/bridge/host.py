@@ -22,12 +22,18 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from socialbot.bridge.diagnostics import Connection, Reporter, Statistics, publisher_connection, subscription_connection
+from socialbot.bridge.diagnostics import (
+    Connection,
+    DiagnosticsReporter,
+    NodeStatistics,
+    publisher_connection,
+    subscription_connection,
+)
 from socialbot.bridge.lifecycle import (
     ACTIVE,
     FINALIZED,
     INACTIVE,
-    ManagedNode,
+    LifecycleHost,
     declare_parameters,
     parameter_values,
     watch_parameters,
@@ -88,13 +94,13 @@ class NodeHost:
         supervisor: SupervisorLink | None = None,
     ) -> None:
         self.name = placement.name
-        self.statistics = Statistics()
+        self.statistics = NodeStatistics()
         self._graph = graph
         self._placement = placement
         self._supervisor = supervisor
         self._wire = wire(form=self._graph.wire)
         sealed = self._wire.sealed  # then there are no services: anybody could call them
-        self._ros = ManagedNode(
+        self._ros = LifecycleHost(
             placement.name,
             self,
             services=not sealed,
@@ -119,7 +125,9 @@ class NodeHost:
             every_step = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
             self._jumps = self._ros.get_clock().create_jump_callback(every_step, post_callback=self._time_moved)
             self._keeping = self._ros.create_publisher(Header, KEPT_TOPIC, publisher_qos(Delivery.EVERY))
-        self._reporter = Reporter(self._ros, self.statistics, self._connections, self._lines, lambda: self._ros.state)
+        self._reporter = DiagnosticsReporter(
+            self._ros, self.statistics, self._connections, self._lines, lambda: self._ros.state
+        )
         if sealed:
             self._renewing = self._ros.create_timer(self._wire.renewal_s, lambda: self._wire.renew(), clock=STEADY)
         if supervisor is not None:

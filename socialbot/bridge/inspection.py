@@ -32,7 +32,7 @@ AT_ODDS = {
 """By the reason why nothing that a graph says can be read: why it would not listen either."""
 
 
-class RosOffice:
+class CommandClient:
     """Takes commands to agents by ``ros``, a node that spins; messages have the ``form`` of the graph.
 
     It is shut as long as it can read nothing of what the nodes say of their health. Raises what `wire` does.
@@ -113,7 +113,7 @@ KEPT = 600
 """So many pictures are kept: a minute of them."""
 
 
-class LivePictures:
+class LiveImages:
     """The pictures on ``topic``, heard by ``ros``, a node that spins, as long as they are asked for."""
 
     def __init__(self, ros: Any, topic: str, kind: type[Image] | type[CompressedImage]) -> None:
@@ -167,7 +167,7 @@ class LivePictures:
                 self._subscription = None
 
 
-def picture_topic(graph: Graph) -> tuple[str, type[Image] | type[CompressedImage]] | None:
+def live_image_topic(graph: Graph) -> tuple[str, type[Image] | type[CompressedImage]] | None:
     """A topic of ``graph`` with pictures: those of its own nodes first, compressed ones first; None without any."""
     published = {topic for placement in graph.placements for topic, _ in placement.publications}
     found: list[tuple[str, type[Image] | type[CompressedImage]]] = []

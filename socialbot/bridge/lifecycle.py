@@ -32,7 +32,7 @@ class Steps(Protocol):
     def clean_up(self) -> None: ...
 
 
-class ManagedNode(LifecycleNode):
+class LifecycleHost(LifecycleNode):
     """Takes its transitions, in the executor's thread, from services or from `go`.
 
     Without ``services`` nobody but this process can ask for any.

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from socialbot.bridge.callback_queue import Alarm, Inbox, Line
-from socialbot.bridge.diagnostics import Connection, Statistics, restarts, unconnected
+from socialbot.bridge.callback_queue import CallbackQueue, InputQueue, PendingTimer
+from socialbot.bridge.diagnostics import Connection, NodeStatistics, restarts, unconnected
 from socialbot.bridge.graph_observer import LOOK_AGAIN_S
 from socialbot.bridge.transport import Sender
 from socialbot.core.clock import SECOND, Clock
@@ -81,11 +81,16 @@ class _Own:
         self.callback()
 
 
-class _Context:
+class _NodeContext:
     """rclpy as one node sees it."""
 
     def __init__(
-        self, clock: Clock, inbox: Inbox, outlets: Mapping[str, Sender], vitals: HealthMonitor, statistics: Statistics
+        self,
+        clock: Clock,
+        inbox: CallbackQueue,
+        outlets: Mapping[str, Sender],
+        vitals: HealthMonitor,
+        statistics: NodeStatistics,
     ) -> None:
         self.clock = clock
         self.vitals = vitals
@@ -98,7 +103,7 @@ class _Context:
         self._outlets[port.name].publish(message)
         self._statistics.note_publication(*watch.seconds())
 
-    def call_at(self, time: int, callback: Callable[[], None]) -> Alarm:
+    def call_at(self, time: int, callback: Callable[[], None]) -> PendingTimer:
         return self._inbox.call_at(time, callback)
 
     def call_soon(self, callback: Callable[[], None]) -> None:
@@ -128,15 +133,15 @@ class NodeThread:
         simulated: bool,
         outlets: Mapping[str, Sender],
         connections: Sequence[Connection],
-        statistics: Statistics,
+        statistics: NodeStatistics,
         say_health: Callable[[Health], None],
         well: Callable[[], None],
     ) -> None:
         self.name = placement.name
         self.failure: SocialbotError | None = None
-        self.inbox = Inbox(clock.now, simulated=simulated)
+        self.inbox = CallbackQueue(clock.now, simulated=simulated)
         self._vitals = HealthMonitor(placement, clock, say_health)
-        context = _Context(clock, self.inbox, outlets, self._vitals, statistics)
+        context = _NodeContext(clock, self.inbox, outlets, self._vitals, statistics)
         self.node: Node = placement.type(placement.name, context, parameters)
         self._clock = clock
         self._simulated = simulated
@@ -220,7 +225,7 @@ class NodeThread:
                 says_at = now + BEAT_S
             time.sleep(LOOK_AGAIN_S)
 
-    def _do(self, item: Callable[[], None] | tuple[Line, Message]) -> None:
+    def _do(self, item: Callable[[], None] | tuple[InputQueue, Message]) -> None:
         begin = time.perf_counter()
         try:
             if callable(item):

@@ -17,7 +17,7 @@ from typing import Any
 from socialbot.bags.codec import MESSAGE_TYPES, ROS_TYPES, STRING, decode, raw_stamp, with_stamp
 from socialbot.bags.reader import IMAGE_TYPES, Bag, RosbagsTypes
 from socialbot.bags.repair import Stamps
-from socialbot.bags.world_replay import STEP_S, Played, Script, play
+from socialbot.bags.world_replay import STEP_S, PlaybackResult, WorldScript, play
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.graph_observer import await_graph
@@ -47,7 +47,7 @@ GRAPH_TIMEOUT_S = 30.0
 
 
 @dataclass(frozen=True)
-class Playing:
+class PlaybackOptions:
     """How to play: ``rate`` 1.0 is as recorded, ``tail_s`` goes on with the time alone after the last picture.
 
     ``paced`` waits for slow nodes of the graph that is awaited.
@@ -93,10 +93,10 @@ class _Answers:
         return answered
 
 
-class Player:
+class BagPlayer:
     """Plays ``topics`` (bag topic to graph topic) of ``bag`` through the rclpy node ``ros``."""
 
-    def __init__(self, ros: Any, bag: Bag, topics: Mapping[str, str], playing: Playing, ending: Ending) -> None:
+    def __init__(self, ros: Any, bag: Bag, topics: Mapping[str, str], playing: PlaybackOptions, ending: Ending) -> None:
         from rosgraph_msgs.msg import Clock
 
         self._bag = bag
@@ -137,9 +137,9 @@ class Player:
             return publishers
         return [*publishers, subscription_connection(graph, self._playing.paced_by, self._answering)]
 
-    def play(self) -> Played:
+    def play(self) -> PlaybackResult:
         """Plays from the first message to the end of the tail, or until asked to end."""
-        played = Played(skipped=self._bag.skipped)
+        played = PlaybackResult(skipped=self._bag.skipped)
         self._begun = time.monotonic()
         for topic, at, ros_type, cdr in self._bag.raw_messages(self._topics):
             self._pass_time(at)
@@ -192,14 +192,14 @@ class Player:
                 return
 
 
-class Reenactment:
+class WorldPlayer:
     """Plays ``topics`` (bag topic to graph topic) of ``bag`` to ``graph``, which has no world of its own."""
 
     def __init__(
         self, ros: Any, bag: Bag, topics: Mapping[str, str], graph: Graph, rate: float, ending: Ending
     ) -> None:
         self._rate, self._ending = rate, ending
-        self._script = Script(bag, topics, graph)
+        self._script = WorldScript(bag, topics, graph)
         self._skipped = bag.skipped
         own = wire(form=graph.wire)
         self._publishers = {
@@ -226,11 +226,11 @@ class Reenactment:
             *(subscription_connection(graph, topic, one) for topic, one in self._subscriptions.items()),
         ]
 
-    def play(self) -> Played:
+    def play(self) -> PlaybackResult:
         """Plays from the first message to the last, or until asked to end."""
         self._begun = time.monotonic()
         play(self._script, self, self._ending)
-        return Played(self._script.sent, self._script.unanswered, self._skipped)
+        return PlaybackResult(self._script.sent, self._script.unanswered, self._skipped)
 
     @property
     def now(self) -> int:
@@ -258,7 +258,9 @@ class Reenactment:
             self._script.hear(topic, command)
 
 
-def play_bag(bag: Bag, topics: Mapping[str, str], playing: Playing, *, parent: int | None = None) -> Played:
+def play_bag(
+    bag: Bag, topics: Mapping[str, str], playing: PlaybackOptions, *, parent: int | None = None
+) -> PlaybackResult:
     """Plays ``bag`` in a process of its own. Raises NodeError when the graph to wait for does not come."""
     environment.require_ros()
     from socialbot.bridge.environment import spinning_node
@@ -267,9 +269,9 @@ def play_bag(bag: Bag, topics: Mapping[str, str], playing: Playing, *, parent: i
         graph = playing.await_graph
         pictures = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
         if graph is None or pictures or not playing.paced:
-            player = Player(ros, bag, topics, playing, ending)
+            player = BagPlayer(ros, bag, topics, playing, ending)
         else:
-            player = Reenactment(ros, bag, topics, graph, playing.rate, ending)
+            player = WorldPlayer(ros, bag, topics, graph, playing.rate, ending)
         if graph is not None:
             own = player.connections(graph)
             missing = await_graph(ros, graph, own, timeout_s=GRAPH_TIMEOUT_S, ended=lambda: ending.asked)

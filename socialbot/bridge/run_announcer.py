@@ -119,7 +119,7 @@ class RunAnnouncer:
                 self._outlet.publish(status)
 
 
-class Runs:
+class RunListener:
     """The runs of ``socialbot up`` that are heard through the rclpy node ``ros``, each with the last it has said."""
 
     def __init__(self, ros: Any) -> None:

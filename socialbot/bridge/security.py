@@ -185,7 +185,7 @@ MOST_STREAMS = 256
 """So many streams are remembered before those are forgotten whose messages would be late anyway."""
 
 
-class Verdict(enum.Enum):
+class FreshnessVerdict(enum.Enum):
     """What `Freshness` thinks of a message."""
 
     NEW = "new"
@@ -231,18 +231,18 @@ class Freshness:
         """How many streams it remembers."""
         return len(self._streams)
 
-    def judge(self, sender: str, stream: str, number: int, time: int) -> Verdict:
+    def judge(self, sender: str, stream: str, number: int, time: int) -> FreshnessVerdict:
         """What to think of a message, whose signature is right, that was sealed at ``time`` (ns); remembers it."""
         now = self.now()
         last = self._streams.get((sender, stream))
         if last is not None and (number < last.number or (number == last.number and _was_heard(time, last.time, now))):
-            return Verdict.REPLAYED
+            return FreshnessVerdict.REPLAYED
         if time - now > self._window:
-            return Verdict.EARLY
+            return FreshnessVerdict.EARLY
         if now - time > self._patience():
-            return Verdict.LATE
+            return FreshnessVerdict.LATE
         self._remember((sender, stream), _Last(number, time), now)
-        return Verdict.RENEWED if last is not None and number == last.number else Verdict.NEW
+        return FreshnessVerdict.RENEWED if last is not None and number == last.number else FreshnessVerdict.NEW
 
     def _patience(self) -> int:
         return self._window if self._joins_late else min(self._window, self._steady() - self._begun)
@@ -366,9 +366,9 @@ class Opener:
         sealed = read(text)
         self._verify(sealed)
         verdict = self._freshness.judge(sealed.sender, sealed.stream, sealed.number, sealed.time)
-        if verdict is Verdict.NEW:
+        if verdict is FreshnessVerdict.NEW:
             return sealed.payload
-        if verdict is Verdict.RENEWED:
+        if verdict is FreshnessVerdict.RENEWED:
             return None
         raise SealError(verdict.value, f"from {sealed.sender!r}, sealed {self._age(sealed)}")
 

@@ -151,7 +151,7 @@ Ended = Callable[[], bool]
 
 
 @dataclass(frozen=True, order=True)
-class Topic:
+class TopicInfo:
     """A topic: its name, its types, and how many nodes publish and subscribe to it."""
 
     name: str
@@ -181,25 +181,25 @@ def onlooker() -> Iterator[Any]:
             ros.destroy_node()
 
 
-def topics_now(ros: Any) -> tuple[Topic, ...]:
+def list_topics(ros: Any) -> tuple[TopicInfo, ...]:
     """The topics that the onlooker ``ros`` sees at this moment, by name, without its own part in them."""
     seen = (
-        Topic(name, tuple(types), len(_publishers(ros, name)), len(_subscribers(ros, name)))
+        TopicInfo(name, tuple(types), len(_publishers(ros, name)), len(_subscribers(ros, name)))
         for name, types in ros.get_topic_names_and_types()
     )
     return tuple(sorted(topic for topic in seen if topic.publishers or topic.subscribers))
 
 
-def settled_topics(ros: Any, ended: Ended = lambda: False) -> tuple[Topic, ...]:
+def settled_topics(ros: Any, ended: Ended = lambda: False) -> tuple[TopicInfo, ...]:
     """The topics once nothing has changed for ``QUIET_S``, or after ``SETTLE_LIMIT_S``."""
     begun = changed = time.monotonic()
-    topics = topics_now(ros)
+    topics = list_topics(ros)
     while time.monotonic() - begun < SETTLE_LIMIT_S and not ended():
         # A graph in which nobody is seen at all may be one that is still to be discovered.
         if topics and time.monotonic() - changed >= QUIET_S:
             break
         time.sleep(LOOK_AGAIN_S)
-        before, topics = topics, topics_now(ros)
+        before, topics = topics, list_topics(ros)
         if topics != before:
             changed = time.monotonic()
     return topics
@@ -215,7 +215,7 @@ def await_publisher(ros: Any, name: str, *, timeout_s: float, ended: Ended = lam
         if ended():
             return None
         if time.monotonic() >= deadline:
-            raise _nobody(name, topics_now(ros))
+            raise _nobody(name, list_topics(ros))
         time.sleep(LOOK_AGAIN_S)
     return publishers[0].topic_type
 
@@ -294,7 +294,7 @@ class AdaptingSubscription:
 
 
 @dataclass(frozen=True)
-class Rate:
+class TopicRate:
     """How often messages came: mean rate, periods (s), bytes a second, and over how many messages this was taken."""
 
     hz: float
@@ -305,7 +305,7 @@ class Rate:
     messages: int
 
 
-class Arrivals:
+class RateMeter:
     """The times (s) and sizes (bytes) of the last ``window`` messages."""
 
     def __init__(self, window: int) -> None:
@@ -315,7 +315,7 @@ class Arrivals:
         """Counts one message."""
         self._last.append((time_s, size))
 
-    def rate(self) -> Rate | None:
+    def rate(self) -> TopicRate | None:
         """The rate over the window; None before there are two messages in it."""
         times = [time_s for time_s, _ in self._last]
         if len(times) < 2 or times[-1] <= times[0]:
@@ -323,7 +323,7 @@ class Arrivals:
         periods = [later - earlier for earlier, later in itertools.pairwise(times)]
         span = times[-1] - times[0]
         mean = span / len(periods)
-        return Rate(
+        return TopicRate(
             hz=1 / mean,
             min_s=min(periods),
             max_s=max(periods),
@@ -341,7 +341,7 @@ def _subscribers(ros: Any, name: str) -> list[Any]:
     return [each for each in ros.get_subscriptions_info_by_topic(name) if each.node_name != ros.get_name()]
 
 
-def _nobody(name: str, topics: Collection[Topic]) -> GraphError:
+def _nobody(name: str, topics: Collection[TopicInfo]) -> GraphError:
     domain = f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
     published = [topic.name for topic in topics if topic.publishers and not topic.hidden]
     if not published:
@@ -361,7 +361,7 @@ ALL_CONNECTED_S = 3.0
 ACKNOWLEDGED_S = 5.0
 
 
-def message_from(schema: str, text: str, *, stamp: int) -> Structured:
+def parse_message(schema: str, text: str, *, stamp: int) -> Structured:
     """The message of a ``schema``, such as DesireItem, whose fields the YAML or JSON ``text`` gives.
 
     ``stamp`` (ns) is used where it gives none. Raises MessageError when there is no such schema, or the text does not
@@ -437,7 +437,7 @@ def _await_all(ros: Any, publisher: Any, name: str, type_name: str, ended: Ended
 
 
 def _not_wanted(ros: Any, name: str, type_name: str) -> GraphError:
-    topics = [topic for topic in topics_now(ros) if topic.subscribers and not topic.hidden]
+    topics = [topic for topic in list_topics(ros) if topic.subscribers and not topic.hidden]
     other = next((", ".join(topic.types) for topic in topics if topic.name == name), "")
     where = f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
     if other:

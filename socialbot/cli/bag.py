@@ -20,7 +20,7 @@ from socialbot.core.process import Ending
 from socialbot.core.progress import bar
 
 if TYPE_CHECKING:
-    from socialbot.bags.reader import Bag, Topic
+    from socialbot.bags.reader import Bag, BagTopic
 
 
 def play(
@@ -37,17 +37,17 @@ def play(
 
     from socialbot.bags.reader import open_bag
     from socialbot.bags.topic_mapping import feeding
-    from socialbot.bridge.player import Playing, play_bag
+    from socialbot.bridge.player import PlaybackOptions, play_bag
     from socialbot.graph.files import load_graph
 
     with open_bag(bag) as opened:
         if graph is None:
             topics = {topic.name: topic.name for topic in opened.topics if topic.count}
-            playing = Playing(rate=rate, tail_s=0.0)
+            playing = PlaybackOptions(rate=rate, tail_s=0.0)
         else:
             loaded = load_graph(graph).without_sources()
             topics = feeding(opened, loaded, image_topic)
-            playing = Playing(rate=rate, await_graph=loaded, paced=pace)
+            playing = PlaybackOptions(rate=rate, await_graph=loaded, paced=pace)
         played = play_bag(opened, topics, playing, parent=parent)
     if report is not None:
         report.write_bytes(msgspec.json.encode(played))
@@ -194,16 +194,16 @@ def _table(opened: Bag, pictures: Mapping[str, str], *, checked: bool) -> Table:
     return table
 
 
-def _type(topic: Topic) -> str:
+def _type(topic: BagTopic) -> str:
     # The whole name only where the short one would not do: a line has room for 80 characters.
     return topic.type.rpartition("/")[2] if topic.type in codec.MESSAGE_TYPES else topic.type.replace("/msg/", "/")
 
 
-def _rate(opened: Bag, topic: Topic) -> str:
+def _rate(opened: Bag, topic: BagTopic) -> str:
     return f"{(topic.count - 1) / opened.duration_s:.1f}" if topic.count > 1 and opened.duration_s > 0 else ""
 
 
-def _picture(opened: Bag, topic: Topic) -> str:
+def _picture(opened: Bag, topic: BagTopic) -> str:
     """Size and encoding of the first picture that can be read."""
     import cv2
 

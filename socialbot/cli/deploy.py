@@ -20,7 +20,7 @@ from socialbot.core.process import Ending
 from socialbot.graph.status import printable
 
 if TYPE_CHECKING:
-    from socialbot.bridge.run_announcer import Runs
+    from socialbot.bridge.run_announcer import RunListener
     from socialbot.runtime.deployment import Deployment
 
 
@@ -131,11 +131,11 @@ def down(
     """
     target = _enter(file, machine)
     from socialbot.bridge.environment import spinning_node
-    from socialbot.bridge.run_announcer import Runs
+    from socialbot.bridge.run_announcer import RunListener
     from socialbot.runtime.run_lock import locked_runs
 
     with Ending().on_signals() as ending, spinning_node("down") as ros:
-        runs = Runs(ros)
+        runs = RunListener(ros)
         found = heard(runs, target, ending, timeout)
         for one in found:
             typer.echo(f"{_named(one)}: asked to end")
@@ -158,7 +158,7 @@ def down(
         raise typer.Exit(NOT_ENDED)
 
 
-def heard(runs: Runs, target: Target, ending: Ending, timeout_s: float) -> list[UpStatus]:
+def heard(runs: RunListener, target: Target, ending: Ending, timeout_s: float) -> list[UpStatus]:
     """Those of ``runs`` that are to end.
 
     It listens until everything that is up on this computer has been heard, and all machines of ``target`` are among
@@ -178,7 +178,7 @@ def heard(runs: Runs, target: Target, ending: Ending, timeout_s: float) -> list[
         time.sleep(LOOK_AGAIN_S)
 
 
-def end(runs: Runs, found: Sequence[UpStatus], ending: Ending, timeout_s: float) -> list[UpStatus]:
+def end(runs: RunListener, found: Sequence[UpStatus], ending: Ending, timeout_s: float) -> list[UpStatus]:
     """Asks ``found`` to end, and tells of each that has. Returns those that have not after ``timeout_s``."""
     from socialbot.bridge.run_announcer import is_gone
     from socialbot.runtime.run_lock import locked_runs

@@ -72,7 +72,7 @@ def inspect(
 @contextmanager
 def attached(file: str, machine: str | None) -> Iterator[tuple[LiveRun, Office]]:
     """The graph that ``file`` describes, which runs somewhere, as it is heard from here; and who takes requests."""
-    from socialbot.bridge.graph_observer import observing
+    from socialbot.bridge.graph_observer import observe_graph
     from socialbot.core.clock import WallClock
     from socialbot.runs.telling import telling
     from socialbot.runtime.live import topics_of
@@ -87,7 +87,7 @@ def attached(file: str, machine: str | None) -> Iterator[tuple[LiveRun, Office]]
             if name in names:
                 live.note_node(clock.now(), name, values)
 
-        with observing(topics_of(graph, None), telling(graph, live.observe), note, graph.wire):
+        with observe_graph(topics_of(graph, None), telling(graph, live.observe), note, graph.wire):
             yield live, office
 
 
@@ -105,11 +105,11 @@ def graph_of(file: str, machine: str | None) -> Graph:
 def presence(graph: Graph) -> Iterator[tuple[Pictures | None, Office]]:
     """A node of one's own beside ``graph``: it sees what the camera sees, and takes requests to agents."""
     from socialbot.bridge.environment import spinning_node
-    from socialbot.bridge.inspection import LivePictures, RosOffice, picture_topic
+    from socialbot.bridge.inspection import CommandClient, LiveImages, live_image_topic
 
     with spinning_node("inspector") as ros:
-        topic = picture_topic(graph)
-        yield None if topic is None else LivePictures(ros, *topic), RosOffice(ros, graph.wire)
+        topic = live_image_topic(graph)
+        yield None if topic is None else LiveImages(ros, *topic), CommandClient(ros, graph.wire)
 
 
 @contextmanager
@@ -200,7 +200,7 @@ def translate(
     Takes the arguments of ROS, too: --ros-args -r /tf:=/robot/tf -p use_sim_time:=true.
     """
     from socialbot.bridge.environment import spinning_node
-    from socialbot.bridge.graph_observer import observing
+    from socialbot.bridge.graph_observer import observe_graph
     from socialbot.bridge.translator import Translator, translated_topics
     from socialbot.cli.main import with_changes
 
@@ -216,5 +216,5 @@ def translate(
                 style="yellow",
                 soft_wrap=True,
             )
-        with observing(translated_topics(graph), translator.take, lambda *_: None, graph.wire):
+        with observe_graph(translated_topics(graph), translator.take, lambda *_: None, graph.wire):
             until_told()

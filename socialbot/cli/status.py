@@ -292,7 +292,7 @@ def join(file: str | None, machine: str | None) -> Party:
 @contextmanager
 def calling(roll: RollCall, form: WireForm) -> Iterator[None]:
     """``roll`` takes what nodes tell as long as the block lasts; ``form`` is that of their messages."""
-    from socialbot.bridge.graph_observer import observing
+    from socialbot.bridge.graph_observer import observe_graph
 
     def observe(_: str, message: Message) -> None:
         if isinstance(message, Health):
@@ -301,7 +301,7 @@ def calling(roll: RollCall, form: WireForm) -> Iterator[None]:
     def note(name: str, values: Mapping[str, str]) -> None:
         roll.note(name, values, time.monotonic())
 
-    with observing({HEALTH_TOPIC: Health}, observe, note, form=form):
+    with observe_graph({HEALTH_TOPIC: Health}, observe, note, form=form):
         yield
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from socialbot.bags.codec import STRING
-from socialbot.bridge.topics import Arrivals, Rate
+from socialbot.bridge.topics import RateMeter, TopicRate
 from socialbot.core.errors import MessageError
 from socialbot.core.process import Ending
 
@@ -87,7 +87,7 @@ def hz(
     """Show how often messages come on a topic, and how much; a line a second, until Ctrl-C."""
     from socialbot.bridge.topics import messages, onlooker
 
-    arrivals = Arrivals(window)
+    arrivals = RateMeter(window)
     new = 0
     deadline, report = _Deadline(duration), _Deadline(REPORT_S)
     with (
@@ -118,9 +118,9 @@ def pub(
 
     socialbot topic pub /gripper_a/del_desire DesireItem '{desire: {name: sort_boxes}}'
     """
-    from socialbot.bridge.topics import message_from, onlooker, send
+    from socialbot.bridge.topics import onlooker, parse_message, send
 
-    message = message_from(schema, fields, stamp=time.time_ns())
+    message = parse_message(schema, fields, stamp=time.time_ns())
     with Ending().on_signals() as ending, onlooker() as ros:
         send(ros, _absolute(name), message, timeout_s=timeout, ended=lambda: ending.asked)
 
@@ -134,7 +134,7 @@ def _opened(inlet: Receiver, message: Any) -> Any | None:
         return None
 
 
-def rate_line(rate: Rate | None) -> str:
+def rate_line(rate: TopicRate | None) -> str:
     """``rate`` in a line of at most 80 columns."""
     if rate is None:
         return "one message"

@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from socialbot.agents.base.agent_node import AgentNode
-from socialbot.bridge.graph_observer import expect_free_names, observing
+from socialbot.bridge.graph_observer import expect_free_names, observe_graph
 from socialbot.core import paths
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import ParameterError, SocialbotError
@@ -98,7 +98,7 @@ def run_live(
             begun = time.monotonic()
             with (
                 around.there(),
-                observing(topics_of(graph, nodes), telling(graph, observe), note, graph.wire) as onlooker,
+                observe_graph(topics_of(graph, nodes), telling(graph, observe), note, graph.wire) as onlooker,
             ):
                 presence = RunAnnouncer(onlooker.ros, graph.name, ending.ask)
                 with run_lock(presence.run):

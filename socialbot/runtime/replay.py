@@ -14,8 +14,14 @@ import msgspec
 
 from socialbot.bags.reader import Bag
 from socialbot.bags.topic_mapping import feeding, takes_pictures
-from socialbot.bags.world_replay import InlineStage, Played, Script, play
-from socialbot.bridge.graph_observer import Fates, Onlooker, await_graph, expect_free_names, observing
+from socialbot.bags.world_replay import InlineStage, PlaybackResult, WorldScript, play
+from socialbot.bridge.graph_observer import (
+    GraphObserver,
+    LatestStatistics,
+    await_graph,
+    expect_free_names,
+    observe_graph,
+)
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, GraphError, NodeError, SocialbotError
 from socialbot.core.messages import Health, Message, Structured, TraceRecord
@@ -205,7 +211,7 @@ def _run_inline(
             runner.start()
             runner.run(_until(ending, itertools.chain([first], messages)), tail_s=TAIL_S)
         else:
-            script = Script(plan.bag, feeds, graph)
+            script = WorldScript(plan.bag, feeds, graph)
             stage = InlineStage(runner, script)
             stage.begin()
             runner.start()
@@ -227,10 +233,10 @@ def _nothing_whole(bag: Bag) -> BagError:
 def _run_ros(
     plan: Replay, graph: Graph, feeds: Mapping[str, str], folder: Path, observe: Observer, ending: Ending
 ) -> dict[str, Fate]:
-    fates = Fates(graph)
+    fates = LatestStatistics(graph)
     logs = folder / "log"
     topics = observed_topics(graph)
-    with observing(topics, observe, fates.note, graph.wire) as onlooker:
+    with observe_graph(topics, observe, fates.note, graph.wire) as onlooker:
         expect_free_names(onlooker.ros, graph)
         report = logs / "played.json"
         with Launch(graph, logs, sim_time=True, composed=plan.composed) as launch:
@@ -249,14 +255,14 @@ def _run_ros(
             f"did not end well: {', '.join(f'{name} ({code})' for name, code in failed.items())}", where=str(logs)
         )
     if report.exists():
-        played = msgspec.json.decode(report.read_bytes(), type=Played)
+        played = msgspec.json.decode(report.read_bytes(), type=PlaybackResult)
         plan.bag.skipped.update(played.skipped)
         if not played.sent:
             raise _nothing_whole(plan.bag)
     return ros_fates(fates)
 
 
-def ros_fates(fates: Fates) -> dict[str, Fate]:
+def ros_fates(fates: LatestStatistics) -> dict[str, Fate]:
     """How the nodes of a graph over ROS fared, by their last word on /diagnostics."""
     return {
         name: Fate(
@@ -271,7 +277,7 @@ def ros_fates(fates: Fates) -> dict[str, Fate]:
     }
 
 
-def _await_graph(onlooker: Onlooker, graph: Graph, launch: Launch, ending: Ending) -> None:
+def _await_graph(onlooker: GraphObserver, graph: Graph, launch: Launch, ending: Ending) -> None:
     def ended() -> bool:
         launch.check()
         return ending.asked

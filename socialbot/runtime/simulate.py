@@ -14,7 +14,7 @@ import msgspec
 from socialbot.agents.hospital.messages import AclMessage, Missions
 from socialbot.agents.hospital.result import Infections, ward_in
 from socialbot.bags.writer import BagWriter
-from socialbot.bridge.graph_observer import Fates, await_graph, expect_free_names, observing
+from socialbot.bridge.graph_observer import LatestStatistics, await_graph, expect_free_names, observe_graph
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import AgentCommand, Health, Message, TraceRecord
@@ -222,8 +222,8 @@ def _inline(what: Run, folder: Path, observe: Observer, go_on: GoOn) -> dict[str
 def _over_ros(what: Run, folder: Path, observe: Observer, go_on: GoOn) -> dict[str, Fate]:
     from socialbot.bridge.sim_clock import SimClock
 
-    graph, fates, logs = what.graph, Fates(what.graph), folder / "log"
-    with observing(watched(graph), observe, fates.note, graph.wire) as onlooker:
+    graph, fates, logs = what.graph, LatestStatistics(what.graph), folder / "log"
+    with observe_graph(watched(graph), observe, fates.note, graph.wire) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, logs, sim_time=True, composed=what.composed) as launch:
             keeper = SimClock(onlooker.ros, [placement.name for placement in graph.placements])

@@ -15,7 +15,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from socialbot.bridge import environment
-from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsOutlet, machine
+from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsPublisher, machine
 from socialbot.bridge.environment import remove_stale
 from socialbot.core.bounded_log import Rotation
 from socialbot.core.errors import NodeError
@@ -378,7 +378,7 @@ class Obituaries:
 
     def __init__(self, ros: Any, supervisor: Supervisor) -> None:
         self._supervisor = supervisor
-        self._outlet = DiagnosticsOutlet(ros)
+        self._outlet = DiagnosticsPublisher(ros)
         self._told: dict[str, str] = {}
         self._told_at = 0.0
 

@@ -123,9 +123,9 @@ def test_nodes_of_a_typed_graph_hear_and_speak_types_of_ros() -> None:
     from rclpy.executors import SingleThreadedExecutor
 
     from socialbot.bridge.environment import ros_context
-    from socialbot.bridge.graph_observer import observing
+    from socialbot.bridge.graph_observer import observe_graph
     from socialbot.bridge.host import NodeHost
-    from socialbot.bridge.topics import onlooker, send, topics_now
+    from socialbot.bridge.topics import list_topics, onlooker, send
 
     graph = Graph("g", (NodeConfig("mouth", Mouth),), frozenset({"/speech/heard"}), wire="typed")
     said: list[Message] = []
@@ -135,7 +135,10 @@ def test_nodes_of_a_typed_graph_hear_and_speak_types_of_ros() -> None:
         said.append(message)
         came.set()
 
-    with observing({"/speech/say": Utterance}, observe, lambda *_: None, "typed") as watch, ros_context() as context:
+    with (
+        observe_graph({"/speech/say": Utterance}, observe, lambda *_: None, "typed") as watch,
+        ros_context() as context,
+    ):
         host = NodeHost(graph, graph.placements[0], ros_context=context, sim_time=False)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(host.ros_node)
@@ -148,7 +151,7 @@ def test_nodes_of_a_typed_graph_hear_and_speak_types_of_ros() -> None:
                 while watch.subscriptions["/speech/say"].get_publisher_count() < 1:
                     came.wait(0.02)
                 send(ros, "/speech/heard", word, timeout_s=10.0)
-                types = {topic.name: topic.types for topic in topics_now(ros)}
+                types = {topic.name: topic.types for topic in list_topics(ros)}
             assert came.wait(10.0)
             assert said == [word]
             assert types["/speech/say"] == types["/speech/heard"] == ("socialbot_msgs/msg/Utterance",)

@@ -36,15 +36,15 @@ def keep(told: list[tuple[str, dict[str, str]]]) -> Any:
 
 
 def test_what_is_told_is_heard_with_and_without_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from socialbot.bridge.diagnostics import DiagnosticsInlet, DiagnosticsOutlet
+    from socialbot.bridge.diagnostics import DiagnosticsPublisher, DiagnosticsSubscriber
 
     new_key("robot", tmp_path / "keys")
     with two_nodes() as (speaker, hearer):
         curious: list[Any] = []
-        DiagnosticsInlet(hearer, keep(curious))
+        DiagnosticsSubscriber(hearer, keep(curious))
         monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
         friend: list[Any] = []
-        inlet, outlet = DiagnosticsInlet(hearer, keep(friend)), DiagnosticsOutlet(speaker)
+        inlet, outlet = DiagnosticsSubscriber(hearer, keep(friend)), DiagnosticsPublisher(speaker)
         assert eventually(lambda: outlet.publish([status("camera"), status("head", pid="7")]) or bool(friend))
         assert eventually(lambda: len(curious) >= 2)
         assert friend[:2] == [
@@ -58,13 +58,13 @@ def test_what_is_told_is_heard_with_and_without_keys(tmp_path: Path, monkeypatch
 def test_with_keys_what_is_forged_altered_or_said_again_is_not_believed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    from socialbot.bridge.diagnostics import SEAL, DiagnosticsInlet, DiagnosticsOutlet
+    from socialbot.bridge.diagnostics import SEAL, DiagnosticsPublisher, DiagnosticsSubscriber
 
     new_key("robot", tmp_path / "keys")
     monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
     with two_nodes() as (speaker, hearer):
         told: list[tuple[str, dict[str, str]]] = []
-        inlet, outlet = DiagnosticsInlet(hearer, keep(told)), DiagnosticsOutlet(speaker)
+        inlet, outlet = DiagnosticsSubscriber(hearer, keep(told)), DiagnosticsPublisher(speaker)
 
         def say(one: Any) -> None:
             inlet._receive(SimpleNamespace(status=[one]))
@@ -89,7 +89,7 @@ def test_with_keys_what_is_forged_altered_or_said_again_is_not_believed(
 
 
 def test_nobody_without_a_key_keeps_a_graph_from_starting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from socialbot.bridge.diagnostics import DiagnosticsOutlet
+    from socialbot.bridge.diagnostics import DiagnosticsPublisher
     from socialbot.bridge.graph_observer import expect_free_names
     from socialbot.core.errors import NodeError
     from socialbot.graph.node import Graph, Node, NodeConfig
@@ -97,13 +97,13 @@ def test_nobody_without_a_key_keeps_a_graph_from_starting(tmp_path: Path, monkey
     graph = Graph("g", (NodeConfig("speaker", Node),))
     new_key("robot", tmp_path / "keys")
     with two_nodes() as (speaker, hearer):
-        outlet = DiagnosticsOutlet(speaker)
+        outlet = DiagnosticsPublisher(speaker)
         timer = speaker.create_timer(0.1, lambda: outlet.publish([status("speaker")]))
         with pytest.raises(NodeError, match="running already: speaker"):
             expect_free_names(hearer, graph)
         monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
         expect_free_names(hearer, graph)
-        outlet = DiagnosticsOutlet(speaker)
+        outlet = DiagnosticsPublisher(speaker)
         with pytest.raises(NodeError, match="running already: speaker"):
             expect_free_names(hearer, graph)
         speaker.destroy_timer(timer)

@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.bridge.security import MOST_STREAMS, Freshness, Verdict
+from socialbot.bridge.security import MOST_STREAMS, Freshness, FreshnessVerdict
 from socialbot.core.clock import SECOND
 
-NEW, RENEWED, LATE, EARLY, REPLAYED = Verdict
+NEW, RENEWED, LATE, EARLY, REPLAYED = FreshnessVerdict
 
 
 class Clocks:

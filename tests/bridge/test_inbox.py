@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from socialbot.bridge.callback_queue import BACKLOG, GRACE_S, Inbox, Line
+from socialbot.bridge.callback_queue import BACKLOG, GRACE_S, CallbackQueue, InputQueue
 from socialbot.core.clock import SECOND, Clock, ManualClock, WallClock, nanoseconds
 from socialbot.core.messages import Utterance
 from socialbot.graph.health import HealthMonitor
@@ -34,7 +34,7 @@ class Node:
 
     def __init__(self) -> None:
         self.clock = ManualClock()
-        self.inbox = Inbox(self.clock.now, simulated=True)
+        self.inbox = CallbackQueue(self.clock.now, simulated=True)
 
     def put(self, port: Input[Any], *numbers: int) -> None:
         for number in numbers:
@@ -46,7 +46,7 @@ class Node:
         assert item is not None
         return item() if callable(item) else int(item[1].id)  # type: ignore[attr-defined]
 
-    def take_line(self) -> tuple[Line, Any]:
+    def take_line(self) -> tuple[InputQueue, Any]:
         item = self.inbox.take()
         assert isinstance(item, tuple)
         return item
@@ -113,7 +113,7 @@ def test_a_node_that_is_too_slow_is_so_after_a_jump_of_the_stamps_as_well(first)
 
 
 def test_one_call_that_was_held_up_makes_no_node_slow():
-    node, line = Node(), Line(STREAM)
+    node, line = Node(), InputQueue(STREAM)
     for number in range(10):
         node.put(STREAM, number)
         line, _ = node.take_line()
@@ -157,7 +157,7 @@ def test_of_a_state_only_the_last_is_kept():
 
 
 def test_the_cost_follows_within_a_few_messages():
-    line = Line(STREAM)
+    line = InputQueue(STREAM)
     line.charge(0.1)
     assert line.cost_s == 0.1
     for _ in range(20):
@@ -214,7 +214,7 @@ def test_a_cancelled_alarm_does_not_go_off():
 class Taker:
     """A thread that takes one item."""
 
-    def __init__(self, inbox: Inbox) -> None:
+    def __init__(self, inbox: CallbackQueue) -> None:
         self.taken: list[Any] = []
         self.thread = threading.Thread(target=lambda: self.taken.append(inbox.take()), daemon=True)
         self.thread.start()
@@ -243,7 +243,7 @@ def test_a_simulated_alarm_goes_off_when_time_has_moved_and_not_by_the_wall():
 
 def test_while_simulated_time_stands_still_nobody_looks_at_the_clock():
     looks = []
-    inbox = Inbox(lambda: looks.append(1) or 0, simulated=True)
+    inbox = CallbackQueue(lambda: looks.append(1) or 0, simulated=True)
     inbox.call_at(nanoseconds(0.001), lambda: None)
     Taker(inbox)
     assert len(looks) <= 2
@@ -252,7 +252,7 @@ def test_while_simulated_time_stands_still_nobody_looks_at_the_clock():
 
 def test_an_alarm_by_the_wall_goes_off_by_itself_and_not_early():
     clock = WallClock()
-    inbox = Inbox(clock.now, simulated=False)
+    inbox = CallbackQueue(clock.now, simulated=False)
     due = clock.now() + nanoseconds(0.08)
     inbox.call_at(due, lambda: clock.now())  # type: ignore[arg-type, return-value]
     assert due <= Taker(inbox).result() < due + 2 * SECOND
@@ -260,7 +260,7 @@ def test_an_alarm_by_the_wall_goes_off_by_itself_and_not_early():
 
 def test_an_earlier_alarm_wakes_the_taker_in_time():
     clock = WallClock()
-    inbox = Inbox(clock.now, simulated=False)
+    inbox = CallbackQueue(clock.now, simulated=False)
     inbox.call_at(clock.now() + 60 * SECOND, lambda: "late")  # type: ignore[arg-type, return-value]
     taker = Taker(inbox)
     inbox.call_at(clock.now(), lambda: "early")  # type: ignore[arg-type, return-value]
@@ -367,7 +367,7 @@ class Watched:
 
     def __init__(self, clock: Clock, *, simulated: bool) -> None:
         self.clock = clock
-        self.inbox = Inbox(clock.now, simulated=simulated)
+        self.inbox = CallbackQueue(clock.now, simulated=simulated)
         placement = NodeConfig("watcher", Watcher)
         vitals = HealthMonitor(placement, clock, lambda _: None)
         self.node = Watcher("watcher", SimpleNamespace(clock=clock, vitals=vitals))  # type: ignore[arg-type]

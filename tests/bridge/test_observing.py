@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from socialbot.bridge.graph_observer import observing
+from socialbot.bridge.graph_observer import observe_graph
 from socialbot.core.messages import Message, TraceRecord
 from tests.system.running import eventually
 
@@ -32,7 +32,7 @@ def test_nothing_is_lost_while_an_onlooker_is_held_up() -> None:
         free.wait(60)
 
     own = wire()
-    with observing({TRACE: TraceRecord}, observe, lambda name, values: None), spinning_node("agent") as ros:
+    with observe_graph({TRACE: TraceRecord}, observe, lambda name, values: None), spinning_node("agent") as ros:
         publisher = ros.create_publisher(own.message_class(TraceRecord), TRACE, publisher_qos(Delivery.EVERY))
         outlet = own.outlet(publisher)
         assert eventually(lambda: publisher.get_subscription_count() == 1, 20)

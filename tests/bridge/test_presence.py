@@ -33,11 +33,11 @@ def two_nodes() -> Iterator[tuple[Any, Any]]:
 
 
 def test_up_is_heard_asked_to_end_and_says_that_it_has():
-    from socialbot.bridge.run_announcer import RunAnnouncer, Runs, is_gone, is_here
+    from socialbot.bridge.run_announcer import RunAnnouncer, RunListener, is_gone, is_here
 
     asked = threading.Event()
     with two_nodes() as (up, down):
-        runs = Runs(down)
+        runs = RunListener(down)
         presence = RunAnnouncer(up, "waldo", asked.set)
         assert eventually(lambda: presence.tell() or presence.run in runs.heard)
         assert runs.heard[presence.run].state == "up"
@@ -74,15 +74,15 @@ def test_that_it_has_ended_is_its_last_word(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_with_keys_only_who_has_one_is_obeyed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from socialbot.bridge.run_announcer import DOWN_TOPIC, RunAnnouncer, Runs
+    from socialbot.bridge.run_announcer import DOWN_TOPIC, RunAnnouncer, RunListener
 
     new_key("robot", tmp_path / "keys")
     asked = threading.Event()
     with two_nodes() as (up, down):
-        stranger = Runs(down)
+        stranger = RunListener(down)
         monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
         presence = RunAnnouncer(up, "waldo", asked.set)
-        friend = Runs(down)
+        friend = RunListener(down)
         with presence:
             assert eventually(lambda: presence.tell() or presence.run in friend.heard)
             assert presence.run not in stranger.heard
@@ -97,7 +97,7 @@ def test_strangers_cannot_fill_the_memory(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr(presence, "MOST_RUNS", 2)
     with two_nodes() as (_, down):
-        runs = presence.Runs(down)
+        runs = presence.RunListener(down)
         for number in range(5):
             runs.note(UpStatus(stamp=1, run=str(number), graph="g", machine="m", boot="b", pid=number, state="up"))
         assert list(runs.heard) == ["0", "1"]
@@ -119,12 +119,12 @@ def test_the_same_half_up_twice_is_told_once(caplog: pytest.LogCaptureFixture):
 
 def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
     """As long as nothing is up it knows so at once; what is up it hears, though that says nothing for six seconds."""
-    from socialbot.bridge.run_announcer import RunAnnouncer, Runs
+    from socialbot.bridge.run_announcer import RunAnnouncer, RunListener
     from socialbot.cli.deploy import LISTEN_S, Target, heard
 
     everything = Target(lambda one: one.graph == "waldo")
     with two_nodes() as (up, down):
-        runs, begun = Runs(down), time.monotonic()
+        runs, begun = RunListener(down), time.monotonic()
         assert heard(runs, everything, Ending(), 20.0) == []
         assert time.monotonic() - begun < 0.5
         presence = RunAnnouncer(up, "waldo", lambda: None)
@@ -138,10 +138,10 @@ def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
 
 
 def test_down_gives_up_on_another_machine_that_nobody_hears():
-    from socialbot.bridge.run_announcer import Runs
+    from socialbot.bridge.run_announcer import RunListener
     from socialbot.cli.deploy import LISTEN_S, Target, heard
 
     with two_nodes() as (_, down):
         begun = time.monotonic()
-        assert heard(Runs(down), Target(lambda _: True, ("robot", "here"), "here"), Ending(), 20.0) == []
+        assert heard(RunListener(down), Target(lambda _: True, ("robot", "here"), "here"), Ending(), 20.0) == []
         assert LISTEN_S <= time.monotonic() - begun < LISTEN_S + 2.0

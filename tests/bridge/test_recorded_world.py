@@ -11,7 +11,7 @@ from socialbot.agents.hospital.ward.messages import ActionCancel, ActionCommand,
 from socialbot.agents.warehouse.messages import MoveCommand
 from socialbot.bags.reader import open_bag
 from socialbot.bags.topic_mapping import feeding
-from socialbot.bags.world_replay import Commands, InlineStage, Script, commands, play
+from socialbot.bags.world_replay import Commands, InlineStage, WorldScript, commands, play
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Message
@@ -58,12 +58,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Graph, Path, lis
     return graph.without_sources(), path, [each for each in told.messages if isinstance(each, ActionCommand)]
 
 
-def replayed(graph: Graph, path: Path, *, start: int = SECOND) -> tuple[Script, list[ActionCommand]]:
+def replayed(graph: Graph, path: Path, *, start: int = SECOND) -> tuple[WorldScript, list[ActionCommand]]:
     given: list[ActionCommand] = []
     with open_bag(path) as bag:
         runner = InlineRunner(graph, start=start)
         runner.tap("/hospital/commands", lambda _, message: given.append(message))  # type: ignore[arg-type]
-        script = Script(bag, feeding(bag, graph, None), graph)
+        script = WorldScript(bag, feeding(bag, graph, None), graph)
         stage = InlineStage(runner, script)
         stage.begin()
         runner.start()
@@ -113,13 +113,13 @@ def result(seconds: float, id: str) -> ActionResult:
 
 
 @contextmanager
-def script_of(folder: Path, *messages: ActionCommand | ActionResult) -> Iterator[Script]:
+def script_of(folder: Path, *messages: ActionCommand | ActionResult) -> Iterator[WorldScript]:
     with BagWriter(folder / "bag") as bag:
         for message in messages:
             topic = "/hospital/commands" if isinstance(message, ActionCommand) else "/hospital/results"
             bag.write(topic, message, message.stamp)
     with open_bag(folder / "bag") as opened:
-        yield Script(opened, FEEDS, AGENTS)
+        yield WorldScript(opened, FEEDS, AGENTS)
 
 
 def said(messages: Iterable[tuple[str, Message]]) -> list[tuple[str, float]]:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.bridge.topics import message_from
+from socialbot.bridge.topics import parse_message
 from socialbot.core.errors import MessageError
 from socialbot.deliberation.messages import Belief, Desire, DesireItem, Fact
 
@@ -10,11 +10,11 @@ from socialbot.deliberation.messages import Belief, Desire, DesireItem, Fact
 def test_fields_come_as_yaml_or_json_and_the_stamp_from_the_sender():
     held = Fact(name="holding", params=("gripper_a", "box_a1"))
     yaml = "{desire: {name: grab, priority: 0.9, value: [{name: holding, params: [gripper_a, box_a1]}]}}"
-    assert message_from("DesireItem", yaml, stamp=7) == DesireItem(
+    assert parse_message("DesireItem", yaml, stamp=7) == DesireItem(
         stamp=7, desire=Desire(name="grab", priority=0.9, value=(held,))
     )
     json = '{"belief": {"name": "holding", "params": ["gripper_a", "box_a1"]}, "stamp": 3}'
-    assert message_from("Belief", json, stamp=7) == Belief(stamp=3, belief=held)
+    assert parse_message("Belief", json, stamp=7) == Belief(stamp=3, belief=held)
 
 
 @pytest.mark.parametrize(
@@ -31,7 +31,7 @@ def test_fields_come_as_yaml_or_json_and_the_stamp_from_the_sender():
 )
 def test_what_does_not_fit_its_schema_is_refused_before_it_is_sent(schema, fields, complaint):
     with pytest.raises(MessageError, match=complaint.replace("?", r"\?")):
-        message_from(schema, fields, stamp=0)
+        parse_message(schema, fields, stamp=0)
 
 
 @pytest.mark.parametrize(
@@ -46,4 +46,4 @@ def test_what_does_not_fit_its_schema_is_refused_before_it_is_sent(schema, field
 )
 def test_what_nobody_means_to_send_is_refused_too(fields, complaint):
     with pytest.raises(MessageError, match=complaint):
-        message_from("Belief", fields, stamp=0)
+        parse_message("Belief", fields, stamp=0)

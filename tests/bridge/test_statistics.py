@@ -8,18 +8,20 @@ pytestmark = pytest.mark.ros
 
 
 def test_the_spread_of_durations():
-    from socialbot.bridge.diagnostics import Spread
+    from socialbot.bridge.diagnostics import DurationStats
 
-    assert Spread.of([]) == Spread(0.0, 0.0, 0.0)
-    spread = Spread.of([0.001 * number for number in range(1, 101)])
+    assert DurationStats.of([]) == DurationStats(0.0, 0.0, 0.0)
+    spread = DurationStats.of([0.001 * number for number in range(1, 101)])
     assert spread.mean == pytest.approx(0.0505)
     assert (spread.p50, spread.p99) == pytest.approx((0.051, 0.1))
 
 
 def test_rates_are_of_the_time_in_between():
-    from socialbot.bridge.diagnostics import Usage
+    from socialbot.bridge.diagnostics import ResourceUsage
 
-    rates = Usage(12.0, calls=50, published=7, cpu_s=1.5).rates_since(Usage(10.0, calls=30, published=3, cpu_s=1.0))
+    rates = ResourceUsage(12.0, calls=50, published=7, cpu_s=1.5).rates_since(
+        ResourceUsage(10.0, calls=30, published=3, cpu_s=1.0)
+    )
     assert rates == {"call_hz": 10.0, "publish_hz": 2.0, "cpu_percent": 25.0}
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from socialbot.agents.waldo.nodes import Listener
 from socialbot.bridge import transport as wires
-from socialbot.bridge.graph_observer import observing
+from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.security import SCHEMA, Keys, Stream, load_keys, new_key
 from socialbot.bridge.topics import onlooker, send
 from socialbot.core.messages import HeadCommand, Utterance
@@ -172,7 +172,7 @@ def attacks(genuine: list[str], keys: Keys) -> dict[str, Callable[[int], str]]:
 
 @pytest.mark.parametrize("count", [400, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_of_what_a_stranger_says_nothing_is_done_and_all_is_counted(count, keys):
-    with hosted(Mouth) as (mouth,), observing({}, lambda *_: None, lambda *_: None) as watch, onlooker() as sender:
+    with hosted(Mouth) as (mouth,), observe_graph({}, lambda *_: None, lambda *_: None) as watch, onlooker() as sender:
         stranger = Stranger(watch.ros)
         for number in range(3):
             word = Utterance(stamp=1, id="u", text=f"genuine {number}")
@@ -192,7 +192,7 @@ def test_of_what_a_stranger_says_nothing_is_done_and_all_is_counted(count, keys)
 
 
 def test_a_node_that_starts_again_does_not_do_again_what_it_was_told(keys):
-    with onlooker() as sender, observing({}, lambda *_: None, lambda *_: None) as watch:
+    with onlooker() as sender, observe_graph({}, lambda *_: None, lambda *_: None) as watch:
         stranger = Stranger(watch.ros)
         with hosted(Mouth) as (mouth,):
             send(sender, TOPIC, Utterance(stamp=1, id="u", text="once"), timeout_s=5.0)
@@ -206,7 +206,7 @@ def test_a_node_that_starts_again_does_not_do_again_what_it_was_told(keys):
 
 def test_who_joins_late_hears_the_last_state_once_and_no_old_one(keys, monkeypatch):
     monkeypatch.setenv(wires.WINDOW_VARIABLE, "0.4")
-    with hosted(Teller) as (teller,), observing({}, lambda *_: None, lambda *_: None) as watch:
+    with hosted(Teller) as (teller,), observe_graph({}, lambda *_: None, lambda *_: None) as watch:
         stranger = Stranger(watch.ros, "/state", Delivery.LATCHED)
         assert eventually(lambda: len(stranger.heard) >= 1)
         old = stranger.heard[0]

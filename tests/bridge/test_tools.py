@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from socialbot.bags.reader import open_bag
 from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.graph_observer import observing
+from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.recorder import Recording, record
 from socialbot.bridge.security import new_key
 from socialbot.bridge.topics import onlooker, send
@@ -37,7 +37,7 @@ def test_what_one_tool_says_the_observer_hears_and_no_stranger(caplog):
     from std_msgs.msg import String
 
     heard: list[Message] = []
-    with observing({TOPIC: Utterance}, lambda _, message: heard.append(message), lambda *_: None) as watch:
+    with observe_graph({TOPIC: Utterance}, lambda _, message: heard.append(message), lambda *_: None) as watch:
         stranger = watch.ros.create_publisher(String, TOPIC, 10)
         assert eventually(lambda: stranger.get_subscription_count() == 1)
         for _ in range(12):

@@ -18,7 +18,16 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from socialbot.bridge.round_trip import free_domain
-from socialbot.bridge.topics import Arrivals, Rate, Topic, message_text, messages, onlooker, send, settled_topics
+from socialbot.bridge.topics import (
+    RateMeter,
+    TopicInfo,
+    TopicRate,
+    message_text,
+    messages,
+    onlooker,
+    send,
+    settled_topics,
+)
 from socialbot.cli.topic import rate_line, topic
 from socialbot.core.errors import GraphError, InstallationError
 from tests.system.running import eventually
@@ -113,7 +122,7 @@ class TestMessageText:
 
 class TestArrivals:
     def test_tell_rate_periods_and_bandwidth(self):
-        arrivals = Arrivals(window=100)
+        arrivals = RateMeter(window=100)
         for time_s in (0.0, 0.1, 0.3, 0.4):
             arrivals.note(time_s, 1000)
         rate = arrivals.rate()
@@ -123,7 +132,7 @@ class TestArrivals:
         assert rate.bytes_per_s == pytest.approx(7500)
 
     def test_look_at_the_window_only(self):
-        arrivals = Arrivals(window=3)
+        arrivals = RateMeter(window=3)
         for time_s in (0.0, 10.0, 10.5, 11.0):
             arrivals.note(time_s, 1)
         rate = arrivals.rate()
@@ -131,14 +140,14 @@ class TestArrivals:
         assert (rate.hz, rate.messages) == pytest.approx((2.0, 3))
 
     def test_need_two_messages(self):
-        arrivals = Arrivals(window=3)
+        arrivals = RateMeter(window=3)
         assert arrivals.rate() is None
         arrivals.note(1.0, 1)
         assert arrivals.rate() is None
 
     @pytest.mark.parametrize("scale", [1e-6, 1.0, 9.9e5])
     def test_are_told_in_one_line_of_80_columns(self, scale):
-        rate = Rate(hz=1234.5, min_s=99.9, max_s=99.9, deviation_s=9.9, bytes_per_s=1e6 * scale, messages=1000)
+        rate = TopicRate(hz=1234.5, min_s=99.9, max_s=99.9, deviation_s=9.9, bytes_per_s=1e6 * scale, messages=1000)
         assert len(rate_line(rate)) <= 80
 
 
@@ -166,7 +175,10 @@ class Graph:
 class TestSettledTopics:
     def test_wait_until_nothing_changes(self):
         topics = settled_topics(Graph((), ("/b",), ("/b", "/a")))
-        assert topics == (Topic("/a", ("std_msgs/msg/String",), 1, 0), Topic("/b", ("std_msgs/msg/String",), 1, 0))
+        assert topics == (
+            TopicInfo("/a", ("std_msgs/msg/String",), 1, 0),
+            TopicInfo("/b", ("std_msgs/msg/String",), 1, 0),
+        )
 
     def test_end_when_asked(self):
         begun = time.monotonic()

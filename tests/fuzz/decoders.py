@@ -39,7 +39,7 @@ from socialbot.bdi.saving import read as read_mind
 from socialbot.bdi.saving import restore, write
 from socialbot.bdi.trace import JsonLines, read_trace
 from socialbot.bridge.security import Freshness, Keys, Opener, Stream, load_private_key
-from socialbot.bridge.topics import message_from
+from socialbot.bridge.topics import parse_message
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import (
@@ -209,7 +209,7 @@ def _opener() -> Opener:
 
 def _by_hand(data: bytes) -> Structured:
     schema, _, text = _text(data).partition("\n")
-    return message_from(schema, text, stamp=STAMP)
+    return parse_message(schema, text, stamp=STAMP)
 
 
 def _handwritten(message: Structured) -> bytes:

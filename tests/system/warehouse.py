@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from socialbot.agents.warehouse.messages import BoxPositions
-from socialbot.bridge.graph_observer import Fates, await_graph, expect_free_names, observing
+from socialbot.bridge.graph_observer import LatestStatistics, await_graph, expect_free_names, observe_graph
 from socialbot.bridge.sim_clock import SimClock
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.deliberation.messages import BeliefSet, PlanExecutionInfo
@@ -92,7 +92,7 @@ class Live:
     seen: Seen
     ros: Any
     launch: Launch
-    fates: Fates
+    fates: LatestStatistics
     time: SimClock
 
     def kill(self, node: str) -> None:
@@ -109,9 +109,9 @@ class Live:
 @contextmanager
 def over_dds(graph: Graph, folder: Path, *, composed: bool = False) -> Iterator[Live]:
     """Brings the graph up, in a process a node or one for all, at the moment when its time begins."""
-    seen, fates = Seen(), Fates(graph)
+    seen, fates = Seen(), LatestStatistics(graph)
     topics = {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, SEEN)}
-    with observing(topics, seen.observe, fates.note) as onlooker:
+    with observe_graph(topics, seen.observe, fates.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, folder, sim_time=True, composed=composed) as launch:
             keeper = SimClock(onlooker.ros, [placement.name for placement in graph.placements], step_s=STEP_S)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from socialbot.bridge.callback_queue import Inbox
+from socialbot.bridge.callback_queue import CallbackQueue
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
 from socialbot.core.messages import BoxMarkers, CameraInfo, Image, PersonDetections
@@ -232,7 +232,7 @@ def test_threads_reach_opencv_and_the_detector_and_are_fixed(stub):
 
 
 def test_a_slow_detector_is_handed_the_newest_picture():
-    inbox, port = Inbox(lambda: 0, simulated=True), PersonDetector.inputs()["image"]
+    inbox, port = CallbackQueue(lambda: 0, simulated=True), PersonDetector.inputs()["image"]
     taken = []
     for stamp in range(0, 30):
         inbox.put(port, Image.from_bgr(BLANK, stamp=stamp * SECOND // 10, frame_id="eye"))

@@ -15,7 +15,7 @@ from socialbot.agents.hospital.messages import TOPIC, AclMessage, Missions, Miss
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
 from socialbot.agents.hospital.ward.messages import STATE, WardState
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
-from socialbot.bridge.graph_observer import Fates, expect_free_names, observing
+from socialbot.bridge.graph_observer import LatestStatistics, expect_free_names, observe_graph
 from socialbot.core.messages import Message
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.runtime.launch import Launch
@@ -65,9 +65,9 @@ class Heard:
 
 @contextmanager
 def over_dds(graph: Graph, folder: Path) -> Iterator[tuple[Heard, Launch]]:
-    heard, fates = Heard(), Fates(graph)
+    heard, fates = Heard(), LatestStatistics(graph)
     topics = {TOPIC: AclMessage, MISSIONS: Missions, STATE: WardState}
-    with observing(topics, heard.observe, fates.note) as onlooker:
+    with observe_graph(topics, heard.observe, fates.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, folder) as launch:
             yield heard, launch
