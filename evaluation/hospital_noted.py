@@ -82,8 +82,8 @@ class _NotedContext:
     def call_soon(self, callback: Callable[[], None]) -> None:
         self._context.call_soon(lambda: self.work("", callback))
 
-    def aside(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
-        self._context.aside(work, then)
+    def run_in_background(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
+        self._context.run_in_background(work, then)
 
     def work(self, taken: str, callback: Callable[[], None]) -> None:
         """Calls back, and notes how long that takes."""

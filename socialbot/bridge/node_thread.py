@@ -109,7 +109,7 @@ class _NodeContext:
     def call_soon(self, callback: Callable[[], None]) -> None:
         self._inbox.call_soon(callback)
 
-    def aside(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
+    def run_in_background(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
         def run() -> None:
             self._inbox.call_expected(functools.partial(then, outcome(work)))
 

@@ -108,7 +108,7 @@ class _Context:
     def call_soon(self, callback: Callable[[], None]) -> None:
         self._runner.posted.put(self._guarded(callback))
 
-    def aside(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
+    def run_in_background(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
         self.call_soon(functools.partial(then, outcome(work)))
 
     def _guarded(self, callback: Callable[[], None]) -> Callable[[], None]:

@@ -220,7 +220,7 @@ class Context(Protocol):
         """Calls back in the node's own thread as soon as it is free; safe from any thread."""
         ...
 
-    def aside(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
+    def run_in_background(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
         """Has ``work`` done without holding up the node, and calls back with what it returned or raised.
 
         It runs in a thread of its own and must not touch the node; where time is simulated, it takes none of it.
@@ -320,7 +320,7 @@ class Node:
 
 
 def outcome(work: Callable[[], R]) -> R | Exception:
-    """What ``work`` returns, or the exception that it raises: what a runner tells after work `Context.aside`."""
+    """What ``work`` returns, or the exception that it raises: what a runner tells after work `Context.run_in_background`."""
     try:
         return work()
     except Exception as error:  # noqa: BLE001 - whatever it is, the node decides what to do about it

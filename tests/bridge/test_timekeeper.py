@@ -48,7 +48,9 @@ class Planner(Node):
 
     @said
     def on_said(self, message: Utterance) -> None:
-        self.context.aside(lambda: time.sleep(SLOW_S), lambda _: self.known.append((message.stamp, self.clock.now())))
+        self.context.run_in_background(
+            lambda: time.sleep(SLOW_S), lambda _: self.known.append((message.stamp, self.clock.now()))
+        )
 
 
 class Sleeper(Beat):

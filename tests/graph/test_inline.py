@@ -298,7 +298,7 @@ def test_two_runs_are_the_same():
 def test_work_aside_takes_no_simulated_time_and_is_told_of_in_the_node_s_turn():
     stage = Stage(NodeConfig("a", Relay))
     context, told = stage.runner.nodes["a"].context, []
-    context.aside(lambda: 6 * 7, lambda found: told.append((found, stage.runner.clock.now())))
+    context.run_in_background(lambda: 6 * 7, lambda found: told.append((found, stage.runner.clock.now())))
     assert told == []
     stage.runner.advance(5)
     assert told == [(42, 0)]
@@ -307,7 +307,7 @@ def test_work_aside_takes_no_simulated_time_and_is_told_of_in_the_node_s_turn():
 def test_work_aside_that_fails_tells_the_exception():
     stage = Stage(NodeConfig("a", Relay))
     told = []
-    stage.runner.nodes["a"].context.aside(lambda: 1 / 0, told.append)
+    stage.runner.nodes["a"].context.run_in_background(lambda: 1 / 0, told.append)
     stage.runner.advance(5)
     assert [type(found) for found in told] == [ZeroDivisionError]
 
@@ -376,7 +376,7 @@ def test_a_node_that_is_killed_does_nothing_more_and_is_another_one_when_it_is_r
 def test_what_was_posted_for_a_node_that_is_killed_is_not_done_and_it_can_say_nothing_more():
     stage = Stage(NodeConfig("a", Counter), NodeConfig("herald", Herald, {}, {"state": "/state"}))
     old, called = stage.runner.nodes["a"].context, []
-    old.aside(lambda: 1, called.append)
+    old.run_in_background(lambda: 1, called.append)
     old.call_soon(lambda: called.append(2))
     stage.runner.kill("a")
     stage.runner.restart("a")

@@ -72,7 +72,7 @@ class MindFile:
         self._due = None
         self._earliest = self._context.clock.now() + nanoseconds(SAVE_EVERY_S)
         if (data := self._try(lambda: saving.save(self._engine))) is not None:
-            self._context.aside(functools.partial(self._write, data), self._written)
+            self._context.run_in_background(functools.partial(self._write, data), self._written)
 
     def _write(self, data: dict[str, Any]) -> None:
         with self._one_at_a_time:

@@ -148,7 +148,7 @@ class Deliberating(AgentNode):
             engine,
             domain,
             make_planner(self.planner),
-            self.context.aside,
+            self.context.run_in_background,
             options=self._options(),
             director_options=self._director_options(),
             watched=watched_by(sensors),
