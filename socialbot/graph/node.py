@@ -320,7 +320,7 @@ class Node:
 
 
 def outcome(work: Callable[[], R]) -> R | Exception:
-    """What ``work`` returns, or the exception that it raises: what a runner tells after work `Context.run_in_background`."""
+    """Run ``work`` and return its result or exception, as a runner reports it after `Context.run_in_background`."""
     try:
         return work()
     except Exception as error:  # noqa: BLE001 - whatever it is, the node decides what to do about it
