@@ -18,9 +18,8 @@ from socialbot.agents.hospital.coordinator import MISSIONS, HospitalCoordinator
 from socialbot.agents.hospital.graphs import WORLD, hospital
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.scripted import ScriptedCoordinator, scripted
-from socialbot.agents.hospital.ward.faults import drawn_problems
 from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, ActionResult
-from socialbot.agents.hospital.ward.ward import paper_ward
+from socialbot.agents.hospital.ward.ward import drawn_problems, paper_ward
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Message

@@ -198,7 +198,7 @@ class Run:
 
     def _kill(self, down: int) -> None:
         self.planning_s += self.coordinator.planning_s
-        self.interrupted += len(self.coordinator.courses)
+        self.interrupted += len(self.coordinator.progress_of)
         self.runner.kill(COORDINATOR)
         self.runner.advance(self.runner.clock.now() + down)
         self.runner.restart(COORDINATOR)

@@ -14,7 +14,7 @@ from unittest import mock
 
 from evaluation.warehouse_runs import Story, play
 from socialbot.agents.base import deliberating
-from socialbot.agents.warehouse.graphs import cast_with
+from socialbot.agents.warehouse.graphs import scenario_with
 from socialbot.agents.warehouse.scenario import GRIPPER, GRIPPER_DOMAIN, gripper_beliefs, gripper_desires
 from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock
@@ -99,7 +99,7 @@ def plan_by_turns(questions: Mapping[str, Question], times: int) -> dict[str, Pl
 def first_question(boxes: int) -> Question:
     """What the gripper asks first, with so many boxes."""
     domain = read_domain(GRIPPER_DOMAIN.read_text("utf-8"), where=str(GRIPPER_DOMAIN))
-    cast = cast_with(boxes)
+    cast = scenario_with(boxes)
     facts = FactBase(Engine(GRIPPER, ManualClock()), domain)
     for fact in gripper_beliefs(cast):
         facts.add(fact)

@@ -13,8 +13,8 @@ from typing import Literal
 
 from evaluation.trace_check import TraceCheck
 from socialbot.agents.base.deliberating import Deliberating
-from socialbot.agents.warehouse.graphs import cast_with, warehouse
-from socialbot.agents.warehouse.scenario import CARRIER_DOMAIN, GRIPPER, GRIPPER_DOMAIN, Cast, random_faults
+from socialbot.agents.warehouse.graphs import scenario_with, warehouse
+from socialbot.agents.warehouse.scenario import CARRIER_DOMAIN, GRIPPER, GRIPPER_DOMAIN, Scenario, random_faults
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.agents.warehouse.world_node import WarehouseWorld
 from socialbot.core import paths
@@ -56,9 +56,9 @@ class Story:
     limit_s: float = LIMIT_S
 
     @property
-    def cast(self) -> Cast:
+    def cast(self) -> Scenario:
         """Who and what is in it."""
-        return cast_with(self.boxes)
+        return scenario_with(self.boxes)
 
     def __str__(self) -> str:
         wrong = "; ".join(filter(None, [self.faults, *map(str, self.kills)]))

@@ -26,8 +26,7 @@ from evaluation.hospital_scale import (
 )
 from evaluation.hospital_scale_runs import Kill, Result, Story, play
 from evaluation.report import Report
-from socialbot.agents.hospital.ward.faults import PROBLEM_OF, drawn_problems
-from socialbot.agents.hospital.ward.ward import large_ward
+from socialbot.agents.hospital.ward.ward import PROBLEM_OF, drawn_problems, large_ward
 
 GOOD = Result(
     story=Story(3, 50.0),

@@ -11,7 +11,7 @@ import msgspec
 from room_camera import PATROL, frame_of
 
 from socialbot.agents.hospital.robot_node import Spot
-from socialbot.agents.hospital.robots import Deed, names_of
+from socialbot.agents.hospital.robots import WorldAction, names_of
 from socialbot.agents.hospital.ward.messages import PERSON_IN_ROOM, ActionCancel, ActionResult
 from socialbot.bdi import Action, Engine, Sensor
 from socialbot.bdi.literals import Literal, literal
@@ -105,11 +105,11 @@ class SeeingSpot(Spot):
         engine.add_text(PROGRAM.read_text("utf-8"), PROGRAM.name)
         return engine
 
-    def begin(self, deed: Deed) -> None:
-        if deed.action == PATROL:
+    def begin(self, world_action: WorldAction) -> None:
+        if world_action.action == PATROL:
             now = self.clock.now()
-            self._look = Look(deed.args_given[1], since=now, last=now, sure=nanoseconds(self.sure_s))
-        super().begin(deed)
+            self._look = Look(world_action.arguments[1], since=now, last=now, sure=nanoseconds(self.sure_s))
+        super().begin(world_action)
 
     @seen
     def on_seen(self, message: PersonDetections) -> None:
@@ -132,8 +132,8 @@ class SeeingSpot(Spot):
     def break_off(self, action: str, args: tuple[str, ...], reason: str) -> None:
         """Stops an action that is under way, which has failed for that reason."""
         now = self.clock.now()
-        for id, deed in list(self._under_way.items()):
-            if deed.key == (action, args):
+        for id, world_action in list(self._under_way.items()):
+            if world_action.key == (action, args):
                 self.cancels.publish(ActionCancel(stamp=now, id=id))
                 failure = ActionResult(
                     stamp=now, id=id, robot=self.name, action=action, args=args, outcome="failure", reason=reason

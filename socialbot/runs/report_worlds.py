@@ -10,7 +10,7 @@ from socialbot.agents.hospital.ward.drawing import WardFilm
 from socialbot.agents.hospital.ward.ward import Ward
 from socialbot.agents.warehouse.drawing import Film
 from socialbot.agents.warehouse.gripper import GripperAgent
-from socialbot.agents.warehouse.scenario import GRIPPER, Cast
+from socialbot.agents.warehouse.scenario import GRIPPER, Scenario
 from socialbot.core.messages import Message
 from socialbot.graph.node import Graph
 from socialbot.runs.report_deliberated import Scene
@@ -65,7 +65,7 @@ class FloorTold:
 
     file = "floor.svg"
 
-    def __init__(self, cast: Cast) -> None:
+    def __init__(self, cast: Scenario) -> None:
         self._film = Film(cast)
 
     def take(self, message: Message) -> None:

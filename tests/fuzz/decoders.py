@@ -23,13 +23,13 @@ import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from socialbot.agents.hospital.coordinator import HospitalCoordinator
-from socialbot.agents.hospital.missions import Memory
-from socialbot.agents.hospital.ward.faults import parse_faults as parse_ward_faults
+from socialbot.agents.hospital.missions import CoordinatorMemory
 from socialbot.agents.hospital.ward.ward import paper_ward
+from socialbot.agents.hospital.ward.ward import parse_faults as parse_ward_faults
 from socialbot.agents.waldo.head import Head
 from socialbot.agents.waldo.nodes import Listener, WaldoNode
-from socialbot.agents.warehouse.scenario import cast_of
 from socialbot.agents.warehouse.scenario import parse_faults as parse_warehouse_faults
+from socialbot.agents.warehouse.scenario import scenario_of
 from socialbot.bags import codec
 from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.bags.types import RosbagsTypes
@@ -329,8 +329,8 @@ def _minds() -> Iterator[Decoder]:
     office.want(job("a"))
     keep(office.deliberator, path)
     yield Decoder("kept", _file(_recalled), (path.read_bytes(),))
-    memory = msgspec.json.encode(example(msgspec.inspect.type_info(Memory)))
-    yield Decoder("memory", _file(_remembered), (memory, msgspec.json.encode(Memory())))
+    memory = msgspec.json.encode(example(msgspec.inspect.type_info(CoordinatorMemory)))
+    yield Decoder("memory", _file(_remembered), (memory, msgspec.json.encode(CoordinatorMemory())))
     with JsonLines(path) as trace:
         for number, kind in enumerate(("belief", "plan", "action")):
             trace(Record(f"r{number}", STAMP + number, kind, "wander", f"r{number - 1}", {"source": "self"}))
@@ -397,7 +397,7 @@ def _read_folder(data: bytes, metadata: bytes) -> None:
 
 
 def _words() -> Iterator[Decoder]:
-    ward, cast = paper_ward(), cast_of()
+    ward, cast = paper_ward(), scenario_of()
     room, robot = next(iter(ward.room_by_name)), ward.robots[0]
     seeds = (f"10 dirty {room}; 20.5 drains {robot}; 1e1 silent {room} 5", f"3 stalls {robot} 7; 4 enters {room} 2")
     yield Decoder("ward-faults", lambda data: parse_ward_faults(_text(data), ward), tuple(map(str.encode, seeds)))

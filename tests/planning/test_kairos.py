@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from socialbot.agents.warehouse.scenario import GRIPPER_DOMAIN, cast_of, gripper_beliefs, gripper_desires
+from socialbot.agents.warehouse.scenario import GRIPPER_DOMAIN, gripper_beliefs, gripper_desires, scenario_of
 from socialbot.core.errors import InstallationError, PlanningError
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
 from socialbot.planning.pddl.formulas import And, Fluent, Predicate
@@ -133,7 +133,7 @@ def test_what_kairos_cannot_read_is_refused_with_its_words():
 
 def warehouse(boxes: int, carriers: int) -> tuple[PddlDomain, PddlProblem, float]:
     """The warehouse of the demonstration, or a larger one, and the deadline of its goal, s."""
-    cast = cast_of(boxes, carriers)
+    cast = scenario_of(boxes, carriers)
     known = read_domain(GRIPPER_DOMAIN.read_text("utf-8"), where=str(GRIPPER_DOMAIN))
     believed, (desire,) = gripper_beliefs(cast), gripper_desires(cast)
     asked = PddlProblem(

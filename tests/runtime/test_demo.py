@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.agents.warehouse.graphs import KINDS, cast_with, warehouse
+from socialbot.agents.warehouse.graphs import KINDS, scenario_with, warehouse
 from socialbot.bags.reader import open_bag
 from socialbot.cli.new import write_project
 from socialbot.core.clock import SECOND, nanoseconds
@@ -152,7 +152,7 @@ def test_results_tell_how_it_was_run(cleaned):
 @pytest.mark.parametrize("boxes", sorted(KINDS))
 def test_the_warehouse_has_a_graph_for_each_size(boxes):
     graph = warehouse(boxes, run=2, seed=7, faults="30 slips")
-    cast = cast_with(boxes)
+    cast = scenario_with(boxes)
     names = [placement.name for placement in graph.placements]
     assert names == ["world", *cast.carriers, "gripper_a"]
     assert graph.placement("world").parameters == {"seed": 7, "faults": "30 slips"}

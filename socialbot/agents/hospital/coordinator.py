@@ -10,12 +10,12 @@ from typing import cast
 
 import msgspec
 
-from socialbot.agents.hospital.direction import Direction, Recovery, Say
 from socialbot.agents.hospital.messages import (
     COORDINATOR,
     EVERYBODY,
     TOPIC,
     AclMessage,
+    AclSender,
     Finished,
     InitialTrigger,
     Missions,
@@ -24,10 +24,19 @@ from socialbot.agents.hospital.messages import (
     Refusal,
     Register,
     Report,
-    Voice,
-    mistake,
+    protocol_error,
 )
-from socialbot.agents.hospital.missions import DISINFECT, KINDS, Conduct, Course, Member, Memory, Mission, Policy
+from socialbot.agents.hospital.mission_manager import MissionManager, Recovery, Send
+from socialbot.agents.hospital.missions import (
+    DISINFECT,
+    KINDS,
+    CoordinatorMemory,
+    CoordinatorOptions,
+    Mission,
+    PlanProgress,
+    Policy,
+    RegisteredAgent,
+)
 from socialbot.agents.hospital.ward.messages import STATE, WardState
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
@@ -40,26 +49,28 @@ log = logging.getLogger("socialbot.coordinator")
 class Coordinator:
     """Directs agents that have registered; times are ns."""
 
-    def __init__(self, say: Say, conduct: Conduct | None = None, memory: Memory | None = None) -> None:
-        self.direction = Direction(say, conduct or Conduct(), memory or Memory())
-        self.recovery = Recovery(self.direction)
+    def __init__(
+        self, send: Send, options: CoordinatorOptions | None = None, memory: CoordinatorMemory | None = None
+    ) -> None:
+        self.manager = MissionManager(send, options or CoordinatorOptions(), memory or CoordinatorMemory())
+        self.recovery = Recovery(self.manager)
 
     def begin(self) -> None:
         """Asks everybody to register: those who did so before it was there, and those whom it remembers."""
-        self.direction.say(EVERYBODY, "query", Register(), "", "")
+        self.manager.send(EVERYBODY, "query", Register(), "", "")
 
     # What is said
 
-    def hear(self, message: AclMessage, now: int) -> None:
+    def receive(self, message: AclMessage, now: int) -> None:
         """Takes a message. One that is for somebody who is not known, or makes no sense, is refused."""
-        self.direction.now = now
+        self.manager.now = now
         if message.sender == COORDINATOR:
             return
         if message.receiver != COORDINATOR:
             if message.receiver != EVERYBODY and message.receiver not in self.memory.members:
                 self._refuse(message, f"there is no {message.receiver}")
             return
-        if wrong := mistake(message):
+        if wrong := protocol_error(message):
             self._refuse(message, wrong)
             return
         match message.content:
@@ -76,52 +87,54 @@ class Coordinator:
             case other:
                 if message.performative not in ("agree", "inform"):
                     self._refuse(message, f"a coordinator does nothing about {type(other).__name__}")
-        self.direction.form_teams()
+        self.manager.form_teams()
 
     def _register(self, message: AclMessage, content: Register) -> None:
         members = self.memory.members
         known = members.get(message.sender)
-        member = Member(message.sender, content.kind, frozenset(content.capabilities), known.mission if known else 0)
+        member = RegisteredAgent(
+            message.sender, content.kind, frozenset(content.capabilities), known.mission if known else 0
+        )
         members[message.sender] = member
-        self.direction.await_team()
+        self.manager.await_team()
         self.changed = True
-        self.direction.say(message.sender, "agree", content, "", message.id)
+        self.manager.send(message.sender, "agree", content, "", message.id)
         mission = self.memory.missions.get(member.mission)
         if mission is not None and not message.in_reply_to:
             self.recovery.recover(mission, f"{message.sender} has begun anew")
 
     def _request(self, message: AclMessage, content: InitialTrigger) -> None:
-        ward = self.direction.ward
+        ward = self.manager.ward
         room = content.args[0] if len(content.args) == 1 else ""
         if content.mission_kind not in KINDS or not room:
             self._refuse(message, f"a mission is one of {', '.join(KINDS)}, and has one argument, a room")
         elif ward is None or ward.room(room) is None:
             self._refuse(message, f"there is no room {room!r}")
         else:
-            mission = self.direction.open_in(room) or self.direction.begin(content.mission_kind, room)
+            mission = self.manager.open_in(room) or self.manager.begin(content.mission_kind, room)
             if KINDS[content.mission_kind].priority > mission.priority:
                 mission.kind = content.mission_kind
-                self.direction.await_team(mission)
-            self.direction.say(message.sender, "agree", content, mission.label, message.id)
+                self.manager.await_team(mission)
+            self.manager.send(message.sender, "agree", content, mission.label, message.id)
 
     def _take_news(self, message: AclMessage) -> None:
         mission = self._mission_of(message)
         if mission is None or mission.status != "running":
             return
-        mission.touched = self.direction.now
-        self.direction.board.redraw(mission)
+        mission.touched = self.manager.now
+        self.manager.view_cache.redraw(mission)
         match message.content:
             case Report(outcome="success", action=action, args=args):
-                course = self.courses.get(mission.id)
-                if course is not None and course.advance(message.sender, (action, *args)):
+                progress = self.progress_of.get(mission.id)
+                if progress is not None and progress.advance(message.sender, (action, *args)):
                     mission.is_done((action, *args))
             case Problem() as problem:
-                mission.has_met(problem, message.sender, self.direction.now)
+                mission.has_met(problem, message.sender, self.manager.now)
                 self.recovery.recover(mission, problem.kind, message.sender, (problem.action, *problem.args))
             case Finished():
-                self.direction.release(mission, message.sender)
+                self.manager.release(mission, message.sender)
                 if not mission.active:
-                    mission.ended = self.direction.now
+                    mission.ended = self.manager.now
                     self._conclude(mission)
 
     def _mission_of(self, message: AclMessage) -> Mission | None:
@@ -134,97 +147,97 @@ class Coordinator:
         if message.performative in ("refuse", "failure"):
             return
         log.warning("refused what %s says: %s", message.sender, reason)
-        self.direction.say(message.sender, "refuse", Refusal(reason), message.mission, message.id)
+        self.manager.send(message.sender, "refuse", Refusal(reason), message.mission, message.id)
 
     # What the ward shows
 
     def observe(self, ward: WardState, now: int) -> None:
         """Takes the state of the ward: begins and ends missions, and looks ahead."""
-        direction = self.direction
-        direction.now, direction.ward = now, ward
-        if self.conduct.triggers:
+        manager = self.manager
+        manager.now, manager.ward = now, ward
+        if self.options.triggers:
             served = {mission.room for mission in self.memory.missions.values()} | self.recovery.given_up
             for room in ward.rooms:
                 if room.infected and room.name not in served:
-                    direction.begin(DISINFECT.name, room.name)
+                    manager.begin(DISINFECT.name, room.name)
         for mission in list(self.memory.missions.values()):
             if mission.status == "waiting":
                 state = ward.room(mission.room)
                 if state is not None and not state.infected:
-                    direction.finish(mission)
+                    manager.finish(mission)
             else:
                 self._follow(mission)
-        direction.await_team()
-        direction.form_teams()
+        manager.await_team()
+        manager.form_teams()
 
     def _follow(self, mission: Mission) -> None:
         """Sees whether a running mission goes on as it should."""
-        ward = self.direction.ward
+        ward = self.manager.ward
         if ward is not None and any((agent := ward.agent(name)) and agent.busy for name in mission.active):
             # Who is seen to do something may take long over it.
             mission.touched = max(mission.touched, ward.stamp)
-        if mission.id not in self.courses:
+        if mission.id not in self.progress_of:
             self._recall(mission)
         elif not mission.active:
             self._conclude(mission)
-        elif self.direction.now - mission.touched > nanoseconds(self.conduct.patience_s):
+        elif self.manager.now - mission.touched > nanoseconds(self.options.patience_s):
             self.recovery.recover(mission, "no news")
-        elif self.conduct.proactive and self.conduct.policy != "none":
+        elif self.options.proactive and self.options.policy != "none":
             self.recovery.look_ahead(mission)
 
     def _recall(self, mission: Mission) -> None:
         """Goes on with a mission that was running when the coordinator ended: nobody knows how far it has come."""
-        room = self.direction.ward.room(mission.room) if self.direction.ward else None
+        room = self.manager.ward.room(mission.room) if self.manager.ward else None
         if room is not None and not room.infected:
-            self.direction.finish(mission)
+            self.manager.finish(mission)
         else:
             self.recovery.recover(mission, "the coordinator has begun anew")
 
     def _conclude(self, mission: Mission) -> None:
         """Ends a mission whose agents have all finished, if the ward shows that the room is as it should be."""
-        ward = self.direction.ward
+        ward = self.manager.ward
         room = ward.room(mission.room) if ward else None
         if ward is None or room is None:
             return
         if room.disinfected:
-            self.direction.finish(mission)
+            self.manager.finish(mission)
         elif ward.stamp > mission.ended:
             self.recovery.recover(mission, "the room is not disinfected")
 
     # For others to see
 
     @property
-    def conduct(self) -> Conduct:
+    def options(self) -> CoordinatorOptions:
         """How it goes about it."""
-        return self.direction.conduct
+        return self.manager.options
 
     @property
-    def memory(self) -> Memory:
+    def memory(self) -> CoordinatorMemory:
         """What it has to remember."""
-        return self.direction.memory
+        return self.manager.memory
 
     @property
-    def courses(self) -> dict[int, Course]:
+    def progress_of(self) -> dict[int, PlanProgress]:
         """The plans of the running missions, by number."""
-        return self.direction.courses
+        return self.manager.progress_of
 
     @property
     def planning_s(self) -> deque[float]:
         """How long each of the latest plans took to find."""
-        return self.direction.planning_s
+        return self.manager.planning_s
 
     @property
     def changed(self) -> bool:
         """Whether something is other than when this was last set to False."""
-        return self.direction.board.changed
+        return self.manager.view_cache.changed
 
     @changed.setter
     def changed(self, changed: bool) -> None:
-        self.direction.board.changed = changed
+        self.manager.view_cache.changed = changed
 
     def views(self) -> Iterator[MissionView]:
         """The latest missions that are over, in the order of their end, and all that are not, by number."""
-        return self.direction.board.views(self.memory.missions.values(), self.courses)
+        return self.manager.view_cache.views(self.memory.missions.values(), self.progress_of)
 
 
 MISSIONS = "/hospital/missions"
@@ -255,8 +268,8 @@ class HospitalCoordinator(Node):
         self._memory_file = (
             paths.in_workspace(self.memory_file, where=f"{name}.memory_file") if self.memory_file else None
         )
-        voice = Voice(COORDINATOR, self.clock, self.said.publish)
-        self.coordinator = Coordinator(voice.say, Conduct(), self._recall())
+        acl = AclSender(COORDINATOR, self.clock, self.said.publish)
+        self.coordinator = Coordinator(acl.send, CoordinatorOptions(), self._recall())
         self._saved = b""
         for parameter in ("policy", "proactive", "triggers", "patience_s", "rest_s"):
             self.on_parameter(parameter)
@@ -267,7 +280,7 @@ class HospitalCoordinator(Node):
     @heard
     def on_heard(self, message: AclMessage) -> None:
         """Takes what agents say."""
-        self.coordinator.hear(message, self.clock.now())
+        self.coordinator.receive(message, self.clock.now())
         self._tell()
 
     @state
@@ -277,11 +290,11 @@ class HospitalCoordinator(Node):
         self._tell()
 
     def on_parameter(self, name: str) -> None:
-        conduct, value = self.coordinator.conduct, self.parameter_values[name]
+        options, value = self.coordinator.options, self.parameter_values[name]
         if name == "policy":
-            conduct.policy = cast(Policy, value)
+            options.policy = cast(Policy, value)
         elif name != "memory_file":
-            setattr(conduct, name, value)
+            setattr(options, name, value)
 
     def _tell(self) -> None:
         """Publishes and saves what has changed."""
@@ -307,12 +320,12 @@ class HospitalCoordinator(Node):
             return
         self._saved = data
 
-    def _recall(self) -> Memory:
+    def _recall(self) -> CoordinatorMemory:
         path = self._memory_file
         if path is None or not path.exists():
-            return Memory()
+            return CoordinatorMemory()
         try:
-            return msgspec.json.decode(path.read_bytes(), type=Memory)
+            return msgspec.json.decode(path.read_bytes(), type=CoordinatorMemory)
         except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ParameterError(
                 f"cannot read what it remembers: {error}", where=str(path), remedy="delete the file"

@@ -157,7 +157,7 @@ PERFORMATIVES: Mapping[type[Content], tuple[Performative, ...]] = {
 """As what agents with a mind, and who directs them, say each thing."""
 
 
-def mistake(message: AclMessage) -> str:
+def protocol_error(message: AclMessage) -> str:
     """What is wrong with the way in which something is said; empty if nothing is."""
     content = message.content
     allowed = PERFORMATIVES[type(content)]
@@ -213,7 +213,7 @@ class Missions(Structured, frozen=True, kw_only=True):
 MISSION_MESSAGES: tuple[type[Structured], ...] = (AclMessage, Missions)
 
 
-class Voice:
+class AclSender:
     """Says things as ``name``; ``publish`` sends them."""
 
     def __init__(self, name: str, clock: Clock, publish: Callable[[AclMessage], object]) -> None:
@@ -223,7 +223,7 @@ class Voice:
         self._begun = clock.now()
         self._numbers = itertools.count(1)
 
-    def say(
+    def send(
         self, receiver: str, performative: Performative, content: AnyContent, mission: str = "", in_reply_to: str = ""
     ) -> None:
         """Says ``content`` to the receiver; see `AclMessage`."""

@@ -12,9 +12,9 @@ from typing import Literal
 
 import msgspec
 
-from socialbot.agents.hospital.disinfect import mission as disinfection
 from socialbot.agents.hospital.messages import ActionStatus, MissionStatus, MissionView, PlannedAction, Problem
-from socialbot.agents.hospital.translation import Stage, stages
+from socialbot.agents.hospital.plans import PlanStage, stages
+from socialbot.agents.hospital.plans import mission as disinfection
 from socialbot.agents.hospital.ward.messages import (
     AWAY,
     CLOSED_DOOR,
@@ -82,7 +82,7 @@ URGENT = MissionKind("urgent", 2, _ROLES, _disinfect)
 KINDS = {kind.name: kind for kind in (DISINFECT, URGENT)}
 
 
-class Member(msgspec.Struct):
+class RegisteredAgent(msgspec.Struct):
     """An agent that has registered, and the mission it works for (0: none)."""
 
     name: str
@@ -175,7 +175,7 @@ Policy = Literal["auto", "replan", "repair", "none"]
 
 
 @dataclass
-class Conduct:
+class CoordinatorOptions:
     """How the coordinator goes about it.
 
     ``policy``: plan anew as a whole, mend the tree at the failed action, the former if more than half of the actions
@@ -192,10 +192,10 @@ class Conduct:
     rest_s: float = 5.0
 
 
-class Memory(msgspec.Struct):
+class CoordinatorMemory(msgspec.Struct):
     """What a coordinator has to remember to go on where it was."""
 
-    members: dict[str, Member] = {}
+    members: dict[str, RegisteredAgent] = {}
     missions: dict[int, Mission] = {}
     last: int = 0
 
@@ -226,23 +226,23 @@ def state_of(ward: WardState, mission: Mission, *, sees_rooms: bool) -> TaskStat
     )
 
 
-class Pool:
+class AgentPool:
     """Those of the members who are there, as the ward shows them at one moment."""
 
-    def __init__(self, members: Mapping[str, Member], ward: WardState) -> None:
+    def __init__(self, members: Mapping[str, RegisteredAgent], ward: WardState) -> None:
         self._members = members
         self._ward = ward
-        self._able: dict[str, dict[str, list[Member]]] = {}
+        self._able: dict[str, dict[str, list[RegisteredAgent]]] = {}
         """Who can play the role of a variable, by the room where they have to be at home, if that matters."""
 
-    def able(self, role: Role, room: str) -> list[Member]:
+    def able(self, role: Role, room: str) -> list[RegisteredAgent]:
         """Who can play a role, free or not, by number; last come those with low batteries, before them who charges."""
         if role.variable not in self._able:
             self._able[role.variable] = self._by_home(role)
         return self._able[role.variable].get(room if role.at_home else "", [])
 
-    def _by_home(self, role: Role) -> dict[str, list[Member]]:
-        found: dict[str, list[tuple[tuple[bool, bool, tuple[str, int]], Member]]] = {}
+    def _by_home(self, role: Role) -> dict[str, list[RegisteredAgent]]:
+        found: dict[str, list[tuple[tuple[bool, bool, tuple[str, int]], RegisteredAgent]]] = {}
         for member in self._members.values():
             state = self._ward.agent(member.name) if role.needs <= member.capabilities else None
             if state is not None and state.place != AWAY:
@@ -285,12 +285,12 @@ class Pool:
 
 
 @dataclass
-class Course:
+class PlanProgress:
     """The tree that a plan comes from, its actions, and how many of them are done."""
 
     tree: TaskTree
     agenda: tuple[TaskNode, ...]
-    stages: tuple[Stage, ...]
+    stages: tuple[PlanStage, ...]
     position: int = 0
     reached: dict[str, int] = field(default_factory=dict)
     """How many of the actions each agent has behind it."""
@@ -300,10 +300,10 @@ class Course:
     """Since when (ns) it does not seem to be right."""
 
     @staticmethod
-    def of(tree: TaskTree, team: Iterable[str]) -> Course:
+    def of(tree: TaskTree, team: Iterable[str]) -> PlanProgress:
         """The plan of ``tree`` for a ``team``, at its beginning."""
         plan = tree.plan
-        return Course(tree, plan, stages([node.item for node in plan], tuple(team), JOINT_ACTIONS))
+        return PlanProgress(tree, plan, stages([node.item for node in plan], tuple(team), JOINT_ACTIONS))
 
     @property
     def next(self) -> TaskNode | None:
@@ -365,7 +365,7 @@ class Course:
         ]
 
 
-def view(mission: Mission, course: Course | None) -> MissionView:
+def view(mission: Mission, progress: PlanProgress | None) -> MissionView:
     """The mission for others to see."""
     return MissionView(
         id=mission.id,
@@ -375,8 +375,8 @@ def view(mission: Mission, course: Course | None) -> MissionView:
         status=mission.status,
         team=tuple(mission.team.values()),
         label=mission.label,
-        actions=(*mission.past, *(course.actions() if course else ())),
-        tree=course.drawing() if course else "",
+        actions=(*mission.past, *(progress.actions() if progress else ())),
+        tree=progress.drawing() if progress else "",
         recoveries=mission.recoveries,
         revisions=mission.revisions,
         problem=mission.problem,
@@ -387,7 +387,7 @@ SHOWN = 20
 """So many missions that are over are still shown."""
 
 
-class Board:
+class MissionViewCache:
     """Shows missions; only those are drawn anew of which it was told that they have changed."""
 
     def __init__(self) -> None:
@@ -401,16 +401,16 @@ class Board:
         self._drawn.pop(mission.id, None)
         self.changed = True
 
-    def close(self, mission: Mission, course: Course | None) -> None:
+    def close(self, mission: Mission, progress: PlanProgress | None) -> None:
         """Shows how a mission has ended."""
         self.redraw(mission)
-        self._over.append(view(mission, course))
+        self._over.append(view(mission, progress))
 
-    def views(self, missions: Iterable[Mission], courses: Mapping[int, Course]) -> Iterator[MissionView]:
+    def views(self, missions: Iterable[Mission], progress_of: Mapping[int, PlanProgress]) -> Iterator[MissionView]:
         """The latest missions that are over, in the order of their end, then ``missions``."""
         yield from self._over
         for mission in missions:
             drawn = self._drawn.get(mission.id)
             if drawn is None:
-                drawn = self._drawn[mission.id] = view(mission, courses.get(mission.id))
+                drawn = self._drawn[mission.id] = view(mission, progress_of.get(mission.id))
             yield drawn

@@ -11,6 +11,7 @@ from socialbot.agents.hospital.messages import (
     EVERYBODY,
     TOPIC,
     AclMessage,
+    AclSender,
     Belief,
     Done,
     End,
@@ -23,16 +24,15 @@ from socialbot.agents.hospital.messages import (
     Report,
     Start,
     Stop,
-    Voice,
-    mistake,
+    protocol_error,
 )
 from socialbot.agents.hospital.robots import (
     ACTIONS,
-    Deed,
     Meeting,
-    Radio,
+    RemoteSociety,
     Rendezvous,
     Senses,
+    WorldAction,
     again,
     all_plans,
     as_literal,
@@ -96,20 +96,20 @@ class HospitalAgent(AgentNode):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         self.label = ""
         """The label of the plans that it has."""
-        self._voice = Voice(name, context.clock, self.said.publish)
+        self._acl = AclSender(name, context.clock, self.said.publish)
         self._labels: list[str] = []
         self._early: list[AclMessage] = []
         self._uncompiled: list[ReadyPlan] = []
         self._planned: AclMessage | None = None
         """The message that its latest plans came with."""
-        self._under_way: dict[str, Deed] = {}
+        self._under_way: dict[str, WorldAction] = {}
         self._let_go: dict[tuple[str, tuple[str, ...]], str] = {}
         self._registered = False
         self._rendezvous = Rendezvous(
-            lambda partner, meeting: self._voice.say(
+            lambda partner, meeting: self._acl.send(
                 partner, "query", Ready(meeting.action, meeting.args), meeting.label
             ),
-            lambda partner, meeting: self._voice.say(
+            lambda partner, meeting: self._acl.send(
                 partner, "query", Done(meeting.action, meeting.args), meeting.label
             ),
         )
@@ -117,9 +117,9 @@ class HospitalAgent(AgentNode):
 
     def build(self) -> Engine:
         engine = Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
-        engine.society = Radio(self.clock, self._tell)
+        engine.society = RemoteSociety(self.clock, self._tell)
         for action in ACTIONS:
-            engine.add_action(type(action, (Deed,), {}))
+            engine.add_action(type(action, (WorldAction,), {}))
         for action in (again, by_myself, problem, end):
             engine.add_action(action)
         self._senses = Senses()
@@ -144,7 +144,7 @@ class HospitalAgent(AgentNode):
             return
         capable = tuple(str(found["X"]) for found in self.engine.query(literal("can", (_X,))))
         kind = next(str(found["X"]) for found in self.engine.query(literal("kind", (_X,))))
-        self._voice.say(COORDINATOR, "request", Register(kind, capable), in_reply_to=in_reply_to)
+        self._acl.send(COORDINATOR, "request", Register(kind, capable), in_reply_to=in_reply_to)
         if not in_reply_to:
             self.call_after(REGISTER_S, self._register)
 
@@ -155,7 +155,7 @@ class HospitalAgent(AgentNode):
         """Takes what is said to it; what is not to be understood it refuses."""
         if message.receiver not in (self.name, EVERYBODY) or message.sender == self.name:
             return
-        if wrong := self._mistake(message):
+        if wrong := self._protocol_error(message):
             if message.receiver == self.name:
                 self._refuse(message, wrong)
             return
@@ -178,11 +178,11 @@ class HospitalAgent(AgentNode):
                 if message.receiver == self.name and message.performative not in ("agree", "inform"):
                     self._refuse(message, f"{self.kind} does nothing about {type(other).__name__}")
 
-    def _mistake(self, message: AclMessage) -> str:
+    def _protocol_error(self, message: AclMessage) -> str:
         """What is wrong with a message, in itself or because of who has sent it; empty if nothing is."""
         if message.sender != COORDINATOR and isinstance(message.content, (Plan, Start, Stop, End)):
             return f"{message.sender} directs nobody"
-        return mistake(message)
+        return protocol_error(message)
 
     def _take_plan(self, message: AclMessage, content: Plan) -> None:
         if self._planned is not None and message.id == self._planned.id:
@@ -254,22 +254,22 @@ class HospitalAgent(AgentNode):
                 pass
 
     def _tell(self, receiver: str, belief: str) -> None:
-        self._voice.say(receiver, "inform", Belief(belief), self.label)
+        self._acl.send(receiver, "inform", Belief(belief), self.label)
 
     def report_problem(self, action: str, args: tuple[str, ...], reason: str) -> None:
         """Tells the coordinator what the agent cannot mend."""
         if self.label:
-            self._voice.say(COORDINATOR, "inform", Problem(reason, args, action), self.label)
+            self._acl.send(COORDINATOR, "inform", Problem(reason, args, action), self.label)
 
     def finish(self) -> None:
         """Tells the coordinator that the agent has done its part, and forgets the mission."""
-        self._voice.say(COORDINATOR, "request", Finished(), self.label)
+        self._acl.send(COORDINATOR, "request", Finished(), self.label)
         self.engine.call(self._give_up)
 
     def _refuse(self, message: AclMessage, reason: str) -> None:
         if message.performative not in ("refuse", "failure"):
             self.log.warning("refused what %s says: %s", message.sender, reason)
-            self._voice.say(message.sender, "refuse", Refusal(reason), message.mission, message.id)
+            self._acl.send(message.sender, "refuse", Refusal(reason), message.mission, message.id)
 
     # The mission
 
@@ -294,34 +294,40 @@ class HospitalAgent(AgentNode):
 
     # Actions
 
-    def begin(self, deed: Deed) -> None:
+    def begin(self, world_action: WorldAction) -> None:
         """Has the world do something, when all are there who have to be."""
-        if not deed.is_joint:
-            self._command(deed)
+        if not world_action.is_joint:
+            self._command(world_action)
             return
-        meeting = Meeting(self.label, deed.action, deed.args_given)
-        partners = [name for name in deed.args_given if name != self.name]
-        self._rendezvous.arrive(meeting, partners, lambda: self._command(deed))
+        meeting = Meeting(self.label, world_action.action, world_action.arguments)
+        partners = [name for name in world_action.arguments if name != self.name]
+        self._rendezvous.arrive(meeting, partners, lambda: self._command(world_action))
 
-    def _command(self, deed: Deed) -> None:
-        id = self._let_go.pop(deed.key, "")
+    def _command(self, world_action: WorldAction) -> None:
+        id = self._let_go.pop(world_action.key, "")
         for other in list(self._let_go.values()):
             self._cancel(other)
         self._let_go.clear()
-        id = id or f"{self.name}-action-{self._voice.next_id()}"
+        id = id or f"{self.name}-action-{self._acl.next_id()}"
         known = id in self._under_way
-        self._under_way[id] = deed
+        self._under_way[id] = world_action
         if not known:
             self.commands.publish(
-                ActionCommand(stamp=self.clock.now(), id=id, robot=self.name, action=deed.action, args=deed.args_given)
+                ActionCommand(
+                    stamp=self.clock.now(),
+                    id=id,
+                    robot=self.name,
+                    action=world_action.action,
+                    args=world_action.arguments,
+                )
             )
 
-    def let_go(self, deed: Deed) -> None:
+    def let_go(self, world_action: WorldAction) -> None:
         """Stops an action, unless the same is wanted again at once."""
-        self._rendezvous.leave(Meeting(self.label, deed.action, deed.args_given))
+        self._rendezvous.leave(Meeting(self.label, world_action.action, world_action.arguments))
         for id, other in self._under_way.items():
-            if other is deed:
-                self._let_go[deed.key] = id
+            if other is world_action:
+                self._let_go[world_action.key] = id
                 self.call_after(LET_GO_S, lambda id=id: self._cancel_unless_wanted(id))
 
     def _cancel_unless_wanted(self, id: str) -> None:
@@ -336,20 +342,20 @@ class HospitalAgent(AgentNode):
     @results
     def on_result(self, message: ActionResult) -> None:
         """Takes what became of an action."""
-        deed = self._under_way.pop(message.id, None)
-        if message.robot != self.name or deed is None:
+        world_action = self._under_way.pop(message.id, None)
+        if message.robot != self.name or world_action is None:
             return
-        self._let_go.pop(deed.key, None)
-        self._voice.say(
+        self._let_go.pop(world_action.key, None)
+        self._acl.send(
             COORDINATOR,
             "inform",
             Report(message.outcome, message.action, message.args, message.reason),
-            "" if deed.own else self.label,
+            "" if world_action.own else self.label,
         )
         if message.outcome == "success":
-            deed.succeed()
+            world_action.succeed()
         else:
-            deed.fail(message.reason)
+            world_action.fail(message.reason)
 
     @state
     def on_state(self, message: WardState) -> None:

@@ -50,7 +50,7 @@ def as_literal(action: str, args: Iterable[str]) -> Literal:
     return literal(action, tuple(map(Atom, args)))
 
 
-class Deed(LongAction):
+class WorldAction(LongAction):
     """An action that the world carries out; ``args`` are those of the action itself.
 
     What it comes to is an event for the plans of the mission, and for those that mend: ``success_a_open_door(...)``,
@@ -58,12 +58,12 @@ class Deed(LongAction):
     """
 
     action: str
-    args_given: tuple[str, ...]
+    arguments: tuple[str, ...]
     own = False
     """Whether it is the agent's own idea."""
 
     def start(self, *args: Any) -> None:
-        self.action, self.args_given = self.functor, names_of(args)
+        self.action, self.arguments = self.functor, names_of(args)
         self.node.begin(self)
 
     def cancel(self) -> None:
@@ -83,27 +83,27 @@ class Deed(LongAction):
     @property
     def key(self) -> tuple[str, tuple[str, ...]]:
         """What it is, whoever thought of it."""
-        return self.action, self.args_given
+        return self.action, self.arguments
 
     def succeed(self) -> None:
         """Says that it is done."""
         self.done()
         if not self.own:
-            _happens(self.engine, literal(f"success_{self.action}", tuple(map(Atom, self.args_given))), self.id)
+            _happens(self.engine, literal(f"success_{self.action}", tuple(map(Atom, self.arguments))), self.id)
 
     def fail(self, reason: str) -> None:
         """Says that it could not be done, and why."""
         self.failed(reason)
         if not self.own:
-            _happens(self.engine, literal("failure", (as_literal(self.action, self.args_given), reason)), self.id)
+            _happens(self.engine, literal("failure", (as_literal(self.action, self.arguments), reason)), self.id)
 
 
-class again(Deed):  # noqa: N801 - its name in AgentSpeak
+class again(WorldAction):  # noqa: N801 - its name in AgentSpeak
     """Does an action of the mission once more: ``again(a_open_door(spotrobot1, room1))``."""
 
     def start(self, *args: Any) -> None:
         (action,) = args
-        self.action, self.args_given = action.functor, names_of(action.args)
+        self.action, self.arguments = action.functor, names_of(action.args)
         self.node.begin(self)
 
 
@@ -115,7 +115,7 @@ class by_myself(again):  # noqa: N801
     def fail(self, reason: str) -> None:
         """Has the coordinator know: what was to be mended cannot be mended like this."""
         self.failed(reason)
-        self.node.report_problem(self.action, self.args_given, reason)
+        self.node.report_problem(self.action, self.arguments, reason)
 
 
 class problem(Action):  # noqa: N801
@@ -175,7 +175,7 @@ def mission_beliefs(engine: Engine) -> Iterator[Literal]:
             yield held.belief
 
 
-class Radio(Society):
+class RemoteSociety(Society):
     """A society of one agent that is here; what it tells others goes to ``tell_far``: the receiver, and the belief."""
 
     def __init__(self, clock: Clock, tell_far: Callable[[str, str], object]) -> None:
@@ -185,14 +185,14 @@ class Radio(Society):
     def find(self, receiver: Any) -> Engine:
         name = receiver.name if isinstance(receiver, Atom) else str(receiver)
         if name not in self.agents:
-            self.agents[name] = _Far(name, self.clock, self._tell_far)
+            self.agents[name] = _RemoteAgent(name, self.clock, self._tell_far)
         return self.agents[name]
 
     def tell(self, sender: Engine, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
         send(sender, receiver, "tell", literal_of(key, args), cause)
 
 
-class _Far(Engine):
+class _RemoteAgent(Engine):
     """Stands for an agent that is somewhere else: takes what is said to it, and sends it on."""
 
     __slots__ = ()

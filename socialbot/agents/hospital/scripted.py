@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from socialbot.agents.hospital.coordinator import MISSIONS, HospitalCoordinator
-from socialbot.agents.hospital.disinfect import DISINFECT as DOMAIN
 from socialbot.agents.hospital.messages import (
     COORDINATOR,
     EVERYBODY,
     TOPIC,
     AclMessage,
+    AclSender,
     End,
     Missions,
     MissionStatus,
@@ -27,12 +27,19 @@ from socialbot.agents.hospital.messages import (
     Register,
     Report,
     Stop,
-    Voice,
 )
-from socialbot.agents.hospital.missions import DISINFECT, Course, Member, Mission, Pool, state_of, view
+from socialbot.agents.hospital.missions import (
+    DISINFECT,
+    AgentPool,
+    Mission,
+    PlanProgress,
+    RegisteredAgent,
+    state_of,
+    view,
+)
+from socialbot.agents.hospital.plans import DISINFECT as DOMAIN
 from socialbot.agents.hospital.robot_node import REGISTER_S, Nurse, Spot, Uvd
 from socialbot.agents.hospital.robots import as_literal, names_of
-from socialbot.agents.hospital.ward.agents import JOINT, ROLES
 from socialbot.agents.hospital.ward.messages import (
     CANCELS,
     COMMANDS,
@@ -44,6 +51,7 @@ from socialbot.agents.hospital.ward.messages import (
     WardState,
 )
 from socialbot.agents.hospital.ward.ward import NURSE, ROBOTS, SPOT, UVD
+from socialbot.agents.hospital.ward.world import JOINT, ROLES
 from socialbot.bdi.agentspeak.parser import parse_literal
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.core.errors import SocialbotError
@@ -56,7 +64,7 @@ class _Running:
     """The mission under way, its plan, and those who have not yet reported that they did the action at hand."""
 
     mission: Mission
-    course: Course
+    progress: PlanProgress
     awaited: set[str] = field(default_factory=set)
 
 
@@ -70,17 +78,17 @@ class ScriptedCoordinator(Node):
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self._voice = Voice(name, self.clock, self.said.publish)
+        self._acl = AclSender(name, self.clock, self.said.publish)
         self.planning_s: list[float] = []
         """How long each plan took to find, s."""
         self._planner = TaskPlanner(DOMAIN)
-        self._members: dict[str, Member] = {}
+        self._members: dict[str, RegisteredAgent] = {}
         self._ward: WardState | None = None
         self._running: _Running | None = None
         self._over: list[MissionView] = []
 
     def start(self) -> None:
-        self._voice.say(EVERYBODY, "query", Register())
+        self._acl.send(EVERYBODY, "query", Register())
 
     @heard
     def on_heard(self, message: AclMessage) -> None:
@@ -89,8 +97,10 @@ class ScriptedCoordinator(Node):
             return
         content = message.content
         if isinstance(content, Register):
-            self._members[message.sender] = Member(message.sender, content.kind, frozenset(content.capabilities))
-            self._voice.say(message.sender, "agree", content, in_reply_to=message.id)
+            self._members[message.sender] = RegisteredAgent(
+                message.sender, content.kind, frozenset(content.capabilities)
+            )
+            self._acl.send(message.sender, "agree", content, in_reply_to=message.id)
             self._begin()
         elif self._running is not None and message.mission == self._running.mission.label:
             match content:
@@ -117,7 +127,7 @@ class ScriptedCoordinator(Node):
         if room is None:
             return
         mission = Mission(len(self._over) + 1, DISINFECT.name, room, "running", revision=1)
-        team = Pool(self._members, self._ward).team(mission)
+        team = AgentPool(self._members, self._ward).team(mission)
         if team is None:
             return
         mission.team = team
@@ -128,16 +138,16 @@ class ScriptedCoordinator(Node):
             self._over.append(view(mission, None))
             self._tell()
             return
-        self._running = _Running(mission, Course.of(answer.tree, team.values()))
+        self._running = _Running(mission, PlanProgress.of(answer.tree, team.values()))
         self._request(self._running)
 
     def _request(self, running: _Running) -> None:
         """Has the action at hand done."""
-        mission, stage = running.mission, running.course.stages[running.course.position]
+        mission, stage = running.mission, running.progress.stages[running.progress.position]
         running.awaited = set(stage.agents)
         action = agentspeak(as_literal(stage.action, stage.args))
         for agent in stage.agents:
-            self._voice.say(agent, "request", Plan(mission.label, (action,)), mission.label)
+            self._acl.send(agent, "request", Plan(mission.label, (action,)), mission.label)
         self._tell()
 
     def _done_by(self, agent: str, running: _Running) -> None:
@@ -146,8 +156,8 @@ class ScriptedCoordinator(Node):
         running.awaited.remove(agent)
         if running.awaited:
             return
-        running.course.position += 1
-        if running.course.next is not None:
+        running.progress.position += 1
+        if running.progress.next is not None:
             self._request(running)
         else:
             running.mission.ended = self.clock.now()
@@ -156,7 +166,7 @@ class ScriptedCoordinator(Node):
     def _conclude(self) -> None:
         """Ends a mission all of whose actions are done, if the ward shows what came of it."""
         running, ward = self._running, self._ward
-        if running is None or ward is None or running.course.next is not None:
+        if running is None or ward is None or running.progress.next is not None:
             return
         room = ward.room(running.mission.room)
         if room is not None and room.disinfected:
@@ -165,18 +175,18 @@ class ScriptedCoordinator(Node):
             self._end(running, "failed", "the room is not disinfected")
 
     def _end(self, running: _Running, status: MissionStatus, problem: str = "") -> None:
-        mission, course = running.mission, running.course
+        mission, progress = running.mission, running.progress
         mission.status, mission.problem = status, problem
-        mission.past = [action for action in course.actions(failed=status == "failed") if action.status != "planned"]
+        mission.past = [action for action in progress.actions(failed=status == "failed") if action.status != "planned"]
         self._over.append(view(mission, None))
         self._running = None
         for name in mission.team.values():
-            self._voice.say(name, "request", End() if status == "finished" else Stop(problem), mission.label)
+            self._acl.send(name, "request", End() if status == "finished" else Stop(problem), mission.label)
         self._tell()
         self._begin()
 
     def _tell(self) -> None:
-        running = [view(self._running.mission, self._running.course)] if self._running else []
+        running = [view(self._running.mission, self._running.progress)] if self._running else []
         self.missions.publish(Missions(stamp=self.clock.now(), missions=(*self._over, *running)))
 
 
@@ -194,7 +204,7 @@ class ScriptedAgent(Node):
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self._voice = Voice(name, self.clock, self.said.publish)
+        self._acl = AclSender(name, self.clock, self.said.publish)
         self._registered = False
         self._missions: dict[str, str] = {}
         """The missions of actions under way, by the id of the command."""
@@ -205,7 +215,7 @@ class ScriptedAgent(Node):
     def _register(self, in_reply_to: str = "") -> None:
         if self._registered and not in_reply_to:
             return
-        self._voice.say(COORDINATOR, "request", Register(self.kind, actions_of(self.kind)), in_reply_to=in_reply_to)
+        self._acl.send(COORDINATOR, "request", Register(self.kind, actions_of(self.kind)), in_reply_to=in_reply_to)
         if not in_reply_to:
             self.call_after(REGISTER_S, self._register)
 
@@ -235,10 +245,10 @@ class ScriptedAgent(Node):
     def _do(self, text: str, message: AclMessage) -> None:
         try:
             action = parse_literal(text)
-        except SocialbotError as mistake:
-            self._voice.say(message.sender, "refuse", Refusal(str(mistake)), message.mission, message.id)
+        except SocialbotError as protocol_error:
+            self._acl.send(message.sender, "refuse", Refusal(str(protocol_error)), message.mission, message.id)
             return
-        id = f"{self.name}-action-{self._voice.next_id()}"
+        id = f"{self.name}-action-{self._acl.next_id()}"
         self._missions[id] = message.mission
         self.commands.publish(
             ActionCommand(
@@ -253,9 +263,9 @@ class ScriptedAgent(Node):
         if mission is None:
             return
         report = Report(message.outcome, message.action, message.args, message.reason)
-        self._voice.say(COORDINATOR, "inform", report, mission)
+        self._acl.send(COORDINATOR, "inform", report, mission)
         if message.outcome == "failure":
-            self._voice.say(COORDINATOR, "inform", Problem(message.reason, message.args, message.action), mission)
+            self._acl.send(COORDINATOR, "inform", Problem(message.reason, message.args, message.action), mission)
 
 
 def actions_of(kind: str) -> tuple[str, ...]:

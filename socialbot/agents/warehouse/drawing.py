@@ -7,7 +7,17 @@ from html import escape
 from typing import Any
 
 from socialbot.agents.warehouse.messages import BoxPosition, BoxPositions, MoveStatus, Point
-from socialbot.agents.warehouse.scenario import BASE_Y, BOX_M, DECK_M, FOOTPRINT, GRIPPER, SHELF, START, Cast, Layout
+from socialbot.agents.warehouse.scenario import (
+    BASE_Y,
+    BOX_M,
+    DECK_M,
+    FOOTPRINT,
+    GRIPPER,
+    SHELF,
+    START,
+    FloorLayout,
+    Scenario,
+)
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
@@ -56,18 +66,18 @@ def world_svg(world: Warehouse, title: str = "") -> str:
     return floor_svg(world.cast, robots, world.boxes(), title)
 
 
-def floor_svg(cast: Cast, robots: Mapping[str, Point], boxes: Sequence[BoxPosition], title: str = "") -> str:
+def floor_svg(cast: Scenario, robots: Mapping[str, Point], boxes: Sequence[BoxPosition], title: str = "") -> str:
     """The floor with ``robots`` (the gripper, the carriers) and ``boxes`` where they are; unknown ones are left out."""
-    return Floor(cast).draw(robots, boxes, title)
+    return FloorDrawing(cast).draw(robots, boxes, title)
 
 
-class Floor:
+class FloorDrawing:
     """The picture of one cast; ``head`` are pixels above the floor, for the title."""
 
-    def __init__(self, cast: Cast, *, head: float = HEAD) -> None:
+    def __init__(self, cast: Scenario, *, head: float = HEAD) -> None:
         self.cast = cast
         self.head = max(head, 16.0)
-        self.layout = Layout(cast)
+        self.layout = FloorLayout(cast)
         shelves = [self.layout.stored(deposit, 2 * SHELF - 1) for deposit in cast.deposits]
         points = [*self.layout.places.values(), *self.layout.deposits.values(), *shelves]
         self.left = min(point.y for point in points) - MARGIN_M
@@ -209,9 +219,9 @@ def _text(
 class Film:
     """Takes the messages of sensors as they come; `at` and `tracks` tell of them."""
 
-    def __init__(self, cast: Cast) -> None:
+    def __init__(self, cast: Scenario) -> None:
         self.cast = cast
-        self._floor = Floor(cast, head=0.0)
+        self._floor = FloorDrawing(cast, head=0.0)
         self._robots: dict[str, list[tuple[int, Point]]] = {}
         self._boxes: list[tuple[int, tuple[BoxPosition, ...]]] = []
 
@@ -239,7 +249,7 @@ class Film:
     def picture(self, stamp: int, title: str = "") -> str:
         """The floor at ``stamp`` (ns), as SVG; without a title it is that of `tracks`."""
         robots = {name: latest(track, stamp) for name, track in self._robots.items()}
-        floor = Floor(self.cast) if title else self._floor
+        floor = FloorDrawing(self.cast) if title else self._floor
         return floor.draw(robots, self.boxes(stamp), title)
 
     def tracks(self, start: int) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from socialbot.agents.warehouse.carrier import Carrier
 from socialbot.agents.warehouse.gripper import Gripper, Gripper12, Gripper24
-from socialbot.agents.warehouse.scenario import GRIPPER, HASTY_CARRIER_RULES, Cast
+from socialbot.agents.warehouse.scenario import GRIPPER, HASTY_CARRIER_RULES, Scenario
 from socialbot.agents.warehouse.world_node import World, World12, World24
 from socialbot.graph.node import Graph, NodeConfig
 
@@ -14,7 +14,7 @@ KINDS = {6: (World, Gripper), 12: (World12, Gripper12), 24: (World24, Gripper24)
 """Node types of the world and the gripper, by the number of boxes."""
 
 
-def cast_with(boxes: int) -> Cast:
+def scenario_with(boxes: int) -> Scenario:
     """The cast with so many boxes, one of `KINDS`."""
     return KINDS[boxes][1].cast
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from socialbot.agents.base.deliberating import Deliberating
-from socialbot.agents.warehouse import gripper_actions
 from socialbot.agents.warehouse.messages import (
+    OBEYED_NS,
     BoxPosition,
     BoxPositions,
     GripperPose,
@@ -20,15 +21,277 @@ from socialbot.agents.warehouse.scenario import (
     FOLDER,
     GRIPPER,
     GRIPPER_DOMAIN,
+    HIGH_M,
     SIX,
-    Cast,
-    cast_of,
+    Scenario,
     gripper_beliefs,
     gripper_desires,
+    scenario_of,
 )
-from socialbot.deliberation.messages import Desire, Fact
+from socialbot.deliberation.actions import PlanAction
+from socialbot.deliberation.messages import Desire, Fact, Operation
+from socialbot.deliberation.requests import SentRequest
 from socialbot.deliberation.sensing import FactSensor, fluent, predicate
 from socialbot.graph.node import Input, Output, Parameter
+
+if TYPE_CHECKING:
+    pass  # merged
+
+
+COME_PRIORITY, COME_DEADLINE_S = 0.6, 6.0
+TOO_LONG = 0.899
+"""A carrier that has not come by this progress does not come."""
+UP_M = HIGH_M - 0.1
+
+
+class GripperAction(PlanAction):
+    """An action of the gripper."""
+
+    @property
+    def gripper(self) -> GripperAgent:
+        """The agent."""
+        return self.agent
+
+    def go(self, place: str) -> None:
+        """Sends the crane to a place."""
+        self.gripper.cmd_motors_pose.publish(MoveCommand(stamp=self.engine.clock.now(), target=place))
+
+    def lower(self) -> None:
+        """Lowers the fingers."""
+        self.gripper.cmd_gripper_pose.publish(GripperPose(stamp=self.engine.clock.now(), pose="low"))
+
+    def lift(self) -> None:
+        """Lifts the fingers."""
+        self.gripper.cmd_gripper_pose.publish(GripperPose(stamp=self.engine.clock.now(), pose="high"))
+
+    def open(self) -> None:
+        """Opens the fingers."""
+        self.gripper.cmd_gripper_status.publish(GripperStatus(stamp=self.engine.clock.now(), status="open"))
+
+    def close(self) -> None:
+        """Closes the fingers."""
+        self.gripper.cmd_gripper_status.publish(GripperStatus(stamp=self.engine.clock.now(), status="close"))
+
+    @property
+    def is_high(self) -> bool:
+        """Whether the fingers are up."""
+        motors = self.gripper.motors
+        return motors is not None and motors.current_pos.z > UP_M
+
+    def stop(self) -> None:
+        self.lift()
+        self.stopped()
+
+
+class gripper_move(GripperAction):  # noqa: N801 - the name in the domain
+    """Moves the crane to another stack or bay."""
+
+    def begin(self, gripper: str, start: str, target: str) -> None:
+        self.told_at = self.engine.clock.now()
+        self.go(target)
+
+    def advance(self) -> float:
+        motors, target = self.gripper.motors, self.args[2]
+        if motors is None or motors.stamp <= self.told_at:
+            return self.progress_made
+        if motors.target_name != target:
+            if motors.stamp - self.told_at > OBEYED_NS:
+                self.fail(f"somebody has sent the crane to {motors.target_name}")
+            return self.progress_made
+        # On its way it may have been sent from anywhere; what is left tells less than the place where it stands.
+        return 1.0 if motors.current_name == target else min(motors.progress, 0.99)
+
+    def stop(self) -> None:
+        self.stopped()
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A command that is given ``ticks`` times, at least, until its effect is there."""
+
+    command: Callable[[], None]
+    reached: Callable[[], bool]
+    ticks: int
+
+
+class PhasedAction(GripperAction):
+    """An action that goes through phases, one command after the other."""
+
+    def begin(self, *args: Any, **never: Any) -> None:
+        self.phases = self.plan()
+        self.phase = self.tick = 0
+
+    def plan(self) -> tuple[Phase, ...]:
+        """The phases."""
+        raise NotImplementedError
+
+    def advance(self) -> float:
+        phase = self.phases[self.phase]
+        if self.tick < phase.ticks:
+            phase.command()
+            self.tick += 1
+        elif phase.reached():
+            self.phase, self.tick = self.phase + 1, 0
+            if self.phase < len(self.phases):
+                self.phases[self.phase].command()
+                self.tick = 1
+        done = sum(phase.ticks for phase in self.phases[: self.phase]) + self.tick
+        return 1.0 if self.phase == len(self.phases) else min(done / sum(one.ticks for one in self.phases), 0.99)
+
+    def is_closed(self) -> bool:
+        """Whether the fingers are closed."""
+        return self.gripper.fingers == "close"
+
+    def is_open(self) -> bool:
+        """Whether the fingers are open."""
+        return self.gripper.fingers == "open"
+
+    def rests(self) -> bool:
+        """Whether the fingers rest somewhere below."""
+        return self.gripper.fingers_rest and not self.is_high
+
+    def is_up(self) -> bool:
+        """Whether the fingers are up again."""
+        return self.is_high
+
+
+class gripper_pickup(PhasedAction):  # noqa: N801
+    """Takes the box on top of a stack."""
+
+    rate_hz = 3.0
+
+    def plan(self) -> tuple[Phase, ...]:
+        first = () if self.is_open() else (Phase(self.open, self.is_open, 1),)
+        return (
+            *first,
+            Phase(self.lower, self.rests, 3),
+            Phase(self.close, self.is_closed, 3),
+            Phase(self.lift, self.is_up, 3),
+        )
+
+
+class gripper_putdown(PhasedAction):  # noqa: N801
+    """Puts the box down on a stack."""
+
+    rate_hz = 3.0
+
+    def plan(self) -> tuple[Phase, ...]:
+        return (
+            Phase(self.lower, self.rests, 3),
+            Phase(self.open, self.is_open, 3),
+            Phase(self.lift, self.is_up, 3),
+        )
+
+
+class gripper_put_on_carrier(PhasedAction):  # noqa: N801
+    """Puts the box on a carrier, in the first or second slot, and tells the carrier when that is done.
+
+    It does not begin before the carrier knows that it is being loaded, and so stays.
+    """
+
+    def begin(self, gripper: str, box: str, carrier: str, bay: str) -> None:
+        super().begin(gripper, box, carrier, bay)
+        self.loaded = predicate("lb_load_completed", carrier)
+        self.warned = self.tell("del")
+        self.told: SentRequest | None = None
+
+    def tell(self, operation: Operation) -> SentRequest:
+        """Has the carrier believe, or not, that it was loaded."""
+        return self.gripper.ask(self.args[2], operation, belief=self.loaded, cause=self.id)
+
+    def plan(self) -> tuple[Phase, ...]:
+        slot = f"{self.args[3]}{min(self.gripper.boxes_on(self.args[2]), 1) + 1}"
+        return (
+            Phase(lambda: self.go(slot), lambda: self.gripper.is_at(slot) and self.is_known(self.warned), 4),
+            Phase(self.lower, self.rests, 4),
+            Phase(self.open, self.is_open, 4),
+            Phase(self.lift, self.has_told, 4),
+        )
+
+    def has_told(self) -> bool:
+        """Tells the carrier that it was loaded, once the fingers are up; whether it knows."""
+        if not self.is_high:
+            return False
+        if self.told is None:
+            self.told = self.tell("add")
+        return self.is_known(self.told)
+
+    def is_known(self, asked: SentRequest) -> bool:
+        """Whether the carrier has taken what it was told."""
+        if asked.state in ("refused", "timeout"):
+            self.fail(f"{self.args[2]} does not want to know whether it was loaded: {asked.reason}")
+        return asked.accepted
+
+
+class req_carrier_to_come(GripperAction):  # noqa: N801
+    """Asks a carrier to come to its bay, and waits until it is there."""
+
+    rate_hz = 1.0
+
+    def begin(self, carrier: str, deposit: str, bay: str) -> None:
+        desire = Desire(
+            name=f"{self.engine.name}_cometo_base",
+            value=(Fact(name="in", params=(carrier, "base")),),
+            priority=COME_PRIORITY,
+            deadline=COME_DEADLINE_S,
+        )
+        self.asked = self.gripper.ask(carrier, "add", desire=desire, monitor=True, cause=self.id)
+        self.accepted = False
+
+    def advance(self) -> float:
+        match self.asked.state:
+            case "fulfilled":
+                return 1.0
+            case "refused" | "timeout" | "dropped":
+                self.fail(f"{self.args[0]} does not come: {self.asked.reason or self.asked.state}")
+            case "done" if not self.accepted:
+                self.accepted = True
+                return self.progress_made + 0.25
+        made = self.progress_made + 0.1
+        if made >= TOO_LONG:
+            self.fail("Too much time waited")
+        return made
+
+    def stop(self) -> None:
+        self.gripper.correspondence.forget(self.asked)
+        self.stopped()
+
+
+class carrier_unloading(GripperAction):  # noqa: N801
+    """Waits until a carrier that was full comes to be empty again: it goes by itself."""
+
+    rate_hz = 1.0
+
+    def advance(self) -> float:
+        carrier, _, deposit = self.args
+        gone = self.gripper.deliberator.facts.current(predicate("carrier_in_deposit", carrier, deposit))
+        if gone is not None and not self.gripper.boxes_on(carrier):
+            return 1.0
+        return min(self.progress_made + 0.1, 0.9)
+
+    def stop(self) -> None:
+        self.stopped()
+
+
+ACTIONS = (
+    gripper_move,
+    gripper_pickup,
+    gripper_putdown,
+    gripper_put_on_carrier,
+    req_carrier_to_come,
+    carrier_unloading,
+)
+
+PHRASES = {
+    "gripper_move": "moves from {1} to {2}",
+    "gripper_pickup": "picks {1} up from {3}",
+    "gripper_putdown": "puts {1} down on {3}",
+    "gripper_put_on_carrier": "puts {1} on {2}",
+    "req_carrier_to_come": "has {0} come to {2}",
+    "carrier_unloading": "waits for {0} to unload",
+}
+"""How they are said."""
+
 
 SILENT_S = 1.0
 """A sensor that says nothing for so long is silent."""
@@ -92,7 +355,7 @@ class Boxes(FactSensor):
     )
     deadline_s = SILENT_S
 
-    def __init__(self, cast: Cast) -> None:
+    def __init__(self, cast: Scenario) -> None:
         self.cast = cast
 
     def tell(self, percept: BoxPositions) -> Iterator[Fact]:
@@ -123,9 +386,9 @@ class GripperAgent(Deliberating):
     """The gripper; `gripper_of` makes it for some boxes and carriers."""
 
     folder = FOLDER
-    actions_known = gripper_actions.ACTIONS
-    phrases = gripper_actions.PHRASES
-    cast: ClassVar[Cast] = SIX
+    actions_known = ACTIONS
+    phrases = PHRASES
+    cast: ClassVar[Scenario] = SIX
 
     motors_move_status = Input(MoveStatus, f"/{GRIPPER}/motors_move_status")
     gripper_status = Input(GripperStatus, f"/{GRIPPER}/gripper_status")
@@ -194,7 +457,7 @@ class GripperAgent(Deliberating):
 
 def gripper_of(boxes: int, carriers: int, name: str) -> type[GripperAgent]:
     """The node type, called ``name``, of a gripper for so many boxes and carriers."""
-    cast = cast_of(boxes, carriers)
+    cast = scenario_of(boxes, carriers)
     members: dict[str, Any] = {"cast": cast, "__doc__": GripperAgent.__doc__}
     for carrier in cast.carriers:
         members |= _ears_for(carrier)

@@ -42,10 +42,10 @@ SHELF = 4
 """Boxes of a deposit that stand in a row."""
 
 
-class Layout:
+class FloorLayout:
     """The places of a cast by name: ``places`` of the crane, ``bays`` and ``deposits`` of the carriers."""
 
-    def __init__(self, cast: Cast) -> None:
+    def __init__(self, cast: Scenario) -> None:
         self.columns = max(len(cast.carriers), 3)
         self.places: dict[str, Point] = {START: Point(self._x(0) - COLUMN_M, 0.24, 0.0)}
         for number, base in enumerate(cast.bases):
@@ -124,7 +124,7 @@ BOX_SORTED_S = 30.0
 
 
 @dataclass(frozen=True)
-class Cast:
+class Scenario:
     """The boxes as they are stacked, and the carriers with the boxes that each shall take.
 
     ``stacks`` are the boxes of base_1, base_2, ... from bottom to top; ``loads`` those for carrier_a, carrier_b, ...
@@ -164,14 +164,14 @@ class Cast:
         return tuple(sorted(box for stack in self.stacks for box in stack))
 
 
-SIX = Cast(
+SIX = Scenario(
     stacks=(("box_a1", "box_c2", "box_a2"), ("box_b1", "box_b2", "box_c1"), ()),
     loads=(("box_a1", "box_a2"), ("box_b1", "box_b2"), ("box_c1", "box_c2")),
 )
 """The demonstration: six boxes and three carriers."""
 
 
-def cast_of(boxes: int = 6, carriers: int = 3) -> Cast:
+def scenario_of(boxes: int = 6, carriers: int = 3) -> Scenario:
     """The demonstration, or as many ``boxes`` and ``carriers``: boxes shared out evenly, stacked in a mixed order.
 
     The same numbers give the same cast. Raises ParameterError for less than a box a carrier or more than 26 carriers.
@@ -190,10 +190,10 @@ def cast_of(boxes: int = 6, carriers: int = 3) -> Cast:
     mixed = [box for share in loads for box in share]
     random.Random(f"{boxes} boxes").shuffle(mixed)
     stacks = [tuple(mixed[first : first + STACK_HEIGHT]) for first in range(0, boxes, STACK_HEIGHT)]
-    return Cast((*stacks, ()), tuple(map(tuple, loads)))
+    return Scenario((*stacks, ()), tuple(map(tuple, loads)))
 
 
-def gripper_beliefs(cast: Cast) -> tuple[Fact, ...]:
+def gripper_beliefs(cast: Scenario) -> tuple[Fact, ...]:
     """What the gripper believes at the start.
 
     In the demonstration boxes may be put down on all stacks, else on the last base only: planners try each in vain.
@@ -218,7 +218,7 @@ def gripper_beliefs(cast: Cast) -> tuple[Fact, ...]:
     return tuple(found)
 
 
-def gripper_desires(cast: Cast) -> tuple[Desire, ...]:
+def gripper_desires(cast: Scenario) -> tuple[Desire, ...]:
     """What the gripper wants at the start: each box with its carrier, and itself where it began."""
     wanted = [_fact("upon", GRIPPER, START)]
     for carrier, load in zip(cast.carriers, cast.loads, strict=True):
@@ -260,7 +260,7 @@ _REMEDY = "write faults as: 30 leaves carrier_c; 40 slips; 50 silent carrier_a 1
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class WarehouseFault:
     """Something that goes wrong at ``time_s`` (s from the start of the world).
 
     A carrier ``leaves`` for its deposit; the box ``slips`` at the next grasp; what tells of a robot, or of the
@@ -277,23 +277,23 @@ class Fault:
         return " ".join(filter(None, (f"{self.time_s!r}", self.kind, self.who, duration)))
 
 
-def parse_faults(text: str, cast: Cast) -> tuple[Fault, ...]:
+def parse_faults(text: str, cast: Scenario) -> tuple[WarehouseFault, ...]:
     """The faults that ``text`` lists, separated by semicolons. Raises ParameterError."""
     return tuple(_fault(part.split(), cast) for part in text.split(";") if part.strip())
 
 
-def _fault(words: list[str], cast: Cast) -> Fault:
+def _fault(words: list[str], cast: Scenario) -> WarehouseFault:
     robots = (GRIPPER, *cast.carriers)
     try:
         match words:
             case time, "leaves", who if who in cast.carriers:
-                return Fault(_seconds(time), "leaves", who)
+                return WarehouseFault(_seconds(time), "leaves", who)
             case time, "slips":
-                return Fault(_seconds(time), "slips")
+                return WarehouseFault(_seconds(time), "slips")
             case time, "silent", who, duration if who in (*robots, BOXES):
-                return Fault(_seconds(time), "silent", who, _seconds(duration))
+                return WarehouseFault(_seconds(time), "silent", who, _seconds(duration))
             case time, "stalls", who, duration if who in robots:
-                return Fault(_seconds(time), "stalls", who, _seconds(duration))
+                return WarehouseFault(_seconds(time), "stalls", who, _seconds(duration))
     except ValueError as error:
         raise ParameterError(f"no time in s: {error}", where=f"fault {' '.join(words)!r}", remedy=_REMEDY) from error
     raise ParameterError(f"no fault: {' '.join(words)!r}", where="faults", remedy=_REMEDY)
@@ -306,7 +306,7 @@ def _seconds(word: str) -> float:
     return seconds
 
 
-def random_faults(seed: int, cast: Cast, *, until_s: float = 150.0) -> tuple[Fault, ...]:
+def random_faults(seed: int, cast: Scenario, *, until_s: float = 150.0) -> tuple[WarehouseFault, ...]:
     """One to four faults before ``until_s``, in the order of their times; the same for the same seed."""
     chance = random.Random(f"faults {seed}")
     robots = (GRIPPER, *cast.carriers)
@@ -315,11 +315,13 @@ def random_faults(seed: int, cast: Cast, *, until_s: float = 150.0) -> tuple[Fau
         time_s = round(chance.uniform(5.0, until_s), 1)
         match chance.choice(("leaves", "slips", "silent", "stalls")):
             case "leaves":
-                found.append(Fault(time_s, "leaves", chance.choice(cast.carriers)))
+                found.append(WarehouseFault(time_s, "leaves", chance.choice(cast.carriers)))
             case "slips":
-                found.append(Fault(time_s, "slips"))
+                found.append(WarehouseFault(time_s, "slips"))
             case "silent":
-                found.append(Fault(time_s, "silent", chance.choice((*robots, BOXES)), 10.0))
+                found.append(WarehouseFault(time_s, "silent", chance.choice((*robots, BOXES)), 10.0))
             case _:
-                found.append(Fault(time_s, "stalls", chance.choice(robots), round(chance.uniform(1.0, 8.0), 1)))
+                found.append(
+                    WarehouseFault(time_s, "stalls", chance.choice(robots), round(chance.uniform(1.0, 8.0), 1))
+                )
     return tuple(sorted(found, key=lambda fault: (fault.time_s, fault.kind, fault.who)))

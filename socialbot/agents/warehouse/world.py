@@ -23,9 +23,9 @@ from socialbot.agents.warehouse.scenario import (
     HIGH_M,
     SIX,
     START,
-    Cast,
-    Fault,
-    Layout,
+    FloorLayout,
+    Scenario,
+    WarehouseFault,
     carrier_places,
     flat_distance,
     is_over,
@@ -62,10 +62,16 @@ class Warehouse:
     """
 
     def __init__(
-        self, cast: Cast = SIX, *, seed: int = 0, noise: float = 0.1, faults: tuple[Fault, ...] = (), start: int = 0
+        self,
+        cast: Scenario = SIX,
+        *,
+        seed: int = 0,
+        noise: float = 0.1,
+        faults: tuple[WarehouseFault, ...] = (),
+        start: int = 0,
     ) -> None:
         self.cast = cast
-        self.layout = Layout(cast)
+        self.layout = FloorLayout(cast)
         self.now = start
         speed = _speed_for(self.layout.longest_m, CRANE_LONGEST_S, CRANE_ACCELERATION)
         self.crane = Robot(
@@ -330,7 +336,7 @@ class Warehouse:
         self.load[self.cast.deposits[self.cast.carriers.index(carrier)]] += boxes
         self.load[carrier] = []
 
-    def _go_wrong(self, fault: Fault) -> None:
+    def _go_wrong(self, fault: WarehouseFault) -> None:
         match fault.kind:
             case "leaves":
                 self._send(fault.who, "deposit")

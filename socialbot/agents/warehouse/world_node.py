@@ -14,7 +14,7 @@ from socialbot.agents.warehouse.messages import (
     Point,
     UnloadCommand,
 )
-from socialbot.agents.warehouse.scenario import BOXES, GRIPPER, cast_of, parse_faults
+from socialbot.agents.warehouse.scenario import BOXES, GRIPPER, parse_faults, scenario_of
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import Structured
@@ -53,7 +53,7 @@ class WarehouseWorld(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         """Raises ParameterError for faults that cannot be."""
         super().__init__(name, context, parameters)
-        cast = cast_of(self.boxes, self.carriers)
+        cast = scenario_of(self.boxes, self.carriers)
         self.world = Warehouse(
             cast,
             seed=self.seed,
@@ -118,7 +118,7 @@ class WarehouseWorld(Node):
 def world_of(boxes: int, carriers: int, name: str) -> type[WarehouseWorld]:
     """The node type, called ``name`` in the calling module, of a world with so many boxes and carriers."""
     members: dict[str, Any] = {"boxes": boxes, "carriers": carriers, "__doc__": WarehouseWorld.__doc__}
-    for carrier in cast_of(boxes, carriers).carriers:
+    for carrier in scenario_of(boxes, carriers).carriers:
         members |= _ports_of(carrier)
     return type(name, (WarehouseWorld,), members)
 

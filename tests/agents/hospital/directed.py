@@ -17,7 +17,7 @@ from socialbot.agents.hospital.messages import (
     Register,
     Report,
 )
-from socialbot.agents.hospital.missions import Conduct, Memory, by_number
+from socialbot.agents.hospital.missions import CoordinatorMemory, CoordinatorOptions, by_number
 from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
 from socialbot.core.clock import SECOND
 from tests.agents.hospital.listings import ROOM
@@ -34,7 +34,9 @@ CAPABLE = {
 class Ward:
     """A coordinator, a ward that the test changes, and what was said."""
 
-    def __init__(self, rooms: int = 1, spots: int = 1, uvds: int = 1, memory: Memory | None = None, **conduct) -> None:
+    def __init__(
+        self, rooms: int = 1, spots: int = 1, uvds: int = 1, memory: CoordinatorMemory | None = None, **options
+    ) -> None:
         self.now = 0
         self.numbers = {"spotrobot": spots, "uvdrobot": uvds, "nurse_disinfected": rooms}
         self.rooms = {
@@ -50,27 +52,27 @@ class Ward:
             for n in range(1, count + 1)
         }  # fmt: skip
         self.said: list[tuple[str, str, object, str]] = []
-        self.coordinator = self.directing(memory, **conduct)
+        self.coordinator = self.directing(memory, **options)
 
-    def directing(self, memory: Memory | None = None, **conduct) -> Coordinator:
-        def say(receiver, performative, content, mission, in_reply_to):
+    def directing(self, memory: CoordinatorMemory | None = None, **options) -> Coordinator:
+        def send(receiver, performative, content, mission, in_reply_to):
             self.said.append((receiver, performative, content, mission))
 
-        return Coordinator(say, Conduct(**{"proactive": False, **conduct}), memory)
+        return Coordinator(send, CoordinatorOptions(**{"proactive": False, **options}), memory)
 
-    def say(
+    def send(
         self, sender: str, content, *, mission: str = "", performative: Performative = "inform", receiver=COORDINATOR
     ) -> None:
         message = AclMessage(
             stamp=self.now, id="x", sender=sender, receiver=receiver, performative=performative, content=content,
             mission=mission,
         )  # fmt: skip
-        self.coordinator.hear(message, self.now)
+        self.coordinator.receive(message, self.now)
 
     def register(self, *names: str) -> None:
         for name in names or self.agents:
             kind = by_number(name)[0]
-            self.say(name, Register(kind, CAPABLE[kind]), performative="request")
+            self.send(name, Register(kind, CAPABLE[kind]), performative="request")
 
     def look(self, after_s: float = 0.2) -> None:
         self.now += round(after_s * SECOND)
@@ -90,8 +92,8 @@ class Ward:
 
     def plan(self, mission: int = 1) -> list[tuple[str, ...]]:
         """What is left of the plan of a mission."""
-        course = self.coordinator.courses[mission]
-        return [node.item for node in course.agenda[course.position :]]
+        progress = self.coordinator.progress_of[mission]
+        return [node.item for node in progress.agenda[progress.position :]]
 
     def label(self, mission: int = 1) -> str:
         return self.coordinator.memory.missions[mission].label
@@ -99,15 +101,15 @@ class Ward:
     def do(self, count: int, mission: int = 1) -> None:
         """Has the next actions reported as done."""
         for action, *args in self.plan(mission)[:count]:
-            self.say(args[0], Report("success", action, tuple(args)), mission=self.label(mission))
+            self.send(args[0], Report("success", action, tuple(args)), mission=self.label(mission))
 
     def fail(self, kind: str, mission: int = 1) -> None:
         action, *args = self.plan(mission)[0]
-        self.say(args[0], Problem(kind, tuple(args), action), mission=self.label(mission))
+        self.send(args[0], Problem(kind, tuple(args), action), mission=self.label(mission))
 
     def finish(self, mission: int = 1) -> None:
         for name in list(self.coordinator.memory.missions[mission].active):
-            self.say(name, Finished(), mission=self.label(mission), performative="request")
+            self.send(name, Finished(), mission=self.label(mission), performative="request")
 
     def contents(self, kind: type, receiver: str | None = None) -> list:
         return [what for to, _, what, _ in self.said if isinstance(what, kind) and receiver in (None, to)]

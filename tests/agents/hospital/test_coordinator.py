@@ -16,7 +16,7 @@ from socialbot.agents.hospital.messages import (
     Start,
     Stop,
 )
-from socialbot.agents.hospital.missions import Memory, by_number
+from socialbot.agents.hospital.missions import CoordinatorMemory, by_number
 from socialbot.agents.hospital.ward.messages import AWAY, DIRTY_ROOM
 from tests.agents.hospital.directed import Ward, started
 from tests.agents.hospital.listings import LISTING_3, NURSE, ROOM, SPOT, UVD
@@ -55,7 +55,7 @@ def test_a_mission_waits_until_there_is_a_team_that_can_do_it():
     ward.register(SPOT, NURSE)
     ward.infect()
     assert ward.statuses() == {1: "waiting"}
-    ward.say("helper1", Register("uvdrobot", ("a_navigate_to",)), performative="request")
+    ward.send("helper1", Register("uvdrobot", ("a_navigate_to",)), performative="request")
     assert ward.statuses() == {1: "waiting"}
     ward.register(UVD)
     assert ward.statuses() == {1: "running"}
@@ -83,7 +83,7 @@ def test_a_robot_that_charges_is_left_to_it_as_long_as_there_is_another_one():
 def test_who_has_finished_is_free_and_the_mission_is_when_all_have_and_the_room_is():
     ward = started()
     ward.do(9)
-    ward.say(NURSE, Finished(), mission="mission_1_1", performative="request")
+    ward.send(NURSE, Finished(), mission="mission_1_1", performative="request")
     assert ward.working() == {SPOT: 1, UVD: 1}
     ward.finish()
     assert ward.working() == {}
@@ -120,7 +120,7 @@ def test_an_urgent_mission_takes_the_robots_of_another_one():
     ward = Ward(rooms=2)
     ward.register()
     ward.infect("room1")
-    ward.say("desk", InitialTrigger("urgent", ("room2",)), performative="request")
+    ward.send("desk", InitialTrigger("urgent", ("room2",)), performative="request")
     assert ward.statuses() == {1: "waiting", 2: "running"}
     assert {to for to, _, what, _ in ward.said if isinstance(what, Stop)} == {SPOT, UVD, NURSE}
     assert ward.working() == {"nurse_disinfected2": 2, SPOT: 2, UVD: 2}
@@ -134,7 +134,7 @@ def test_of_several_the_last_one_yields_and_only_as_many_as_it_takes():
     ward = Ward(rooms=3, spots=2, uvds=2)
     ward.register()
     ward.infect("room1", "room2")
-    ward.say("desk", InitialTrigger("urgent", ("room3",)), performative="request")
+    ward.send("desk", InitialTrigger("urgent", ("room3",)), performative="request")
     assert ward.statuses() == {1: "running", 2: "waiting", 3: "running"}
 
 
@@ -142,7 +142,7 @@ def test_nobody_yields_if_that_does_not_help():
     ward = Ward(rooms=2)
     ward.register(SPOT, UVD, NURSE)
     ward.infect("room1")
-    ward.say("desk", InitialTrigger("urgent", ("room2",)), performative="request")
+    ward.send("desk", InitialTrigger("urgent", ("room2",)), performative="request")
     assert ward.statuses() == {1: "running", 2: "waiting"}
 
 
@@ -150,7 +150,7 @@ def test_a_mission_becomes_urgent_when_somebody_asks_for_that():
     ward = Ward(rooms=2)
     ward.register()
     ward.infect("room1", "room2")
-    ward.say("desk", InitialTrigger("urgent", ("room2",)), performative="request")
+    ward.send("desk", InitialTrigger("urgent", ("room2",)), performative="request")
     assert ward.statuses() == {1: "waiting", 2: "running"}
 
 
@@ -161,15 +161,15 @@ def test_a_mission_becomes_urgent_when_somebody_asks_for_that():
 def test_missions_that_cannot_be_are_refused(trigger):
     ward = Ward()
     ward.look()
-    ward.say("desk", trigger, performative="request")
+    ward.send("desk", trigger, performative="request")
     assert [type(what) for *_, what, _ in ward.said] == [Refusal]
 
 
 def test_a_message_to_somebody_who_is_not_known_is_refused_and_so_is_what_makes_no_sense():
     ward = Ward()
-    ward.say(SPOT, Ready("a_authenticate_nurse"), receiver="nurse7", performative="query")
-    ward.say(SPOT, Ready("a_authenticate_nurse"), performative="query")
-    ward.say(SPOT, Refusal("no"), receiver="nurse7", performative="refuse")
+    ward.send(SPOT, Ready("a_authenticate_nurse"), receiver="nurse7", performative="query")
+    ward.send(SPOT, Ready("a_authenticate_nurse"), performative="query")
+    ward.send(SPOT, Refusal("no"), receiver="nurse7", performative="refuse")
     assert ward.said == [
         (SPOT, "refuse", Refusal("there is no nurse7"), ""),
         (SPOT, "refuse", Refusal("a coordinator does nothing about Ready"), ""),
@@ -188,7 +188,7 @@ def test_what_is_said_otherwise_than_it_has_to_be_is_refused_and_changes_nothing
     ward = started()
     before = msgspec.json.encode(ward.coordinator.memory)
     ward.said.clear()
-    ward.say(SPOT, content, performative=performative, mission=ward.label())
+    ward.send(SPOT, content, performative=performative, mission=ward.label())
     assert [type(what) for *_, what, _ in ward.said] == [Refusal]
     assert msgspec.json.encode(ward.coordinator.memory) == before
 
@@ -199,7 +199,7 @@ def test_what_is_said_otherwise_than_it_has_to_be_is_refused_and_changes_nothing
 def test_what_it_remembers_lets_another_one_go_on():
     ward = started()
     ward.do(4)
-    kept = msgspec.json.decode(msgspec.json.encode(ward.coordinator.memory), type=Memory)
+    kept = msgspec.json.decode(msgspec.json.encode(ward.coordinator.memory), type=CoordinatorMemory)
     ward.coordinator = ward.directing(kept)
     ward.look()
     assert ward.label() == "mission_1_2"
@@ -213,7 +213,7 @@ def test_what_it_remembers_lets_another_one_go_on():
 
 def test_a_mission_that_was_done_meanwhile_is_finished():
     ward = started()
-    kept = msgspec.json.decode(msgspec.json.encode(ward.coordinator.memory), type=Memory)
+    kept = msgspec.json.decode(msgspec.json.encode(ward.coordinator.memory), type=CoordinatorMemory)
     ward.coordinator = ward.directing(kept)
     ward.room(disinfected=True)
     ward.look()

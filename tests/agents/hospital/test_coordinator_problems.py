@@ -69,7 +69,7 @@ def test_without_recovery_the_mission_has_failed_and_the_team_is_free():
 def test_who_has_finished_is_called_again_and_a_slice_that_is_empty_is_taken_back():
     ward = started(policy="repair")
     ward.do(5)
-    ward.say(NURSE, Finished(), mission="mission_1_1", performative="request")
+    ward.send(NURSE, Finished(), mission="mission_1_1", performative="request")
     ward.fail(DIRTY_ROOM)
     assert ward.working() == {SPOT: 1, UVD: 1, NURSE: 1}
     assert ward.contents(Plan, NURSE)[-1].label == "mission_1_2"
@@ -152,8 +152,8 @@ def test_news_of_plans_that_are_no_longer_so_are_of_no_account():
     ward = started()
     ward.fail(DIRTY_ROOM)
     before = ward.plan()
-    ward.say(SPOT, Problem(DIRTY_ROOM, (SPOT, ROOM), "a_patrol_room"), mission="mission_1_1")
-    ward.say(SPOT, Report("success", *LISTING_3[0][:1], LISTING_3[0][1:]), mission="mission_1_1")
+    ward.send(SPOT, Problem(DIRTY_ROOM, (SPOT, ROOM), "a_patrol_room"), mission="mission_1_1")
+    ward.send(SPOT, Report("success", *LISTING_3[0][:1], LISTING_3[0][1:]), mission="mission_1_1")
     assert ward.plan() == before
     assert ward.label() == "mission_1_2"
 
@@ -207,10 +207,10 @@ def test_that_both_tell_of_a_joint_action_does_not_leave_out_what_comes_before_t
     come_back = [("a_charge", SPOT), LISTING_3[0], *LISTING_3[2:]]
     assert ward.plan() == [*LISTING_3[2:4], *come_back], "it meets the nurse once more when it has charged"
     ward.do(2)
-    ward.say(NURSE, Report("success", "a_authenticate_nurse", (SPOT, NURSE)), mission=ward.label())
+    ward.send(NURSE, Report("success", "a_authenticate_nurse", (SPOT, NURSE)), mission=ward.label())
     assert ward.plan() == come_back
     ward.do(4)
-    ward.say(NURSE, Report("success", "a_authenticate_nurse", (SPOT, NURSE)), mission=ward.label())
+    ward.send(NURSE, Report("success", "a_authenticate_nurse", (SPOT, NURSE)), mission=ward.label())
     assert ward.plan() == LISTING_3[4:]
 
 

@@ -5,15 +5,15 @@ from collections import deque
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.disinfect import DISINFECT, mission, ward
-from socialbot.agents.hospital.missions import Course, Mission, view
+from socialbot.agents.hospital.missions import Mission, PlanProgress, view
+from socialbot.agents.hospital.plans import DISINFECT, mission, ward
 from socialbot.planning.htn.planner import TaskPlanner
 from tests.agents.hospital.listings import LISTING_3, NURSE, ROOM, SPOT, UVD
 
 TEAM = (NURSE, SPOT, UVD)
 
 
-def course() -> Course:
+def progress() -> PlanProgress:
     """A plan in which the robot meets the nurse twice, as its battery runs low in between."""
     planner = TaskPlanner(DISINFECT)
     state = ward({NURSE: ROOM}, [SPOT, UVD], "room4")
@@ -24,11 +24,11 @@ def course() -> Course:
     later.low_battery[SPOT] = True
     revised = planner.revise(later, first.tree, first.plan[2].id)
     assert revised.tree is not None
-    return Course.of(revised.tree, TEAM)
+    return PlanProgress.of(revised.tree, TEAM)
 
 
 def test_the_same_joint_action_may_come_twice():
-    actions = [node.item[0] for node in course().agenda]
+    actions = [node.item[0] for node in progress().agenda]
     assert actions[:6] == [
         "a_approach_nurse", "a_authenticate_nurse", "a_charge", "a_navigate_to", "a_approach_nurse",
         "a_authenticate_nurse",
@@ -37,7 +37,7 @@ def test_the_same_joint_action_may_come_twice():
 
 @given(st.data())
 def test_however_late_agents_tell_the_plan_is_never_further_than_they_are(data: st.DataObject):
-    plan = course()
+    plan = progress()
     reports: dict[str, deque[int]] = {name: deque() for name in TEAM}
     done = 0
     while done < len(plan.stages) or any(reports.values()):
@@ -58,14 +58,14 @@ def test_however_late_agents_tell_the_plan_is_never_further_than_they_are(data: 
 
 
 def test_what_is_none_of_the_plan_changes_nothing():
-    plan = course()
+    plan = progress()
     assert not plan.advance(SPOT, ("a_open_door", SPOT, ROOM))
     assert plan.fail(SPOT, ("a_open_door", SPOT, ROOM)) is plan.agenda[0]
     assert plan.position == 0
 
 
 def test_an_action_that_fails_is_the_next_one_and_shows_as_failed():
-    plan = course()
+    plan = progress()
     plan.advance(SPOT, plan.agenda[0].item)
     failed = plan.fail(NURSE, plan.agenda[1].item)
     assert failed is plan.agenda[1]
@@ -73,7 +73,7 @@ def test_an_action_that_fails_is_the_next_one_and_shows_as_failed():
 
 
 def test_a_mission_shows_its_past_its_plan_and_its_tree():
-    plan = course()
+    plan = progress()
     seen = Mission(7, "urgent", ROOM, past=plan.actions(failed=True)[:1])
     shown = view(seen, plan)
     assert (shown.id, shown.priority) == (7, 2)

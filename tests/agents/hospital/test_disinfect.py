@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from socialbot.agents.hospital.disinfect import DISINFECT, mission, ward
+from socialbot.agents.hospital.plans import DISINFECT, mission, ward
 from socialbot.planning.htn.domain import Item, TaskState
 from socialbot.planning.htn.planner import TaskPlanner
 from socialbot.planning.htn.tree import TaskAnswer, TaskLimits, TaskNode, TaskTree, TaskVerdict

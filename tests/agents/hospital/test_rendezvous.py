@@ -20,10 +20,10 @@ class Post:
         self.agents = {name: self._agent(name) for name in names}
 
     def _agent(self, name: str) -> Rendezvous:
-        def say(word: str):
+        def send(word: str):
             return lambda partner, meeting: self.words[name].append((word, partner, meeting))
 
-        return Rendezvous(say("ready"), say("done"))
+        return Rendezvous(send("ready"), send("done"))
 
     def arrive(self, name: str, meeting: Meeting = MEETING) -> None:
         partners = [other for other in self.agents if other != name]

@@ -104,10 +104,10 @@ class Alone:
             stamp=self.now, id=f"m{next(self.numbers)}", sender=sender, receiver=self.name, performative=performative,
             content=content, mission=mission,
         )  # fmt: skip
-        self.hear(message)
+        self.receive(message)
         return message
 
-    def hear(self, message: AclMessage) -> None:
+    def receive(self, message: AclMessage) -> None:
         self.runner.feed(TOPIC, message)
         assert self.runner.faults[self.name].failures == 0, self.runner.faults[self.name].first
 
@@ -319,7 +319,7 @@ def test_a_plan_that_comes_twice_changes_nothing_the_second_time():
     message = spot.tell(Plan("mission_1_1", plans))
     spot.tell(Start(CONSTANTS), performative="request")
     spot.tell(Belief(f"initial_trigger_a_navigate_to({SPOT}, {ROOM})"))
-    spot.hear(message)
+    spot.receive(message)
     spot.answer("success")
     assert len(spot.heard(Finished)) == 1
 

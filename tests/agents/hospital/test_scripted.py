@@ -31,7 +31,7 @@ class Run(Watched):
     def __init__(self, graph: Graph) -> None:
         super().__init__(scripted(graph))
 
-    def hear(self, **changes) -> None:
+    def receive(self, **changes) -> None:
         message = AclMessage(
             **{
                 "stamp": self.runner.clock.now(), "id": "x", "sender": "coordinator", "receiver": "spotrobot1",
@@ -93,7 +93,7 @@ def test_rooms_are_disinfected_one_after_the_other_and_what_failed_is_left_alone
 
 def test_what_is_no_action_is_refused_and_ends_the_mission():
     run = Run(hospital()).until(0.5)
-    run.hear(content=Plan("mission_9_1", ("no action(",)))
+    run.receive(content=Plan("mission_9_1", ("no action(",)))
     (refusal,) = run.contents(Refusal)
     assert "no action(" in refusal.reason
     assert run.commands == []
@@ -101,10 +101,10 @@ def test_what_is_no_action_is_refused_and_ends_the_mission():
 
 def test_an_action_is_taken_back_when_its_mission_is_given_up():
     run = Run(hospital()).until(0.5)
-    run.hear(content=Plan("mission_9_1", ("a_navigate_to(spotrobot1, room2)",)))
-    run.hear(content=Stop("enough"), mission="mission_8_1")
+    run.receive(content=Plan("mission_9_1", ("a_navigate_to(spotrobot1, room2)",)))
+    run.receive(content=Stop("enough"), mission="mission_8_1")
     assert run.cancels == []
-    run.hear(content=Stop("enough"))
+    run.receive(content=Stop("enough"))
     assert len(run.cancels) == 1
     run.until(3.0)
     assert [report.action for report in run.contents(Report) if report.args == ("spotrobot1", "room2")] == []
@@ -112,14 +112,14 @@ def test_an_action_is_taken_back_when_its_mission_is_given_up():
 
 def test_what_is_said_to_others_does_not_concern_a_robot():
     run = Run(hospital()).until(0.5)
-    run.hear(receiver="uvdrobot1", content=Plan("mission_9_1", ("a_navigate_to(spotrobot1, room2)",)))
+    run.receive(receiver="uvdrobot1", content=Plan("mission_9_1", ("a_navigate_to(spotrobot1, room2)",)))
     assert [command.robot for command in run.commands] == ["uvdrobot1"]
 
 
 def test_they_register_again_when_the_coordinator_asks():
     run = Run(hospital()).until(0.5)
     before = len(run.contents(Register))
-    run.hear(receiver="all", performative="query", content=Register(), mission="")
+    run.receive(receiver="all", performative="query", content=Register(), mission="")
     assert len(run.contents(Register)) == before + 1 + 3 + 3
 
 

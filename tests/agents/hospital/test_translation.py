@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.translation import Stage, initial_triggers, stages, translate
+from socialbot.agents.hospital.plans import PlanStage, initial_triggers, stages, translate
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak.parser import parse_literal, parse_plan
 from socialbot.bdi.agentspeak.printer import agentspeak
@@ -27,10 +27,10 @@ def without_label(text: str) -> str:
     return re.sub(r"^@\S+ ", "", text)
 
 
-def carried_out(plan: Sequence[Stage], context: Mapping[str, str], arguments: Sequence[str]) -> list[Stage]:
+def carried_out(plan: Sequence[PlanStage], context: Mapping[str, str], arguments: Sequence[str]) -> list[PlanStage]:
     """What agents in one society do, and how they end, when every action succeeds as soon as all have begun it."""
     society = Society(ManualClock())
-    done: list[Stage] = []
+    done: list[PlanStage] = []
     present: dict[tuple[str, tuple[str, ...]], set[str]] = {}
     expected = {(stage.action, stage.args): stage for stage in plan}
     ended: list[str] = []
@@ -129,7 +129,7 @@ names = st.one_of(
 
 
 @st.composite
-def plans(draw: st.DrawFn) -> tuple[tuple[Stage, ...], dict[str, str]]:
+def plans(draw: st.DrawFn) -> tuple[tuple[PlanStage, ...], dict[str, str]]:
     team = draw(st.lists(names, min_size=1, max_size=5, unique=True))
     places = draw(st.lists(names.filter(lambda name: name not in team), max_size=2, unique=True))
     item = st.tuples(

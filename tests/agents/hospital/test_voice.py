@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from socialbot.agents.hospital.messages import AclMessage, Refusal, Voice
+from socialbot.agents.hospital.messages import AclMessage, AclSender, Refusal
 from socialbot.core.clock import ManualClock
 
 
 def test_what_is_said_carries_speaker_time_mission_and_what_it_answers():
     said: list[AclMessage] = []
-    Voice("spotrobot1", ManualClock(5), said.append).say("coordinator", "refuse", Refusal("no"), "mission_1_1", "c-7")
+    AclSender("spotrobot1", ManualClock(5), said.append).send(
+        "coordinator", "refuse", Refusal("no"), "mission_1_1", "c-7"
+    )
     (message,) = said
     assert (message.sender, message.receiver, message.performative) == ("spotrobot1", "coordinator", "refuse")
     assert (message.stamp, message.mission, message.in_reply_to) == (5, "mission_1_1", "c-7")
@@ -19,8 +21,8 @@ def test_no_id_comes_again_even_when_the_speaker_begins_anew():
     clock = ManualClock(5)
     said: list[AclMessage] = []
     for _ in range(2):
-        voice = Voice("spotrobot1", clock, said.append)
+        acl = AclSender("spotrobot1", clock, said.append)
         for _ in range(3):
-            voice.say("coordinator", "inform", Refusal(""))
+            acl.send("coordinator", "inform", Refusal(""))
         clock.advance(1)
     assert len({message.id for message in said}) == 6

@@ -9,7 +9,7 @@ from typing import Any
 from socialbot.agents.warehouse.carrier import Carrier
 from socialbot.agents.warehouse.gripper import Gripper
 from socialbot.agents.warehouse.messages import BoxPosition, BoxPositions, MoveStatus, Point
-from socialbot.agents.warehouse.scenario import SIX, Layout
+from socialbot.agents.warehouse.scenario import SIX, FloorLayout
 from socialbot.agents.warehouse.world_node import World
 from socialbot.bdi import Atom
 from socialbot.bdi.literals import literal
@@ -20,7 +20,7 @@ from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
 
 GRIPPER = "gripper_a"
-LAYOUT = Layout(SIX)
+LAYOUT = FloorLayout(SIX)
 NOWHERE = Point(0.0, 0.0, 0.0)
 
 

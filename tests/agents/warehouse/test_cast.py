@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 
 from socialbot.agents.warehouse import scenario as cast
-from socialbot.agents.warehouse.scenario import SIX, carrier_beliefs, cast_of, gripper_beliefs, gripper_desires
+from socialbot.agents.warehouse.scenario import SIX, carrier_beliefs, gripper_beliefs, gripper_desires, scenario_of
 from socialbot.core.errors import ParameterError
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
@@ -32,20 +32,20 @@ def test_the_files_of_rules_and_the_lighter_wish_can_be_read():
 
 @pytest.mark.parametrize(("boxes", "carriers"), [(6, 3), (12, 3), (24, 6), (5, 2), (1, 1)])
 def test_each_box_stands_in_one_stack_and_is_for_one_carrier(boxes, carriers):
-    found = cast_of(boxes, carriers)
+    found = scenario_of(boxes, carriers)
     assert len(found.boxes) == boxes
     assert sorted(box for load in found.loads for box in load) == list(found.boxes)
     assert max(map(len, found.stacks)) <= cast.STACK_HEIGHT
     assert found.stacks[-1] == ()
     sizes = Counter(map(len, found.loads))
     assert max(sizes) - min(sizes) <= 1
-    assert found == cast_of(boxes, carriers)
+    assert found == scenario_of(boxes, carriers)
 
 
 @pytest.mark.parametrize(("boxes", "carriers"), [(2, 3), (6, 0), (0, 0), (40, 27)])
 def test_casts_that_cannot_be_are_refused(boxes, carriers):
     with pytest.raises(ParameterError, match="1 to 26 carriers"):
-        cast_of(boxes, carriers)
+        scenario_of(boxes, carriers)
 
 
 def test_the_demonstration_is_planned_in_28_actions_and_107_s():
@@ -61,7 +61,7 @@ def test_the_demonstration_is_planned_in_28_actions_and_107_s():
 
 @pytest.mark.parametrize(("boxes", "carriers", "trips"), [(12, 3, 3), (24, 6, 6)])
 def test_carriers_come_again_where_there_are_more_boxes_than_they_take(boxes, carriers, trips):
-    found = cast_of(boxes, carriers)
+    found = scenario_of(boxes, carriers)
     (desire,) = gripper_desires(found)
     plan = plan_for(believing(cast.GRIPPER_DOMAIN, gripper_beliefs(found)), desire)
     counts = Counter(step.action for step in plan.steps)

@@ -4,16 +4,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.warehouse.scenario import SIX, Fault, parse_faults, random_faults
+from socialbot.agents.warehouse.scenario import SIX, WarehouseFault, parse_faults, random_faults
 from socialbot.core.errors import ParameterError
 
 
 def test_faults_are_read_in_the_order_in_which_they_are_written():
     assert parse_faults("30 leaves carrier_c; 40.5 slips ; 50 silent boxes 10; 60 stalls gripper_a 3;", SIX) == (
-        Fault(30.0, "leaves", "carrier_c"),
-        Fault(40.5, "slips"),
-        Fault(50.0, "silent", "boxes", 10.0),
-        Fault(60.0, "stalls", "gripper_a", 3.0),
+        WarehouseFault(30.0, "leaves", "carrier_c"),
+        WarehouseFault(40.5, "slips"),
+        WarehouseFault(50.0, "silent", "boxes", 10.0),
+        WarehouseFault(60.0, "stalls", "gripper_a", 3.0),
     )
     assert parse_faults("", SIX) == ()
 
@@ -39,7 +39,11 @@ def test_any_text_is_read_or_refused(text):
 
 @pytest.mark.parametrize(
     "fault",
-    [Fault(50.0, "silent", "boxes", 0.0), Fault(123456.789012, "slips"), Fault(0.1, "stalls", "carrier_a", 1e-7)],
+    [
+        WarehouseFault(50.0, "silent", "boxes", 0.0),
+        WarehouseFault(123456.789012, "slips"),
+        WarehouseFault(0.1, "stalls", "carrier_a", 1e-7),
+    ],
 )
 def test_a_fault_that_is_written_down_is_read_as_it_was(fault):
     assert parse_faults(str(fault), SIX) == (fault,)

@@ -5,9 +5,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from socialbot.agents.warehouse.drawing import Floor, floor_svg, world_svg
+from socialbot.agents.warehouse.drawing import FloorDrawing, floor_svg, world_svg
 from socialbot.agents.warehouse.messages import BoxPosition, Point
-from socialbot.agents.warehouse.scenario import SIX, cast_of
+from socialbot.agents.warehouse.scenario import SIX, scenario_of
 from socialbot.agents.warehouse.world import Warehouse
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -17,7 +17,7 @@ def texts(picture: str) -> list[str]:
     return [element.text or "" for element in ElementTree.fromstring(picture).iter(f"{SVG}text")]
 
 
-@pytest.mark.parametrize("cast", [SIX, cast_of(24, 6)], ids=["6", "24"])
+@pytest.mark.parametrize("cast", [SIX, scenario_of(24, 6)], ids=["6", "24"])
 def test_every_place_and_every_box_is_named(cast):
     words = texts(world_svg(Warehouse(cast), "At the start"))
     named = [*cast.bases, *cast.bays, *cast.deposits, "start", "gripper_a", "At the start"]
@@ -36,7 +36,7 @@ def shapes(element: ElementTree.Element, x: float = 0.0, y: float = 0.0) -> Iter
 
 
 @pytest.mark.parametrize("title", ["", "At the start"])
-@pytest.mark.parametrize("cast", [SIX, cast_of(24, 6)], ids=["6", "24"])
+@pytest.mark.parametrize("cast", [SIX, scenario_of(24, 6)], ids=["6", "24"])
 def test_all_is_within_the_picture(cast, title):
     picture = ElementTree.fromstring(world_svg(Warehouse(cast), title))
     wide, high = float(picture.attrib["width"]), float(picture.attrib["height"])
@@ -64,7 +64,7 @@ def test_the_gripper_shows_whether_it_holds_a_box():
 def test_boxes_that_stand_on_others_are_drawn_later_and_higher():
     picture = world_svg(Warehouse())
     assert picture.index("box_a1") < picture.index("box_c2") < picture.index("box_a2")
-    floor = Floor(SIX)
+    floor = FloorDrawing(SIX)
     heights = {box.name: floor.box_at(box)[1] for box in Warehouse().boxes()}
     assert heights["box_a1"] > heights["box_c2"] > heights["box_a2"]
 

@@ -8,7 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.agents.warehouse.messages import Point
-from socialbot.agents.warehouse.scenario import GRIPPER, SIX, Fault, carried, cast_of, is_carried, random_faults
+from socialbot.agents.warehouse.scenario import (
+    GRIPPER,
+    SIX,
+    WarehouseFault,
+    carried,
+    is_carried,
+    random_faults,
+    scenario_of,
+)
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.core.clock import SECOND
 
@@ -16,7 +24,7 @@ from socialbot.core.clock import SECOND
 class Story:
     """A world that is told one thing after the other."""
 
-    def __init__(self, *faults: Fault, noise: float = 0.0, seed: int = 0) -> None:
+    def __init__(self, *faults: WarehouseFault, noise: float = 0.0, seed: int = 0) -> None:
         self.world = Warehouse(faults=faults, noise=noise, seed=seed)
 
     def wait(self, seconds: float) -> None:
@@ -83,7 +91,7 @@ def test_the_longest_ways_take_about_as_long_as_plans_say():
     assert (story.world.crane.drive.arrival - story.world.now) / SECOND == pytest.approx(4.8)
     story.world.move_carrier("carrier_a", "base")
     assert (story.world.carriers["carrier_a"].drive.arrival - story.world.now) / SECOND == pytest.approx(5.44, abs=0.01)
-    large = Warehouse(cast_of(24, 6), noise=0.0)
+    large = Warehouse(scenario_of(24, 6), noise=0.0)
     large.move_crane("base_f2")
     assert large.crane.drive.arrival / SECOND < 5.0
 
@@ -131,7 +139,7 @@ def test_a_carrier_on_its_way_stops_before_a_box_that_is_put_down_in_its_bay():
 
 
 def test_a_carrier_that_leaves_before_the_gripper_lets_go_leaves_the_box_behind():
-    story = Story(Fault(30.0, "leaves", "carrier_a"))
+    story = Story(WarehouseFault(30.0, "leaves", "carrier_a"))
     story.send("carrier_a", "base")
     story.take("base_1")
     story.go("base_a1")
@@ -156,7 +164,7 @@ def test_a_second_box_in_the_same_place_of_a_carrier_stands_on_the_first_and_is_
 
 
 def test_a_box_that_slips_stays_where_it_is_and_can_be_taken_again():
-    story = Story(Fault(0.0, "slips"))
+    story = Story(WarehouseFault(0.0, "slips"))
     story.take("base_1")
     assert story.world.held == ""
     assert story.holder("box_a2") == "base_1"
@@ -207,7 +215,7 @@ def test_what_is_dropped_on_the_way_lies_on_the_floor():
 
 
 def test_a_robot_that_stalls_goes_on_afterwards_and_a_silent_sensor_speaks_again():
-    story = Story(Fault(2.0, "stalls", "carrier_a", 3.0), Fault(1.0, "silent", "carrier_a", 10.0))
+    story = Story(WarehouseFault(2.0, "stalls", "carrier_a", 3.0), WarehouseFault(1.0, "silent", "carrier_a", 10.0))
     story.world.move_carrier("carrier_a", "base")
     story.wait(8.3)
     assert story.world.is_silent("carrier_a")

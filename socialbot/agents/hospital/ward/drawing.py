@@ -8,7 +8,7 @@ from html import escape
 from typing import Any
 
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, AgentState, RoomState, WardState
-from socialbot.agents.hospital.ward.ward import CORRIDOR_M, NURSE, ROOM_M, SPOT, UVD, Point, Room, Ward
+from socialbot.agents.hospital.ward.ward import CORRIDOR_M, NURSE, ROOM_M, SPOT, UVD, Position, Room, Ward
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
 from socialbot.runs.tracks import Moment, add, forget, latest, thinned
@@ -80,11 +80,11 @@ def _style() -> str:
 
 def ward_svg(ward: Ward, state: WardState, title: str = "") -> str:
     """The ward as ``state`` tells of it; rooms that it leaves out are grey, robots and nurses are not drawn."""
-    return Picture(ward).draw(state, title)
+    return WardDrawing(ward).draw(state, title)
 
 
 @dataclass(frozen=True)
-class Group:
+class DrawingGroup:
     """A part of the picture that has a name: what it looks like, and where it is (pixels) if it moves."""
 
     name: str
@@ -97,7 +97,7 @@ class Group:
         return f'<g data-name="{escape(self.name)}"{at}>{self.drawing}</g>'
 
 
-class Picture:
+class WardDrawing:
     """The picture of one ward."""
 
     def __init__(self, ward: Ward) -> None:
@@ -121,16 +121,16 @@ class Picture:
         """The whole picture."""
         return self.framed(title, [group.svg() for group in self.groups(state)])
 
-    def groups(self, state: WardState) -> Iterator[Group]:
+    def groups(self, state: WardState) -> Iterator[DrawingGroup]:
         """All that may change: how many rooms are left, each room, and who is somewhere in the ward."""
         tally = _text(self.wide - EDGE - 4, 33, _tally(state), size=13, anchor="end", tone="f-soft")
-        yield Group(TALLY, tally)
+        yield DrawingGroup(TALLY, tally)
         lit = {_room_lit(agent) for agent in state.agents}
         away = {agent.home for agent in state.agents if agent.kind == NURSE and agent.place == AWAY}
         for room in self.ward.rooms:
-            yield Group(room.name, self._room(room, state.room(room.name), room.name in lit, room.name in away))
+            yield DrawingGroup(room.name, self._room(room, state.room(room.name), room.name in lit, room.name in away))
         for agent, place in self._whereabouts(state.agents):
-            yield Group(agent.name, self._agent(agent), place)
+            yield DrawingGroup(agent.name, self._agent(agent), place)
 
     def framed(self, title: str, groups: Iterable[str]) -> str:
         """A picture of some groups, with what never changes around them."""
@@ -148,7 +148,7 @@ class Picture:
         ]
         return "\n".join(parts) + "\n"
 
-    def at(self, point: Point) -> tuple[float, float]:
+    def at(self, point: Position) -> tuple[float, float]:
         """Where a point of the ward is in the picture."""
         return (point.x - self.left) * self.scale + self.offset, (point.y - self.top) * self.scale + HEAD
 
@@ -159,12 +159,12 @@ class Picture:
             rooms = [room for room in self.ward.rooms if room.corridor_y == y]
             start = max(self.left, min(min(room.corner.x for room in rooms), self.ward.spine_x + half))
             end = max(room.corner.x for room in rooms) + ROOM_M[0]
-            yield self._area(Point(start, y - half), end - start, CORRIDOR_M, "f-corridor")
+            yield self._area(Position(start, y - half), end - start, CORRIDOR_M, "f-corridor")
         if len(ys) > 1:
-            spine = Point(self.ward.spine_x - half, ys[0] - half)
+            spine = Position(self.ward.spine_x - half, ys[0] - half)
             yield self._area(spine, CORRIDOR_M, ys[-1] - ys[0] + CORRIDOR_M, "f-corridor")
 
-    def _area(self, corner: Point, wide: float, high: float, tone: str) -> str:
+    def _area(self, corner: Position, wide: float, high: float, tone: str) -> str:
         x, y = self.at(corner)
         return _rectangle(x, y, wide * self.scale + 0.5, high * self.scale + 0.5, tone)
 
@@ -217,7 +217,7 @@ class Picture:
             if agent.place in self.ward.room_by_name:
                 (inside if agent.inside else outside).setdefault(agent.place, []).append(agent)
             elif agent.place != AWAY:
-                yield agent, self.at(Point(agent.x, agent.y))
+                yield agent, self.at(Position(agent.x, agent.y))
         for name, those in inside.items():
             yield from zip(those, self._places(self.ward.room_by_name[name], len(those)), strict=True)
         for name, those in outside.items():
@@ -367,7 +367,7 @@ class WardFilm:
     """Takes the messages of sensors as they come; `picture` and `tracks` tell of them."""
 
     def __init__(self, ward: Ward) -> None:
-        self._picture = Picture(ward)
+        self._picture = WardDrawing(ward)
         self._states: list[tuple[int, WardState]] = []
 
     def take(self, message: Message) -> None:
@@ -397,7 +397,9 @@ class WardFilm:
         """The picture in which `tracks` move things: as `picture`, with an empty group for who is not to be seen."""
         seen = list(self._picture.groups(self.state(stamp)))
         missing = set(self._picture.ward.member_by_name) - {group.name for group in seen}
-        return self._picture.framed(title, [group.svg() for group in (*seen, *(Group(name, "") for name in missing))])
+        return self._picture.framed(
+            title, [group.svg() for group in (*seen, *(DrawingGroup(name, "") for name in missing))]
+        )
 
     def tracks(self, start: int) -> dict[str, Any]:
         """How everything changes, for a page; times are s from ``start``.

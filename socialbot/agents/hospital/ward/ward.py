@@ -1,4 +1,4 @@
-"""Hospital wards: rooms along corridors (m), staff, durations (s) and power use."""
+"""Hospital wards: rooms, staff, durations of actions, and faults."""
 
 from __future__ import annotations
 
@@ -8,9 +8,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
-from socialbot.agents.hospital.ward.messages import DIRTY_ROOM, PROBLEMS
+from socialbot.agents.hospital.ward.messages import (
+    CLOSED_DOOR,
+    DIRTY_ROOM,
+    LOW_BATTERY,
+    NURSE_ABSENT,
+    PERSON_IN_ROOM,
+    PROBLEMS,
+)
+from socialbot.core.errors import ParameterError
 
 SPOT = "spotrobot"
 UVD = "uvdrobot"
@@ -26,7 +34,7 @@ ROOMS_A_SIDE = 9
 """Rooms on either side of one corridor of a large ward."""
 
 
-class Point(NamedTuple):
+class Position(NamedTuple):
     """A position: x along the corridors, y across them."""
 
     x: float
@@ -38,13 +46,13 @@ class Room:
     """A room with its corner of smallest x and y; its door leads to the corridor whose middle is at ``corridor_y``."""
 
     name: str
-    corner: Point
+    corner: Position
     corridor_y: float
 
     @property
-    def centre(self) -> Point:
+    def centre(self) -> Position:
         """Its middle."""
-        return Point(self.corner.x + ROOM_M[0] / 2, self.corner.y + ROOM_M[1] / 2)
+        return Position(self.corner.x + ROOM_M[0] / 2, self.corner.y + ROOM_M[1] / 2)
 
     @property
     def is_above(self) -> bool:
@@ -52,23 +60,23 @@ class Room:
         return self.corner.y < self.corridor_y
 
     @property
-    def door(self) -> Point:
+    def door(self) -> Position:
         """The middle of its door."""
-        return Point(self.centre.x, self.corner.y + (ROOM_M[1] if self.is_above else 0.0))
+        return Position(self.centre.x, self.corner.y + (ROOM_M[1] if self.is_above else 0.0))
 
     @property
-    def entrance(self) -> Point:
+    def entrance(self) -> Position:
         """Where one stands before its door."""
-        return Point(self.centre.x, self.corridor_y)
+        return Position(self.centre.x, self.corridor_y)
 
-    def contains(self, point: Point) -> bool:
+    def contains(self, point: Position) -> bool:
         """Whether ``point`` is in the room or on its edge."""
         within = 0.0 <= point.x - self.corner.x <= ROOM_M[0]
         return within and 0.0 <= point.y - self.corner.y <= ROOM_M[1]
 
 
 @dataclass(frozen=True)
-class Member:
+class WardMember:
     """A robot or nurse, and the room it belongs to, where it begins."""
 
     name: str
@@ -87,7 +95,7 @@ class Ward:
 
     name: str
     rooms: tuple[Room, ...]
-    members: tuple[Member, ...]
+    members: tuple[WardMember, ...]
     dock: str
     closed: frozenset[str]
     infections: tuple[tuple[float, str], ...]
@@ -102,7 +110,7 @@ class Ward:
         return {room.name: room for room in self.rooms}
 
     @cached_property
-    def member_by_name(self) -> dict[str, Member]:
+    def member_by_name(self) -> dict[str, WardMember]:
         """The robots and nurses by name."""
         return {member.name: member for member in self.members}
 
@@ -115,20 +123,20 @@ class Ward:
         """The names of all robots."""
         return tuple(member.name for member in self.members if member.kind in ROBOTS)
 
-    def room_at(self, point: Point) -> str:
+    def room_at(self, point: Position) -> str:
         """The room that ``point`` lies in, or an empty string."""
         return next((room.name for room in self.rooms if room.contains(point)), "")
 
-    def way(self, start: Point, room: str, target: str) -> tuple[Point, ...]:
+    def way(self, start: Position, room: str, target: str) -> tuple[Position, ...]:
         """The way from ``start``, in ``room`` or (empty) a corridor, to the place before the door of ``target``."""
         points = [start]
         if room:
             points += [self.room_by_name[room].door, self.room_by_name[room].entrance]
         elif start.x != self.spine_x:
-            points.append(Point(start.x, min(self.corridor_ys, key=lambda y: abs(y - start.y))))
+            points.append(Position(start.x, min(self.corridor_ys, key=lambda y: abs(y - start.y))))
         end = self.room_by_name[target].entrance
         if points[-1].y != end.y:
-            points += [Point(self.spine_x, points[-1].y), Point(self.spine_x, end.y)]
+            points += [Position(self.spine_x, points[-1].y), Position(self.spine_x, end.y)]
         points.append(end)
         return tuple(points[:1] + [there for here, there in pairwise(points) if here != there])
 
@@ -146,7 +154,7 @@ class Ward:
         return length((*points, end.door, end.centre))
 
 
-def length(points: tuple[Point, ...]) -> float:
+def length(points: tuple[Position, ...]) -> float:
     """The length of a way, m."""
     return sum(math.dist(here, there) for here, there in pairwise(points))
 
@@ -156,7 +164,11 @@ def paper_ward() -> Ward:
 
     The first room comes to need disinfection after 1 s; whether it is dirty is drawn at the start.
     """
-    members = (Member(f"{NURSE}1", NURSE, "room1"), Member(f"{SPOT}1", SPOT, "room4"), Member(f"{UVD}1", UVD, "room4"))
+    members = (
+        WardMember(f"{NURSE}1", NURSE, "room1"),
+        WardMember(f"{SPOT}1", SPOT, "room4"),
+        WardMember(f"{UVD}1", UVD, "room4"),
+    )
     return Ward(
         name="paper",
         rooms=tuple(_rooms(4, 2)),
@@ -181,9 +193,9 @@ def large_ward(rooms: int = 50, spots: int = 4, uvds: int = 4, nurses: int = 0, 
         raise ValueError(f"no ward of {rooms} rooms, {spots} spots, {uvds} uvds and {nurses} nurses")
     *plain, last = _rooms(rooms + 1, ROOMS_A_SIDE)
     order = [room.name for room in plain[:nurses]]
-    members = [Member(f"{NURSE}{number}", NURSE, room) for number, room in enumerate(order, start=1)]
+    members = [WardMember(f"{NURSE}{number}", NURSE, room) for number, room in enumerate(order, start=1)]
     for kind, count in ((SPOT, spots), (UVD, uvds)):
-        members += [Member(f"{kind}{number}", kind, "dock") for number in range(1, count + 1)]
+        members += [WardMember(f"{kind}{number}", kind, "dock") for number in range(1, count + 1)]
     random.Random("the order of infections").shuffle(order)
     return Ward(
         name="large",
@@ -205,14 +217,14 @@ def _rooms(count: int, a_side: int) -> Iterator[Room]:
         side, column = divmod(place, a_side)
         top = corridor * (2 * depth + CORRIDOR_M + 0.4)
         y = top + (side and depth + CORRIDOR_M)
-        yield Room(f"room{number + 1}", Point(column * width, y), top + depth + CORRIDOR_M / 2)
+        yield Room(f"room{number + 1}", Position(column * width, y), top + depth + CORRIDOR_M / 2)
 
 
 AT_ONCE = 0.0
 
 
 @dataclass(frozen=True)
-class Pace:
+class ActionDurations:
     """``speed`` in m/s, ``seconds`` of each action without the way to it, ``a_charge`` from empty to full.
 
     Batteries hold 1; they lose ``battery_per_m`` of the way and ``battery_of`` each action done.
@@ -224,7 +236,7 @@ class Pace:
     battery_of: Mapping[str, float] = field(default_factory=lambda: {"a_patrol_room": 0.01, "a_disinfect_room": 0.04})
 
 
-PAPER = Pace(
+PAPER = ActionDurations(
     speed=10.0,
     seconds={
         "a_open_door": 0.2,
@@ -242,10 +254,10 @@ PAPER = Pace(
 """As in the paper's simulation: its mission takes 4.2 s, of which the nurse takes the first, and 0.3 s more when the
 room is dirty."""
 
-INSTANT = Pace(speed=math.inf, seconds={"a_infected_room": 1.0})
+INSTANT = ActionDurations(speed=math.inf, seconds={"a_infected_room": 1.0})
 """As in the simulation of the paper's predecessor: only the nurse takes time."""
 
-CLINIC = Pace(
+CLINIC = ActionDurations(
     speed=1.0,
     seconds={
         "a_open_door": 5.0,
@@ -262,5 +274,148 @@ CLINIC = Pace(
 )
 """As robots that stroll and light that takes minutes would do it."""
 
-PACES: Mapping[str, Pace] = {"paper": PAPER, "instant": INSTANT, "clinic": CLINIC}
+DURATIONS: Mapping[str, ActionDurations] = {"paper": PAPER, "instant": INSTANT, "clinic": CLINIC}
 """The paces by name."""
+
+
+FaultKind = Literal["dirty", "closes", "drains", "enters", "leaves", "silent", "slow", "stalls"]
+
+STATE_SENSOR = "state"
+"""All sensors of the ward at once."""
+SLOW_S = 2.0
+"""A slow sensor looks this seldom."""
+
+PROBLEM_OF: dict[FaultKind, str] = {
+    "dirty": DIRTY_ROOM,
+    "closes": CLOSED_DOOR,
+    "drains": LOW_BATTERY,
+    "enters": PERSON_IN_ROOM,
+    "leaves": NURSE_ABSENT,
+}
+"""The problem that actions meet after a fault of that kind."""
+
+STAY_S = (5.0, 15.0)
+"""How long a person who walks in stays, and a nurse who is called away, at least and at most."""
+
+_REMEDY = (
+    "write faults as: 2 dirty room1; 3 closes room2; 4 drains spotrobot1; 5 enters room1 10; "
+    "6 leaves nurse_disinfected1 10; 7 silent uvdrobot1 5; 8 slow state 5; 9 stalls uvdrobot1 3"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class WardFault:
+    """Something that goes wrong at ``time_s`` (s from the start of the world).
+
+    A room gets ``dirty``, its door ``closes``; the battery of a robot ``drains``. For ``duration_s`` a person
+    ``enters`` a room, a nurse ``leaves`` the ward, a robot or nurse ``stalls``. The sensor of a room, robot or nurse,
+    or `STATE_SENSOR`, is ``silent`` for so long, or ``slow``: it tells of what was up to `SLOW_S` ago.
+    """
+
+    time_s: float
+    kind: FaultKind
+    who: str
+    duration_s: float = 0.0
+
+    def __str__(self) -> str:
+        lasting = [] if self.kind in ("dirty", "closes", "drains") else [_written(self.duration_s)]
+        return " ".join([_written(self.time_s), self.kind, self.who, *lasting])
+
+
+def parse_faults(text: str, ward: Ward) -> tuple[WardFault, ...]:
+    """The faults that ``text`` lists, separated by semicolons. Raises ParameterError."""
+    return tuple(_fault(part.split(), ward) for part in text.split(";") if part.strip())
+
+
+def _fault(words: list[str], ward: Ward) -> WardFault:
+    rooms, members = ward.room_by_name, ward.member_by_name
+    try:
+        match words:
+            case time, ("dirty" | "closes") as kind, room if room in rooms:
+                return WardFault(_seconds(time), kind, room)
+            case time, "drains", robot if robot in ward.robots:
+                return WardFault(_seconds(time), "drains", robot)
+            case time, "enters", room, duration if room in rooms:
+                return WardFault(_seconds(time), "enters", room, _seconds(duration))
+            case time, "leaves", nurse, duration if nurse in ward.of_kind(NURSE):
+                return WardFault(_seconds(time), "leaves", nurse, _seconds(duration))
+            case time, "stalls", who, duration if who in members:
+                return WardFault(_seconds(time), "stalls", who, _seconds(duration))
+            case time, ("silent" | "slow") as kind, who, duration if who in {*rooms, *members, STATE_SENSOR}:
+                return WardFault(_seconds(time), kind, who, _seconds(duration))
+    except ValueError as error:
+        raise ParameterError(f"no time in s: {error}", where=f"fault {' '.join(words)!r}", remedy=_REMEDY) from error
+    raise ParameterError(f"no fault: {' '.join(words)!r}", where="faults", remedy=_REMEDY)
+
+
+def _written(seconds: float) -> str:
+    return str(seconds).removesuffix(".0")
+
+
+def _seconds(word: str) -> float:
+    seconds = float(word)
+    if not 0.0 <= seconds <= 1e6:
+        raise ValueError(f"{word} is not between 0 and 1000000")
+    return seconds
+
+
+def drawn_problems(ward: Ward, seed: int, rate: float) -> tuple[WardFault, ...]:
+    """What the missions of one run meet: of ``rate`` per cent of the infections, each by itself, one problem.
+
+    It is the same for the same seed, and no command changes it. Sorted by time.
+    """
+    chance = random.Random(f"problems {seed}")
+    found = []
+    for time_s, room in ward.infections:
+        [meets] = chance.choices((False, True), weights=(100.0 - rate, rate))
+        problem = _problem(ward, room, chance, time_s)
+        if meets:
+            found.append(problem)
+    return tuple(sorted(found, key=lambda fault: (fault.time_s, fault.kind, fault.who)))
+
+
+def _problem(ward: Ward, room: str, chance: random.Random, infected_s: float) -> WardFault:
+    """A problem of the mission in ``room``; a low battery may be that of any robot."""
+    time_s = max(round(infected_s + chance.uniform(*ward.window_s), 2), 0.0)
+    stay_s = round(chance.uniform(*STAY_S), 1)
+    robot = chance.choice(ward.robots or ("",))
+    nurse = next((member.name for member in ward.members if (member.kind, member.home) == (NURSE, room)), "")
+    could = {
+        DIRTY_ROOM: WardFault(time_s, "dirty", room),
+        CLOSED_DOOR: WardFault(time_s, "closes", room),
+        PERSON_IN_ROOM: WardFault(time_s, "enters", room, stay_s),
+        **({LOW_BATTERY: WardFault(time_s, "drains", robot)} if robot else {}),
+        **({NURSE_ABSENT: WardFault(time_s, "leaves", nurse, stay_s)} if nurse else {}),
+    }
+    kinds = [kind for kind in ward.problems if kind in could]
+    return could[chance.choice(kinds)] if kinds else could[DIRTY_ROOM]
+
+
+def random_faults(ward: Ward, seed: int, *, until_s: float = 60.0) -> tuple[WardFault, ...]:
+    """One to six faults of any kind before ``until_s``, in the order of their times; the same for the same seed."""
+    chance = random.Random(f"faults {seed}")
+    rooms, members = list(ward.room_by_name), list(ward.member_by_name)
+    robots, nurses = ward.robots, ward.of_kind(NURSE)
+    kinds: list[FaultKind] = ["dirty", "closes", "enters", "silent", "slow", "stalls"]
+    if robots:
+        kinds.append("drains")
+    if nurses:
+        kinds.append("leaves")
+    found = []
+    for _ in range(chance.randint(1, 6)):
+        time_s, duration_s = round(chance.uniform(0.0, until_s), 1), round(chance.uniform(1.0, 15.0), 1)
+        kind = chance.choice(kinds)
+        match kind:
+            case "dirty" | "closes":
+                found.append(WardFault(time_s, kind, chance.choice(rooms)))
+            case "drains":
+                found.append(WardFault(time_s, kind, chance.choice(robots)))
+            case "enters":
+                found.append(WardFault(time_s, kind, chance.choice(rooms), duration_s))
+            case "leaves":
+                found.append(WardFault(time_s, kind, chance.choice(nurses), duration_s))
+            case "stalls":
+                found.append(WardFault(time_s, kind, chance.choice(members), duration_s))
+            case _:
+                found.append(WardFault(time_s, kind, chance.choice([*rooms, *members, STATE_SENSOR]), duration_s))
+    return tuple(sorted(found, key=lambda fault: (fault.time_s, fault.kind, fault.who)))

@@ -1,10 +1,4 @@
-"""The ward as it really is: carries out what robots and nurses do, the same for the same seed and commands.
-
-A robot that comes to a closed door stands before it. Whatever is done in a room is done inside: who stands before an
-open door goes in first. Out one always gets, and into the dock. Joint actions begin when both partners are told to do
-them. A person who walks in stops ultraviolet light at once; a nurse who is called away leaves what she does, a robot
-whose battery is low what takes power. Nurses have a screen in their rooms.
-"""
+"""Simulated ward: executes the actions of robots and nurses, the same for the same seed and commands."""
 
 from __future__ import annotations
 
@@ -13,9 +7,8 @@ import itertools
 import math
 import random
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
-from socialbot.agents.hospital.ward.agents import JOINT, POWERED, ROLES, Agent, Journey, RoomNow, Task
-from socialbot.agents.hospital.ward.faults import Fault, drawn_problems
 from socialbot.agents.hospital.ward.messages import (
     AWAY,
     CANCELLED,
@@ -32,8 +25,160 @@ from socialbot.agents.hospital.ward.messages import (
     RoomState,
     WardState,
 )
-from socialbot.agents.hospital.ward.ward import AT_ONCE, PAPER, ROBOTS, Pace, Point, Ward, length
+from socialbot.agents.hospital.ward.ward import (
+    AT_ONCE,
+    NURSE,
+    PAPER,
+    ROBOTS,
+    SPOT,
+    UVD,
+    ActionDurations,
+    Position,
+    Ward,
+    WardFault,
+    WardMember,
+    drawn_problems,
+    length,
+)
 from socialbot.core.clock import SECOND, nanoseconds
+
+ROLES: dict[str, tuple[str, ...]] = {
+    "a_navigate_to": ("agent", "room"),
+    "a_open_door": ("agent", "room"),
+    "a_approach_nurse": (SPOT, NURSE),
+    "a_authenticate_nurse": (SPOT, NURSE),
+    "a_authorize_patrol": (SPOT, NURSE),
+    "a_patrol_room": (SPOT, "room"),
+    "a_adapt_room": (NURSE, "room"),
+    "a_authorize_disinfect": (UVD, SPOT),
+    "a_disinfect_room": (UVD, "room"),
+    "a_charge": ("robot",),
+    "a_infected_room": (NURSE, "room"),
+}
+"""What the arguments of each action have to be: a kind of agent, any ``agent``, any ``robot``, a ``room``."""
+JOINT = frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_authorize_disinfect"})
+"""Actions of both their arguments; all others are those of the first."""
+POWERED = frozenset({"a_navigate_to", "a_patrol_room", "a_disinfect_room"})
+"""What a robot does not do with a low battery."""
+
+
+@dataclass
+class Journey:
+    """A way along ``points`` from ``begin`` to ``end`` (ns)."""
+
+    points: tuple[Position, ...]
+    begin: int
+    end: int
+
+    def position(self, time: int) -> Position:
+        """Where one is at ``time``."""
+        if time >= self.end:
+            return self.points[-1]
+        return self.left(time)[0]
+
+    def made(self, time: int) -> float:
+        """How much of the way is made at ``time``, m."""
+        if time >= self.end:
+            return length(self.points)
+        return length(self.points) * max(time - self.begin, 0) / (self.end - self.begin)
+
+    def left(self, time: int) -> tuple[Position, ...]:
+        """The rest of the way at ``time``."""
+        made = self.made(time)
+        for number, (here, there) in enumerate(itertools.pairwise(self.points), start=1):
+            whole = math.dist(here, there)
+            if made < whole:
+                share = made / whole
+                turned = Position(here.x + (there.x - here.x) * share, here.y + (there.y - here.y) * share)
+                return (turned, *self.points[number:])
+            made -= whole
+        return self.points[-1:]
+
+
+@dataclass
+class Activity:
+    """An action under way, or one that waits for a partner. ``ids`` are command and time (ns) by who was told."""
+
+    action: str
+    args: tuple[str, ...]
+    ids: dict[str, tuple[str, int]]
+    due: int = -1
+    then: Callable[[], None] = lambda: None
+    over: bool = False
+
+    @property
+    def waits(self) -> bool:
+        """Whether a partner is still missing."""
+        return self.action in JOINT and len(self.ids) < len(self.args)
+
+    def __str__(self) -> str:
+        return f"{self.action}({', '.join(self.args)})"
+
+
+@dataclass
+class WardAgent:
+    """A robot or a nurse as it is now."""
+
+    member: WardMember
+    place: str
+    position: Position
+    chance: random.Random
+    inside: bool = True
+    battery: float = 1.0
+    activity: Activity | None = None
+    journey: Journey | None = None
+    _shown: tuple[tuple[object, ...], AgentState] | None = None
+    """What its sensor said last, and because of what."""
+
+    def at(self, time: int) -> Position:
+        """Where it is."""
+        return self.journey.position(time) if self.journey else self.position
+
+    def state(self, time: int) -> AgentState:
+        """What its sensor says; the very same as before if that has not changed, as it mostly has not."""
+        position = self.at(time)
+        because = (self.place, self.inside, position, self.battery, self.activity)
+        if self._shown is None or self._shown[0] != because:
+            state = AgentState(
+                name=self.member.name,
+                kind=self.member.kind,
+                home=self.member.home,
+                place=self.place,
+                inside=self.inside,
+                x=round(position.x, 3),
+                y=round(position.y, 3),
+                battery=round(self.battery, 4),
+                busy=str(self.activity or ""),
+            )
+            self._shown = because, state
+        return self._shown[1]
+
+
+@dataclass
+class RoomModel:
+    """A room as it is now."""
+
+    door_open: bool = True
+    cleaned: bool = True
+    disinfected: bool = True
+    people: list[str] = field(default_factory=list)
+    _shown: tuple[tuple[object, ...], RoomState] | None = None
+    """What its sensor said last, and because of what."""
+
+    def state(self, name: str) -> RoomState:
+        """What the sensor of the room called ``name`` says; the very same as before if that has not changed."""
+        because = (name, self.door_open, self.cleaned, self.disinfected, *self.people)
+        if self._shown is None or self._shown[0] != because:
+            state = RoomState(
+                name=name,
+                door_open=self.door_open,
+                cleaned=self.cleaned,
+                disinfected=self.disinfected,
+                people=tuple(sorted(self.people)),
+            )
+            self._shown = because, state
+        return self._shown[1]
+
 
 PATIENCE_S = 10.0
 """So long a joint action waits for the other partner."""
@@ -57,8 +202,8 @@ class WardWorld:
         seed: int = 0,
         rate: float = 0.0,
         noise: float = 0.0,
-        faults: Sequence[Fault] = (),
-        pace: Pace = PAPER,
+        faults: Sequence[WardFault] = (),
+        pace: ActionDurations = PAPER,
         start: int = 0,
     ) -> None:
         self.ward = ward
@@ -67,9 +212,9 @@ class WardWorld:
         self.now = start
         self.problems = drawn_problems(ward, seed, rate)
         """What was drawn to go wrong."""
-        self.rooms = {room.name: RoomNow(door_open=room.name not in ward.closed) for room in ward.rooms}
+        self.rooms = {room.name: RoomModel(door_open=room.name not in ward.closed) for room in ward.rooms}
         self.agents = {
-            member.name: Agent(
+            member.name: WardAgent(
                 member,
                 member.home,
                 ward.room_by_name[member.home].centre,
@@ -111,17 +256,17 @@ class WardWorld:
             self._report(id, robot, action, args, self.now, refusal)
             return
         agent = self.agents[robot]
-        agent.task = task = self._partners_task(robot, action, args) or Task(action, args, {})
-        task.ids[robot] = (id, self.now)
+        agent.activity = activity = self._partners_task(robot, action, args) or Activity(action, args, {})
+        activity.ids[robot] = (id, self.now)
         self.changes += 1
-        self._begin(task)
+        self._begin(activity)
         self.advance(self.now)
 
     def cancel(self, id: str) -> None:
         """Takes back the command with this ``id``; the partner of a joint action that has begun stops as well."""
         for agent in self.agents.values():
-            if agent.task and id in (found for found, _ in agent.task.ids.values()):
-                self._end(agent.task, CANCELLED)
+            if agent.activity and id in (found for found, _ in agent.activity.ids.values()):
+                self._end(agent.activity, CANCELLED)
 
     def take_results(self) -> tuple[ActionResult, ...]:
         """What became of commands since this was last asked."""
@@ -138,8 +283,8 @@ class WardWorld:
             return f"{action} takes {', '.join(roles)}, not {', '.join(args) or 'nothing'}"
         if robot not in (args if action in JOINT else args[:1]):
             return f"{robot} cannot do what {args[0]} does"
-        task = self.agents[robot].task
-        return f"{robot} is busy with {task}" if task else ""
+        activity = self.agents[robot].activity
+        return f"{robot} is busy with {activity}" if activity else ""
 
     def _plays(self, name: str, role: str) -> bool:
         if role == "room":
@@ -149,11 +294,16 @@ class WardWorld:
         kind = self.agents[name].member.kind
         return role in ("agent", kind) or (role == "robot" and kind in ROBOTS)
 
-    def _partners_task(self, robot: str, action: str, args: tuple[str, ...]) -> Task | None:
+    def _partners_task(self, robot: str, action: str, args: tuple[str, ...]) -> Activity | None:
         """The joint action for which the partner waits, if it is this one."""
-        tasks = (self.agents[name].task for name in args if name != robot and name in self.agents)
+        tasks = (self.agents[name].activity for name in args if name != robot and name in self.agents)
         return next(
-            (task for task in tasks if task and task.waits and (task.action, task.args) == (action, args)), None
+            (
+                activity
+                for activity in tasks
+                if activity and activity.waits and (activity.action, activity.args) == (action, args)
+            ),
+            None,
         )
 
     # Questions
@@ -184,41 +334,46 @@ class WardWorld:
 
     # Actions
 
-    def _begin(self, task: Task) -> None:
+    def _begin(self, activity: Activity) -> None:
         """Begins what nothing keeps from beginning: first comes the partner, then the way, then the work."""
-        agent = self.agents[task.args[0]]
-        if agent.battery < LOW_AT and task.action in POWERED and agent.member.kind in ROBOTS:
-            self._end(task, LOW_BATTERY)
-        elif reason := self._hinders(task):
-            self._end(task, reason)
-        elif task.waits:
-            self._later(task, PATIENCE_S, lambda: self._end(task, PARTNER_ABSENT))
-        elif task.action in ("a_navigate_to", "a_charge"):
-            self._set_out(task, agent)
+        agent = self.agents[activity.args[0]]
+        if agent.battery < LOW_AT and activity.action in POWERED and agent.member.kind in ROBOTS:
+            self._end(activity, LOW_BATTERY)
+        elif reason := self._hinders(activity):
+            self._end(activity, reason)
+        elif activity.waits:
+            self._later(activity, PATIENCE_S, lambda: self._end(activity, PARTNER_ABSENT))
+        elif activity.action in ("a_navigate_to", "a_charge"):
+            self._set_out(activity, agent)
         else:
-            way_s = max((self._go_in(self.agents[name]) for name in self._inside(task)), default=0.0)
-            self._later(task, way_s + self._seconds(agent, task.action), lambda: self._do(task))
+            way_s = max((self._go_in(self.agents[name]) for name in self._inside(activity)), default=0.0)
+            self._later(activity, way_s + self._seconds(agent, activity.action), lambda: self._do(activity))
 
-    def _inside(self, task: Task) -> tuple[str, ...]:
+    def _inside(self, activity: Activity) -> tuple[str, ...]:
         """Who has to be in the room for it: nobody who only opens its door or talks by radio."""
-        if task.action in ("a_navigate_to", "a_open_door", "a_charge", "a_authorize_disinfect", "a_infected_room"):
+        if activity.action in ("a_navigate_to", "a_open_door", "a_charge", "a_authorize_disinfect", "a_infected_room"):
             return ()
-        return tuple(task.ids)
+        return tuple(activity.ids)
 
-    def _hinders(self, task: Task) -> str:
+    def _hinders(self, activity: Activity) -> str:
         """What keeps the action from being done, at its begin or, as it may have come up since, at its end."""
-        absent = [name for name in task.args if name in self.agents and self.agents[name].place == AWAY]
-        if absent and task.action != "a_navigate_to":
+        absent = [name for name in activity.args if name in self.agents and self.agents[name].place == AWAY]
+        if absent and activity.action != "a_navigate_to":
             return NURSE_ABSENT
-        if task.waits or task.action in ("a_navigate_to", "a_charge", "a_authorize_disinfect", "a_infected_room"):
+        if activity.waits or activity.action in (
+            "a_navigate_to",
+            "a_charge",
+            "a_authorize_disinfect",
+            "a_infected_room",
+        ):
             return ""
-        first, last = task.args[0], task.args[-1]
+        first, last = activity.args[0], activity.args[-1]
         room = last if last in self.rooms else self.agents[last].place
         if room not in self.rooms or self.agents[first].place != room:
             return f"{first} is not at {room if room in self.rooms else last}"
-        if not self.rooms[room].door_open and not all(self.agents[name].inside for name in self._inside(task)):
+        if not self.rooms[room].door_open and not all(self.agents[name].inside for name in self._inside(activity)):
             return CLOSED_DOOR
-        if task.action == "a_disinfect_room":
+        if activity.action == "a_disinfect_room":
             return self._unfit(room)
         return ""
 
@@ -228,15 +383,15 @@ class WardWorld:
             return DIRTY_ROOM
         return PERSON_IN_ROOM if self.rooms[room].people else ""
 
-    def _do(self, task: Task) -> None:
+    def _do(self, activity: Activity) -> None:
         """What the action brings about when its time has come."""
-        room = self.rooms.get(task.args[-1], RoomNow())
-        reason = self._hinders(task)
+        room = self.rooms.get(activity.args[-1], RoomModel())
+        reason = self._hinders(activity)
         if not reason:
-            self._use_battery(task)
-            match task.action:
+            self._use_battery(activity)
+            match activity.action:
                 case "a_patrol_room":
-                    reason = self._unfit(task.args[-1])
+                    reason = self._unfit(activity.args[-1])
                 case "a_open_door":
                     room.door_open = True
                 case "a_adapt_room":
@@ -246,13 +401,13 @@ class WardWorld:
                     room.disinfected = True
                 case "a_infected_room":
                     room.disinfected = False
-        self._end(task, reason)
+        self._end(activity, reason)
 
-    def _set_out(self, task: Task, agent: Agent) -> None:
+    def _set_out(self, activity: Activity, agent: WardAgent) -> None:
         """Goes to a room, or to the dock, by its entrance."""
-        target = task.args[1] if task.action == "a_navigate_to" else self.ward.dock
+        target = activity.args[1] if activity.action == "a_navigate_to" else self.ward.dock
         if agent.place == target and agent.inside:
-            self._arrive(task, agent)
+            self._arrive(activity, agent)
             return
         if agent.place == AWAY:
             agent.position = self.ward.room_by_name[agent.member.home].entrance
@@ -260,33 +415,33 @@ class WardWorld:
         points = self.ward.way(agent.position, room, target)
         agent.place, agent.inside = CORRIDOR, False
         seconds = self._travel(agent, points)
-        self._later(task, seconds, lambda: self._reach_door(task, agent, target))
+        self._later(activity, seconds, lambda: self._reach_door(activity, agent, target))
 
-    def _reach_door(self, task: Task, agent: Agent, target: str) -> None:
+    def _reach_door(self, activity: Activity, agent: WardAgent, target: str) -> None:
         self._stop(agent)
         agent.place = target
         self.changes += 1
         if self.rooms[target].door_open or target == self.ward.dock:
             seconds = self._go_in(agent)
-            self._later(task, seconds, lambda: self._arrive(task, agent))
+            self._later(activity, seconds, lambda: self._arrive(activity, agent))
         else:
-            self._end(task, "")
+            self._end(activity, "")
 
-    def _arrive(self, task: Task, agent: Agent) -> None:
+    def _arrive(self, activity: Activity, agent: WardAgent) -> None:
         self._stop(agent)
-        if task.action == "a_charge" and agent.battery < 1.0:
+        if activity.action == "a_charge" and agent.battery < 1.0:
             step = min(CHARGE_STEP, 1.0 - agent.battery)
-            self._later(task, step * self._seconds(agent, "a_charge"), lambda: self._fill(task, agent, step))
+            self._later(activity, step * self._seconds(agent, "a_charge"), lambda: self._fill(activity, agent, step))
         else:
-            self._end(task, "")
+            self._end(activity, "")
 
-    def _fill(self, task: Task, agent: Agent, step: float) -> None:
+    def _fill(self, activity: Activity, agent: WardAgent, step: float) -> None:
         """Adds to the battery, bit by bit: who breaks off keeps what there is."""
         agent.battery = min(round(agent.battery + step, 6), 1.0)
         self.changes += 1
-        self._arrive(task, agent)
+        self._arrive(activity, agent)
 
-    def _go_in(self, agent: Agent) -> float:
+    def _go_in(self, agent: WardAgent) -> float:
         """Lets who stands before an open door go in; how long that takes (s)."""
         if agent.inside:
             return 0.0
@@ -295,13 +450,13 @@ class WardWorld:
         room = self.ward.room_by_name[agent.place]
         return self._travel(agent, (agent.position, room.door, room.centre))
 
-    def _travel(self, agent: Agent, points: tuple[Point, ...]) -> float:
+    def _travel(self, agent: WardAgent, points: tuple[Position, ...]) -> float:
         """Sets off along ``points``; how long it takes, s."""
         seconds = length(points) / self.pace.speed * self._factor(agent) if self.pace.speed < math.inf else 0.0
         agent.journey = Journey(points, self.now, self.now + nanoseconds(seconds))
         return seconds
 
-    def _stop(self, agent: Agent) -> None:
+    def _stop(self, agent: WardAgent) -> None:
         """Ends a journey where it is; a robot that stops on the way uses what power the way took."""
         if agent.journey is None:
             return
@@ -311,23 +466,23 @@ class WardWorld:
         if agent.place == CORRIDOR and (room := self.ward.room_at(agent.position)):
             agent.place, agent.inside = room, True
 
-    def _use_battery(self, task: Task) -> None:
-        for name in task.args:
+    def _use_battery(self, activity: Activity) -> None:
+        for name in activity.args:
             if name in self.agents:
-                self._discharge(self.agents[name], self.pace.battery_of.get(task.action, 0.0))
+                self._discharge(self.agents[name], self.pace.battery_of.get(activity.action, 0.0))
 
-    def _discharge(self, agent: Agent, amount: float) -> None:
+    def _discharge(self, agent: WardAgent, amount: float) -> None:
         if agent.member.kind in ROBOTS:
             agent.battery = max(agent.battery - amount, 0.0)
 
-    def _end(self, task: Task, reason: str) -> None:
+    def _end(self, activity: Activity, reason: str) -> None:
         """Ends an action for all who do it; an empty ``reason`` says that it is done."""
-        task.over = True
-        for name, (id, begin) in task.ids.items():
+        activity.over = True
+        for name, (id, begin) in activity.ids.items():
             agent = self.agents[name]
             self._stop(agent)
-            agent.task = None
-            self._report(id, name, task.action, task.args, begin, reason)
+            agent.activity = None
+            self._report(id, name, activity.action, activity.args, begin, reason)
         self.changes += 1
 
     def _report(self, id: str, robot: str, action: str, args: tuple[str, ...], begin: int, reason: str) -> None:
@@ -352,30 +507,30 @@ class WardWorld:
     def _after(self, seconds: float, happen: Callable[[], None]) -> None:
         self._at(self.now + nanoseconds(seconds), happen)
 
-    def _later(self, task: Task, seconds: float, then: Callable[[], None]) -> None:
+    def _later(self, activity: Activity, seconds: float, then: Callable[[], None]) -> None:
         """Lets an action go on after ``seconds``, unless it has ended or was put off."""
-        task.due, task.then = self.now + nanoseconds(seconds), then
-        self._arm(task)
+        activity.due, activity.then = self.now + nanoseconds(seconds), then
+        self._arm(activity)
 
-    def _arm(self, task: Task) -> None:
-        def happen(due: int = task.due) -> None:
-            if not task.over and task.due == due:
-                task.due = -1
-                task.then()
+    def _arm(self, activity: Activity) -> None:
+        def happen(due: int = activity.due) -> None:
+            if not activity.over and activity.due == due:
+                activity.due = -1
+                activity.then()
 
-        self._at(task.due, happen)
+        self._at(activity.due, happen)
 
-    def _factor(self, agent: Agent) -> float:
+    def _factor(self, agent: WardAgent) -> float:
         return 1.0 + agent.chance.uniform(-self.noise, self.noise)
 
-    def _seconds(self, agent: Agent, action: str) -> float:
+    def _seconds(self, agent: WardAgent, action: str) -> float:
         return self.pace.seconds.get(action, AT_ONCE) * self._factor(agent)
 
     def _infect(self, room: str) -> None:
         self.rooms[room].disinfected = False
         self.changes += 1
 
-    def _go_wrong(self, fault: Fault) -> None:
+    def _go_wrong(self, fault: WardFault) -> None:
         self.changes += 1
         match fault.kind:
             case "dirty":
@@ -398,18 +553,18 @@ class WardWorld:
     def _changed(self) -> None:
         self.changes += 1
 
-    def _drain(self, agent: Agent) -> None:
+    def _drain(self, agent: WardAgent) -> None:
         agent.battery = min(agent.battery, DRAINED)
-        if agent.task and agent.task.action in POWERED:
-            self._end(agent.task, LOW_BATTERY)
+        if agent.activity and agent.activity.action in POWERED:
+            self._end(agent.activity, LOW_BATTERY)
 
     def _walk_in(self, room: str, seconds: float) -> None:
         person = f"person{next(self._people)}"
         people = self.rooms[room].people
         people.append(person)
         for agent in self.agents.values():
-            if agent.task and agent.task.action == "a_disinfect_room" and agent.task.args[-1] == room:
-                self._end(agent.task, PERSON_IN_ROOM)
+            if agent.activity and agent.activity.action == "a_disinfect_room" and agent.activity.args[-1] == room:
+                self._end(agent.activity, PERSON_IN_ROOM)
 
         def walk_out() -> None:
             if person in people:
@@ -418,9 +573,9 @@ class WardWorld:
 
         self._after(seconds, walk_out)
 
-    def _call_away(self, nurse: Agent, seconds: float) -> None:
-        if nurse.task:
-            self._end(nurse.task, NURSE_ABSENT)
+    def _call_away(self, nurse: WardAgent, seconds: float) -> None:
+        if nurse.activity:
+            self._end(nurse.activity, NURSE_ABSENT)
         nurse.place, nurse.inside = AWAY, False
 
         def come_back() -> None:
@@ -431,17 +586,17 @@ class WardWorld:
 
         self._after(seconds, come_back)
 
-    def _stall(self, agent: Agent, pause: int) -> None:
+    def _stall(self, agent: WardAgent, pause: int) -> None:
         """Puts off what the agent does; partners of a joint action wait."""
-        task = agent.task
-        if task is None or task.waits:
+        activity = agent.activity
+        if activity is None or activity.waits:
             return
-        for name in task.ids:
+        for name in activity.ids:
             self._pause(self.agents[name], pause)
-        task.due += pause
-        self._arm(task)
+        activity.due += pause
+        self._arm(activity)
 
-    def _pause(self, agent: Agent, pause: int) -> None:
+    def _pause(self, agent: WardAgent, pause: int) -> None:
         """Lets an agent on its way stand for a while (ns) before it makes the rest of it."""
         journey = agent.journey
         if journey and self.now < journey.end:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from socialbot.agents.hospital.ward.faults import SLOW_S, STATE_SENSOR, parse_faults
 from socialbot.agents.hospital.ward.messages import (
     CANCELS,
     COMMANDS,
@@ -18,7 +17,15 @@ from socialbot.agents.hospital.ward.messages import (
     RoomState,
     WardState,
 )
-from socialbot.agents.hospital.ward.ward import PACES, Ward, large_ward, paper_ward
+from socialbot.agents.hospital.ward.ward import (
+    DURATIONS,
+    SLOW_S,
+    STATE_SENSOR,
+    Ward,
+    large_ward,
+    paper_ward,
+    parse_faults,
+)
 from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
@@ -47,7 +54,7 @@ class HospitalWorld(Node):
     every_s = Parameter(
         3.0, "s from one infection to the next in the large ward", minimum=0.0, maximum=3600.0, fixed=True
     )
-    pace = Parameter("paper", "how long things take", choices=tuple(PACES), fixed=True)
+    pace = Parameter("paper", "how long things take", choices=tuple(DURATIONS), fixed=True)
     seed = Parameter(0, "chance of the run: the same seed gives the same durations and problems", fixed=True)
     rate = Parameter(0.0, "% of the infections that meet a problem", minimum=0.0, maximum=100.0, fixed=True)
     noise = Parameter(
@@ -87,7 +94,7 @@ class HospitalWorld(Node):
             rate=self.rate,
             noise=self.noise,
             faults=parse_faults(self.faults, ward),
-            pace=PACES[self.pace],
+            pace=DURATIONS[self.pace],
             start=self.clock.now(),
         )
 

@@ -7,9 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.ward.faults import PROBLEM_OF, Fault, drawn_problems, parse_faults, random_faults
 from socialbot.agents.hospital.ward.messages import PROBLEMS
-from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
+from socialbot.agents.hospital.ward.ward import (
+    PROBLEM_OF,
+    WardFault,
+    drawn_problems,
+    large_ward,
+    paper_ward,
+    parse_faults,
+    random_faults,
+)
 from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
@@ -23,15 +30,15 @@ def test_faults_are_read_in_the_order_in_which_they_are_written():
         "7 silent uvdrobot1 5; 7 silent room1 5; 8 slow state 5; 9 stalls uvdrobot1 3;"
     )
     assert parse_faults(text, PAPER) == (
-        Fault(2.0, "dirty", "room1"),
-        Fault(3.5, "closes", "room2"),
-        Fault(4.0, "drains", "spotrobot1"),
-        Fault(5.0, "enters", "room1", 10.0),
-        Fault(6.0, "leaves", "nurse_disinfected1", 10.0),
-        Fault(7.0, "silent", "uvdrobot1", 5.0),
-        Fault(7.0, "silent", "room1", 5.0),
-        Fault(8.0, "slow", "state", 5.0),
-        Fault(9.0, "stalls", "uvdrobot1", 3.0),
+        WardFault(2.0, "dirty", "room1"),
+        WardFault(3.5, "closes", "room2"),
+        WardFault(4.0, "drains", "spotrobot1"),
+        WardFault(5.0, "enters", "room1", 10.0),
+        WardFault(6.0, "leaves", "nurse_disinfected1", 10.0),
+        WardFault(7.0, "silent", "uvdrobot1", 5.0),
+        WardFault(7.0, "silent", "room1", 5.0),
+        WardFault(8.0, "slow", "state", 5.0),
+        WardFault(9.0, "stalls", "uvdrobot1", 3.0),
     )
     assert parse_faults("", PAPER) == ()
 

@@ -7,9 +7,8 @@ from xml.etree import ElementTree
 import pytest
 
 from socialbot.agents.hospital.ward.drawing import TALLY, WardFilm
-from socialbot.agents.hospital.ward.faults import Fault
 from socialbot.agents.hospital.ward.messages import WardState
-from socialbot.agents.hospital.ward.ward import NURSE, SPOT, paper_ward
+from socialbot.agents.hospital.ward.ward import NURSE, SPOT, WardFault, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import SECOND
 
@@ -17,7 +16,7 @@ from socialbot.core.clock import SECOND
 @pytest.fixture(scope="module")
 def film() -> WardFilm:
     """The first five seconds of a ward: a nurse is away from 3 s on, a robot goes to another room."""
-    world = WardWorld(paper_ward(), faults=(Fault(3.0, "leaves", f"{NURSE}1", 9.0),))
+    world = WardWorld(paper_ward(), faults=(WardFault(3.0, "leaves", f"{NURSE}1", 9.0),))
     world.command("a", f"{SPOT}1", "a_navigate_to", (f"{SPOT}1", "room2"))
     film = WardFilm(world.ward)
     for tick in range(51):

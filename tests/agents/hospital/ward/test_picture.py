@@ -5,10 +5,9 @@ from xml.etree import ElementTree
 import msgspec
 import pytest
 
-from socialbot.agents.hospital.ward.drawing import TALLY, Picture, ward_svg
-from socialbot.agents.hospital.ward.faults import Fault
+from socialbot.agents.hospital.ward.drawing import TALLY, WardDrawing, ward_svg
 from socialbot.agents.hospital.ward.messages import WardState
-from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
+from socialbot.agents.hospital.ward.ward import Ward, WardFault, large_ward, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import SECOND
 from tests.agents.hospital.listings import NURSE, SPOT, UVD
@@ -18,7 +17,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 WARDS = [paper_ward(), large_ward(), large_ward(1, 1, 1), large_ward(120, 20, 12, 9)]
 
 
-def at(second: float, *faults: Fault, ward: Ward | None = None) -> WardState:
+def at(second: float, *faults: WardFault, ward: Ward | None = None) -> WardState:
     world = WardWorld(ward or paper_ward(), faults=faults)
     world.advance(round(second * SECOND))
     return world.state()
@@ -56,10 +55,10 @@ def test_signs_say_what_colours_say():
     assert "to be disinfected" in words(group(after, "room1"), "title")
     assert "disinfected" in words(group(after, "room2"), "title")
     faults = (
-        Fault(1.0, "dirty", "room2"),
-        Fault(1.0, "enters", "room3", 9.0),
-        Fault(1.0, "leaves", NURSE, 9.0),
-        Fault(1.0, "closes", "room2"),
+        WardFault(1.0, "dirty", "room2"),
+        WardFault(1.0, "enters", "room3", 9.0),
+        WardFault(1.0, "leaves", NURSE, 9.0),
+        WardFault(1.0, "closes", "room2"),
     )
     troubled = ward_svg(paper_ward(), at(2.0, *faults))
     assert "dirty" in words(group(troubled, "room2"), "title")
@@ -70,7 +69,7 @@ def test_signs_say_what_colours_say():
 
 
 def test_batteries_show_how_full_they_are_and_what_is_done_is_told():
-    world = WardWorld(paper_ward(), faults=(Fault(1.0, "drains", UVD),))
+    world = WardWorld(paper_ward(), faults=(WardFault(1.0, "drains", UVD),))
     world.command("a", SPOT, "a_navigate_to", (SPOT, "room1"))
     world.advance(round(0.5 * SECOND))
     spot = group(ward_svg(world.ward, world.state()), SPOT)
@@ -133,6 +132,6 @@ def test_it_is_for_light_and_dark_and_a_title_is_text():
 
 
 def test_a_picture_can_be_drawn_again_and_is_the_same():
-    picture = Picture(large_ward())
+    picture = WardDrawing(large_ward())
     state = at(9.0, ward=large_ward())
     assert picture.draw(state) == picture.draw(state)

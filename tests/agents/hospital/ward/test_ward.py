@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD, Point, Ward, large_ward, length, paper_ward
+from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD, Position, Ward, large_ward, length, paper_ward
 
 WARDS = [paper_ward(), large_ward(), large_ward(1, 1, 1), large_ward(200, 30, 30, 20)]
 
@@ -46,7 +46,7 @@ def test_rooms_do_not_overlap_and_lie_beside_their_corridor(ward: Ward):
             assert apart_x or abs(room.corner.y - other.corner.y) >= 4.0 - 1e-9
 
 
-def way_inside(ward: Ward, start: str, target: str) -> tuple[Point, ...]:
+def way_inside(ward: Ward, start: str, target: str) -> tuple[Position, ...]:
     end = ward.room_by_name[target]
     return (*ward.way(ward.room_by_name[start].centre, start, target), end.door, end.centre)
 
@@ -63,17 +63,17 @@ def test_ways_run_along_corridors_and_through_no_other_room(ward: Ward):
             assert ward.distance(start, target) == pytest.approx(ward.distance(target, start))
             for here, there in pairwise(way):
                 assert here.x == there.x or here.y == there.y
-                middle = Point((here.x + there.x) / 2, (here.y + there.y) / 2)
+                middle = Position((here.x + there.x) / 2, (here.y + there.y) / 2)
                 assert ward.room_at(middle) in ("", start, target)
 
 
 def test_a_way_from_the_middle_of_a_corridor_begins_there():
     ward = large_ward()
     room = ward.room_by_name["room1"]
-    here = Point(room.entrance.x + 5.0, room.entrance.y)
+    here = Position(room.entrance.x + 5.0, room.entrance.y)
     assert ward.way(here, "", "room1") == (here, room.entrance)
     assert ward.way(room.entrance, "", "room1") == (room.entrance,)
-    beside = Point(room.entrance.x, room.entrance.y - 0.5)
+    beside = Position(room.entrance.x, room.entrance.y - 0.5)
     assert ward.way(beside, "", "room2")[1] == room.entrance
-    spine = Point(ward.spine_x, 20.0)
+    spine = Position(ward.spine_x, 20.0)
     assert ward.way(spine, "", "room1")[1].x == ward.spine_x

@@ -2,11 +2,18 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agents.hospital.ward.agents import JOINT
-from socialbot.agents.hospital.ward.faults import Fault
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, ActionResult
-from socialbot.agents.hospital.ward.ward import CLINIC, INSTANT, PAPER, Pace, Ward, large_ward, paper_ward
-from socialbot.agents.hospital.ward.world import PATIENCE_S, WardWorld
+from socialbot.agents.hospital.ward.ward import (
+    CLINIC,
+    INSTANT,
+    PAPER,
+    ActionDurations,
+    Ward,
+    WardFault,
+    large_ward,
+    paper_ward,
+)
+from socialbot.agents.hospital.ward.world import JOINT, PATIENCE_S, WardWorld
 from socialbot.core.clock import SECOND
 from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SPOT, UVD
 
@@ -14,7 +21,9 @@ from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SP
 class Story:
     """A world that is told one thing after the other."""
 
-    def __init__(self, *faults: Fault, ward: Ward | None = None, rate: float = 0.0, pace: Pace = PAPER, **more) -> None:
+    def __init__(
+        self, *faults: WardFault, ward: Ward | None = None, rate: float = 0.0, pace: ActionDurations = PAPER, **more
+    ) -> None:
         self.world = WardWorld(ward or paper_ward(), rate=rate, pace=pace, faults=faults, **more)
         self.results: dict[str, ActionResult] = {}
         self.count = 0
@@ -100,10 +109,10 @@ def test_who_is_inside_is_not_kept_by_a_door_that_closes():
 
 
 def test_a_door_that_closes_on_the_way_keeps_the_robot_before_it():
-    story = Story(Fault(1.5, "closes", "room2"))
+    story = Story(WardFault(1.5, "closes", "room2"))
     assert story.do("a_navigate_to", SPOT, "room2") == ""
     assert story.world.agent_state(SPOT).inside
-    story = Story(Fault(1.2, "closes", "room2"))
+    story = Story(WardFault(1.2, "closes", "room2"))
     assert story.do("a_navigate_to", SPOT, "room2") == ""
     assert not story.world.agent_state(SPOT).inside
 
@@ -184,7 +193,7 @@ def test_what_makes_no_sense_fails_at_once_with_a_sentence_and_changes_nothing(r
 
 
 def test_a_low_battery_stops_what_takes_power_and_charging_fills_it():
-    story = Story(Fault(1.4, "drains", SPOT))
+    story = Story(WardFault(1.4, "drains", SPOT))
     assert story.do("a_navigate_to", SPOT, ROOM) == "low battery"
     assert story.seconds == pytest.approx(1.4)
     spot = story.world.agent_state(SPOT)
@@ -198,7 +207,7 @@ def test_a_low_battery_stops_what_takes_power_and_charging_fills_it():
 
 
 def test_a_robot_that_breaks_off_charging_keeps_what_it_has():
-    story = Story(Fault(1.0, "drains", UVD))
+    story = Story(WardFault(1.0, "drains", UVD))
     charging = story.begin("a_charge", UVD)
     story.until(1.0 + 3.0 * 0.45)
     story.world.cancel(charging)
@@ -222,7 +231,7 @@ def test_ways_and_work_take_power_and_in_time_the_battery_is_low():
 
 
 def test_a_person_who_walks_in_is_seen_on_patrol_and_stops_the_light():
-    story = Story(Fault(2.0, "enters", ROOM, 3.0), Fault(20.2, "enters", ROOM, 3.0))
+    story = Story(WardFault(2.0, "enters", ROOM, 3.0), WardFault(20.2, "enters", ROOM, 3.0))
     story.bring_in()
     assert story.world.room_state(ROOM).people == ("person1",)
     assert story.do("a_patrol_room", SPOT, ROOM) == "person in the room"
@@ -239,7 +248,7 @@ def test_a_person_who_walks_in_is_seen_on_patrol_and_stops_the_light():
 
 
 def test_a_nurse_who_is_called_away_lets_everybody_down_until_she_is_back():
-    story = Story(Fault(2.5, "leaves", NURSE, 4.0))
+    story = Story(WardFault(2.5, "leaves", NURSE, 4.0))
     story.bring_in()
     waits = story.begin("a_authenticate_nurse", SPOT, NURSE, robot=NURSE)
     story.until(2.5)
@@ -254,7 +263,7 @@ def test_a_nurse_who_is_called_away_lets_everybody_down_until_she_is_back():
 
 
 def test_a_nurse_who_is_away_comes_when_she_is_called():
-    story = Story(Fault(1.0, "leaves", NURSE, 100.0))
+    story = Story(WardFault(1.0, "leaves", NURSE, 100.0))
     assert story.do("a_navigate_to", SPOT, ROOM) == ""
     assert story.do("a_open_door", SPOT, ROOM) == ""
     assert story.do("a_navigate_to", NURSE, ROOM) == ""
@@ -311,7 +320,7 @@ def test_cancelling_one_partner_ends_a_joint_action_that_has_begun_and_else_only
 
 
 def test_a_robot_that_stalls_goes_on_afterwards_and_takes_that_much_longer():
-    story = Story(Fault(1.3, "stalls", SPOT, 5.0))
+    story = Story(WardFault(1.3, "stalls", SPOT, 5.0))
     story.begin("a_navigate_to", SPOT, ROOM)
     story.until(1.3)
     at = story.world.agent_state(SPOT)

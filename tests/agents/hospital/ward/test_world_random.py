@@ -10,11 +10,9 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.ward.agents import JOINT, ROLES
-from socialbot.agents.hospital.ward.faults import random_faults
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, ActionResult
-from socialbot.agents.hospital.ward.ward import large_ward
-from socialbot.agents.hospital.ward.world import WardWorld
+from socialbot.agents.hospital.ward.ward import large_ward, random_faults
+from socialbot.agents.hospital.ward.world import JOINT, ROLES, WardWorld
 from socialbot.core.clock import SECOND
 
 SMALL = large_ward(6, 2, 2, 3)
@@ -94,12 +92,12 @@ def check(world: WardWorld) -> None:
             near = room.contains(at) if agent.inside else math.dist(at, room.entrance) < 1e-6
             assert near or (agent.inside and abs(at.x - room.centre.x) < 1e-6), "in the room, or in its door"
         assert agent.state(world.now) == replace(agent, _shown=None).state(world.now), "what was shown is not old"
-        if agent.task is None:
+        if agent.activity is None:
             assert agent.journey is None
             continue
-        assert not agent.task.over
-        assert [name for name, other in world.agents.items() if other.task is agent.task] == sorted(
-            agent.task.ids, key=list(world.agents).index
+        assert not agent.activity.over
+        assert [name for name, other in world.agents.items() if other.activity is agent.activity] == sorted(
+            agent.activity.ids, key=list(world.agents).index
         )
     for name, room in world.rooms.items():
         assert room.state(name) == replace(room, _shown=None).state(name)

@@ -1,4 +1,4 @@
-"""Direct missions: assign agents, send plans, end missions, and recover from failures."""
+"""Manage missions: assign agents, send plans, end missions, and recover from failures."""
 
 from __future__ import annotations
 
@@ -7,10 +7,19 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Literal
 
-from socialbot.agents.hospital.disinfect import DISINFECT as DOMAIN
 from socialbot.agents.hospital.messages import AnyContent, Belief, End, Performative, Plan, Start, Stop
-from socialbot.agents.hospital.missions import NURSE, Board, Conduct, Course, Memory, Mission, Pool, state_of
-from socialbot.agents.hospital.translation import initial_triggers, translate
+from socialbot.agents.hospital.missions import (
+    NURSE,
+    AgentPool,
+    CoordinatorMemory,
+    CoordinatorOptions,
+    Mission,
+    MissionViewCache,
+    PlanProgress,
+    state_of,
+)
+from socialbot.agents.hospital.plans import DISINFECT as DOMAIN
+from socialbot.agents.hospital.plans import initial_triggers, translate
 from socialbot.agents.hospital.ward.messages import (
     AWAY,
     DIRTY_ROOM,
@@ -26,19 +35,19 @@ from socialbot.planning.htn.tree import TaskAnswer, TaskNode, TaskVerdict
 
 log = logging.getLogger("socialbot.coordinator")
 
-Say = Callable[[str, Performative, AnyContent, str, str], object]
+Send = Callable[[str, Performative, AnyContent, str, str], object]
 """Says something: the receiver, the performative, the content, the mission's label, the message it answers."""
 
 
-class Direction:
+class MissionManager:
     """The missions, their teams, and the plans of those that are running. Times are ns."""
 
-    def __init__(self, say: Say, conduct: Conduct, memory: Memory) -> None:
-        self.say = say
-        self.conduct = conduct
+    def __init__(self, send: Send, options: CoordinatorOptions, memory: CoordinatorMemory) -> None:
+        self.send = send
+        self.options = options
         self.memory = memory
-        self.courses: dict[int, Course] = {}
-        self.board = Board()
+        self.progress_of: dict[int, PlanProgress] = {}
+        self.view_cache = MissionViewCache()
         self.ward: WardState | None = None
         """As it was seen last."""
         self.now = 0
@@ -65,7 +74,7 @@ class Direction:
         log.info("mission %d waits: %s", mission.id, why)
         self._dismiss(mission, Stop(why))
         mission.status, mission.problem = "waiting", why
-        mission.rests_until = self.now + nanoseconds(self.conduct.rest_s) if rest else 0
+        mission.rests_until = self.now + nanoseconds(self.options.rest_s) if rest else 0
         mission.authenticated = False
         mission.failures.clear()
         self.await_team(mission)
@@ -73,13 +82,13 @@ class Direction:
     def finish(self, mission: Mission, status: Literal["finished", "failed"] = "finished") -> None:
         """Ends a mission; its team is free."""
         mission.status = status
-        self.board.close(mission, self.courses.get(mission.id))
+        self.view_cache.close(mission, self.progress_of.get(mission.id))
         self._dismiss(mission, End())
         self.memory.missions.pop(mission.id)
 
     def _dismiss(self, mission: Mission, word: Stop | End) -> None:
         for name in list(mission.active):
-            self.say(name, "request", word, mission.label, "")
+            self.send(name, "request", word, mission.label, "")
             self.release(mission, name)
         self.leave_behind(mission)
 
@@ -89,7 +98,7 @@ class Direction:
         """Has teams formed when `form_teams` is called next: ``mission``, or somebody, is now free for that."""
         self._may_form = True
         if mission is not None:
-            self.board.redraw(mission)
+            self.view_cache.redraw(mission)
 
     def release(self, mission: Mission, name: str) -> None:
         """Frees one of the team."""
@@ -112,7 +121,7 @@ class Direction:
         self._may_form = False
         missions = self.memory.missions.values()
         waiting = [each for each in missions if each.status == "waiting" and each.rests_until <= self.now]
-        pool = Pool(self.memory.members, self.ward)
+        pool = AgentPool(self.memory.members, self.ward)
         short: set[str] = set()
         for mission in sorted(waiting, key=lambda each: (-each.priority, each.id)):
             if mission.kind in short:
@@ -128,7 +137,7 @@ class Direction:
             elif lacks:
                 short.add(mission.kind)
 
-    def _take_from_others(self, mission: Mission, pool: Pool) -> bool:
+    def _take_from_others(self, mission: Mission, pool: AgentPool) -> bool:
         """Has less urgent missions wait if that gives this one a team; whether there are such."""
         missions = self.memory.missions
         if all(other.priority >= mission.priority for other in missions.values()):
@@ -147,7 +156,7 @@ class Direction:
 
     def plan(self, mission: Mission) -> TaskAnswer:
         """A plan for all of a mission as it stands now."""
-        return self.timed(self.planner.plan(self.state(mission, sees_rooms=self.conduct.proactive), mission.tasks()))
+        return self.timed(self.planner.plan(self.state(mission, sees_rooms=self.options.proactive), mission.tasks()))
 
     def timed(self, answer: TaskAnswer) -> TaskAnswer:
         """Notes how long planning took."""
@@ -159,35 +168,35 @@ class Direction:
         if answer.verdict is not TaskVerdict.PLAN or answer.tree is None:
             self.retire(mission, answer.message)
             return
-        course = self.courses[mission.id] = Course.of(answer.tree, mission.team.values())
+        progress = self.progress_of[mission.id] = PlanProgress.of(answer.tree, mission.team.values())
         mission.status = "running"
         mission.revision += 1
         mission.touched = self.now
-        self._send(mission, course)
-        self.board.redraw(mission)
+        self._send(mission, progress)
+        self.view_cache.redraw(mission)
 
-    def _send(self, mission: Mission, course: Course) -> None:
+    def _send(self, mission: Mission, progress: PlanProgress) -> None:
         """Splits a plan and sends each agent its part; who has none any more is free."""
-        parts = translate(course.stages, mission.context(), mission.label)
+        parts = translate(progress.stages, mission.context(), mission.label)
         for name in mission.team.values():
             if name not in parts and name in mission.active:
-                self.say(name, "request", Stop("nothing is left to do"), mission.label, "")
+                self.send(name, "request", Stop("nothing is left to do"), mission.label, "")
                 self.release(mission, name)
         mission.active = [name for name in mission.team.values() if name in parts]
         for name in mission.active:
             self.memory.members[name].mission = mission.id
-            self.say(name, "inform", Plan(mission.label, parts[name]), mission.label, "")
+            self.send(name, "inform", Plan(mission.label, parts[name]), mission.label, "")
         arguments = tuple(mission.context().values())
         for name in mission.active:
-            self.say(name, "request", Start(arguments), mission.label, "")
-        for name, trigger in initial_triggers(course.stages).items():
-            self.say(name, "inform", Belief(trigger), mission.label, "")
+            self.send(name, "request", Start(arguments), mission.label, "")
+        for name, trigger in initial_triggers(progress.stages).items():
+            self.send(name, "inform", Belief(trigger), mission.label, "")
 
     def leave_behind(self, mission: Mission, *, failed: bool = False) -> None:
         """Gives up the plan of a mission, and remembers what was done of it, and whether the next action failed."""
-        course = self.courses.pop(mission.id, None)
-        if course is not None:
-            mission.past += [each for each in course.actions(failed=failed) if each.status != "planned"]
+        progress = self.progress_of.pop(mission.id, None)
+        if progress is not None:
+            mission.past += [each for each in progress.actions(failed=failed) if each.status != "planned"]
 
 
 MOSTLY_JOINT = 0.5
@@ -203,8 +212,8 @@ SETTLED_NS = SECOND // 10
 class Recovery:
     """Finds other ways for the missions of ``direction``."""
 
-    def __init__(self, direction: Direction) -> None:
-        self.direction = direction
+    def __init__(self, manager: MissionManager) -> None:
+        self.manager = manager
         self.given_up: set[str] = set()
         """Rooms of missions that have failed."""
 
@@ -215,44 +224,44 @@ class Recovery:
 
         ``failed`` is the action that ``agent`` could not do, if it is one that shows the problem.
         """
-        direction = self.direction
+        manager = self.manager
         log.info("mission %d: %s", mission.id, problem)
         mission.problem = problem
-        course = direction.courses.get(mission.id)
-        node = course.fail(agent, failed) if course and failed else None
-        if direction.conduct.policy == "none":
-            direction.leave_behind(mission, failed=node is not None)
+        progress = manager.progress_of.get(mission.id)
+        node = progress.fail(agent, failed) if progress and failed else None
+        if manager.options.policy == "none":
+            manager.leave_behind(mission, failed=node is not None)
             self.given_up.add(mission.room)
-            direction.finish(mission, "failed")
+            manager.finish(mission, "failed")
             return
         mission.recoveries += 1
         again = mission.failures.get(key := " ".join((problem, *failed)), 0)
         mission.failures[key] = again + 1
         if not self._can_go_on(mission, again):
-            direction.leave_behind(mission, failed=node is not None)
-            direction.retire(mission, problem)
+            manager.leave_behind(mission, failed=node is not None)
+            manager.retire(mission, problem)
             return
         mends = problem in MENDED and not again
-        answer = self._repair(mission, course, node) if course and node and mends else None
-        answer = answer or direction.plan(mission)
-        direction.leave_behind(mission, failed=node is not None)
-        direction.go(mission, answer)
+        answer = self._repair(mission, progress, node) if progress and node and mends else None
+        answer = answer or manager.plan(mission)
+        manager.leave_behind(mission, failed=node is not None)
+        manager.go(mission, answer)
 
     def _can_go_on(self, mission: Mission, again: int) -> bool:
         """Whether the team is all there, and would not better do something else meanwhile."""
-        ward = self.direction.ward
-        if ward is None or again >= SAME_FAILURES or not self.direction.has_team(mission):
+        ward = self.manager.ward
+        if ward is None or again >= SAME_FAILURES or not self.manager.has_team(mission):
             return False
         nurse = ward.agent(mission.team[NURSE])
         return nurse is None or nurse.place != AWAY
 
-    def _repair(self, mission: Mission, course: Course, failed: TaskNode) -> TaskAnswer | None:
+    def _repair(self, mission: Mission, progress: PlanProgress, failed: TaskNode) -> TaskAnswer | None:
         """A plan that keeps what was done, if that is the policy, and it does not begin with what has failed."""
-        direction, policy = self.direction, self.direction.conduct.policy
-        if policy == "replan" or (policy == "auto" and course.joint_share > MOSTLY_JOINT):
+        manager, policy = self.manager, self.manager.options.policy
+        if policy == "replan" or (policy == "auto" and progress.joint_share > MOSTLY_JOINT):
             return None
-        state = direction.state(mission, sees_rooms=direction.conduct.proactive)
-        answer = direction.timed(direction.planner.replan(state, course.tree, failed.id))
+        state = manager.state(mission, sees_rooms=manager.options.proactive)
+        answer = manager.timed(manager.planner.replan(state, progress.tree, failed.id))
         usable = answer.verdict is TaskVerdict.PLAN and answer.plan[0].item != failed.item
         return answer if usable else None
 
@@ -260,31 +269,31 @@ class Recovery:
 
     def look_ahead(self, mission: Mission) -> None:
         """Revises a plan where the ward, as it is now, would stand in its way; one that does too much may stay."""
-        direction = self.direction
-        course, ward = direction.courses[mission.id], direction.ward
-        comes = course.next
+        manager = self.manager
+        progress, ward = manager.progress_of[mission.id], manager.ward
+        comes = progress.next
         if ward is None or comes is None or ward.stamp < mission.touched or ward.room(mission.room) is None:
             return
         if any(ward.agent(name) is None for name in mission.team.values()):
             return
-        state = direction.state(mission, sees_rooms=True)
-        if course.foreseen != (course.position, state):
-            course.foreseen, course.doubted = (course.position, state), None
-        elif course.doubted is None or direction.now - course.doubted < SETTLED_NS << min(mission.revisions, 10):
+        state = manager.state(mission, sees_rooms=True)
+        if progress.foreseen != (progress.position, state):
+            progress.foreseen, progress.doubted = (progress.position, state), None
+        elif progress.doubted is None or manager.now - progress.doubted < SETTLED_NS << min(mission.revisions, 10):
             return
-        answer = direction.timed(direction.planner.revise(state, course.tree, comes.id))
-        if answer.verdict is not TaskVerdict.PLAN or _is_within([node.item for node in answer.plan], course.left):
+        answer = manager.timed(manager.planner.revise(state, progress.tree, comes.id))
+        if answer.verdict is not TaskVerdict.PLAN or _is_within([node.item for node in answer.plan], progress.left):
             return
-        if course.doubted is None:
+        if progress.doubted is None:
             # What an agent has just done may show in the ward before its report is here.
-            course.doubted = direction.now
-        elif not direction.has_team(mission):
-            direction.retire(mission, "the team is needed again")
+            progress.doubted = manager.now
+        elif not manager.has_team(mission):
+            manager.retire(mission, "the team is needed again")
         else:
             log.info("mission %d is revised", mission.id)
             mission.revisions += 1
-            direction.leave_behind(mission)
-            direction.go(mission, answer)
+            manager.leave_behind(mission)
+            manager.go(mission, answer)
 
 
 def _is_within(items: Iterable[Item], plan: Iterable[Item]) -> bool:

@@ -1,0 +1,345 @@
+"""Tasks of a disinfection, and the translation of their plans to AgentSpeak."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from socialbot.bdi.agentspeak.printer import agentspeak
+from socialbot.bdi.literals import ANYTHING, Change, Event, Structure, literal, source
+from socialbot.bdi.plans import Plan
+from socialbot.bdi.steps import Achieve, Do, Step, Update
+from socialbot.bdi.terms import Atom, Conjunction, Variable, conjunction
+from socialbot.core.errors import PlanningError
+from socialbot.planning.htn.domain import Item, TaskDomain, TaskState
+
+DISINFECT = TaskDomain("disinfect")
+
+
+def mission(spot: str, uvd: str, nurse: str) -> Item:
+    """The task to have the room of ``nurse`` patrolled by ``spot`` and disinfected by ``uvd``."""
+    return ("m_patrol_and_disinfect", spot, uvd, nurse)
+
+
+def ward(nurses: Mapping[str, str], robots: Iterable[str], waiting_room: str) -> TaskState:
+    """Nurses in their rooms, all doors closed, all rooms clean; robots, with full batteries, in the waiting room."""
+    robots = list(robots)
+    return TaskState(
+        "ward",
+        loc={**nurses, **dict.fromkeys(robots, waiting_room)},
+        doors=dict.fromkeys(nurses.values(), False),
+        cleaned=dict.fromkeys(nurses.values(), True),
+        disinfected=dict.fromkeys(nurses.values(), True),
+        low_battery=dict.fromkeys(robots, False),
+        authenticated={},
+    )
+
+
+@DISINFECT.action
+def a_navigate_to(state: TaskState, agent: str, room: str) -> TaskState | None:
+    """It goes to the room, or before its door, unless its battery is low."""
+    if state.low_battery.get(agent):
+        return None
+    state.loc[agent] = room
+    return state
+
+
+@DISINFECT.action
+def a_open_door(state: TaskState, agent: str, room: str) -> TaskState:
+    """It opens the door with its arm."""
+    state.doors[room] = True
+    return state
+
+
+@DISINFECT.action
+def a_approach_nurse(state: TaskState, spot: str, nurse: str) -> TaskState:
+    """It goes up to the nurse."""
+    return state
+
+
+@DISINFECT.action
+def a_authenticate_nurse(state: TaskState, spot: str, nurse: str) -> TaskState:
+    """The two make sure who the other is."""
+    state.authenticated[spot] = nurse
+    return state
+
+
+@DISINFECT.action
+def a_authorize_patrol(state: TaskState, spot: str, nurse: str) -> TaskState:
+    """The nurse allows one patrol."""
+    state.authenticated.pop(spot, None)
+    return state
+
+
+@DISINFECT.action
+def a_patrol_room(state: TaskState, spot: str, room: str) -> TaskState:
+    """It looks whether the room is fit to be disinfected."""
+    return state
+
+
+@DISINFECT.action
+def a_adapt_room(state: TaskState, nurse: str, room: str) -> TaskState:
+    """The nurse tidies the room, and sends people out."""
+    state.cleaned[room] = True
+    return state
+
+
+@DISINFECT.action
+def a_authorize_disinfect(state: TaskState, uvd: str, spot: str) -> TaskState:
+    """The robot that patrolled says that nobody is in the room."""
+    return state
+
+
+@DISINFECT.action
+def a_disinfect_room(state: TaskState, uvd: str, room: str) -> TaskState:
+    """It lights the room with ultraviolet light."""
+    state.disinfected[room] = True
+    return state
+
+
+@DISINFECT.action
+def a_charge(state: TaskState, robot: str) -> TaskState:
+    """It fills its battery."""
+    state.low_battery[robot] = False
+    return state
+
+
+@DISINFECT.method("m_patrol_and_disinfect")
+def infected(state: TaskState, spot: str, uvd: str, nurse: str) -> list[Item] | None:
+    """The room is to be disinfected: the nurse is met, the room patrolled, then disinfected."""
+    if state.disinfected[state.loc[nurse]]:
+        return None
+    return [
+        ("m_approach_nurse", spot, nurse),
+        ("m_patrol_room", spot, nurse),
+        ("m_disinfect_room", uvd, spot, nurse),
+    ]
+
+
+@DISINFECT.method("m_approach_nurse")
+def door_open(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
+    """The robot goes straight in."""
+    room = state.loc[nurse]
+    if not state.doors[room]:
+        return None
+    return [("m_go", spot, room), ("a_approach_nurse", spot, nurse), ("a_authenticate_nurse", spot, nurse)]
+
+
+@DISINFECT.method("m_approach_nurse")
+def door_closed(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
+    """The robot opens the door first."""
+    room = state.loc[nurse]
+    if state.doors[room]:
+        return None
+    return [
+        ("m_go", spot, room),
+        ("a_open_door", spot, room),
+        ("a_approach_nurse", spot, nurse),
+        ("a_authenticate_nurse", spot, nurse),
+    ]
+
+
+@DISINFECT.method("m_patrol_room")
+def allowed_by_nurse(state: TaskState, spot: str, nurse: str) -> list[Item]:
+    """The nurse tidies the room if need be, and is met if that is not the case; then comes the patrol."""
+    return [
+        ("m_adapt_room", nurse),
+        ("m_meet_nurse", spot, nurse),
+        ("a_authorize_patrol", spot, nurse),
+        ("a_patrol_room", spot, state.loc[nurse]),
+    ]
+
+
+@DISINFECT.method("m_disinfect_room")
+def patrolled(state: TaskState, uvd: str, spot: str, nurse: str) -> list[Item] | None:
+    """The room is fit: the other robot is let in. There is no way for a room that is not."""
+    room = state.loc[nurse]
+    if not state.cleaned[room]:
+        return None
+    return [("a_authorize_disinfect", uvd, spot), ("m_go", uvd, room), ("a_disinfect_room", uvd, room)]
+
+
+@DISINFECT.method("m_adapt_room")
+def untidy(state: TaskState, nurse: str) -> list[Item] | None:
+    """The nurse tidies the room."""
+    room = state.loc[nurse]
+    return None if state.cleaned[room] else [("a_adapt_room", nurse, room)]
+
+
+@DISINFECT.method("m_adapt_room")
+def tidy(state: TaskState, nurse: str) -> list[Item]:
+    """There is nothing to tidy."""
+    return []
+
+
+@DISINFECT.method("m_meet_nurse")
+def far_away(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
+    """The robot comes back, with a charge if it needs one."""
+    if state.loc[spot] == state.loc[nurse] and not state.low_battery[spot]:
+        return None
+    return [("m_approach_nurse", spot, nurse)]
+
+
+@DISINFECT.method("m_meet_nurse")
+def unknown(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
+    """The robot is in the room, but has to say again who it is."""
+    if state.authenticated.get(spot) == nurse:
+        return None
+    return [("a_approach_nurse", spot, nurse), ("a_authenticate_nurse", spot, nurse)]
+
+
+@DISINFECT.method("m_meet_nurse")
+def known(state: TaskState, spot: str, nurse: str) -> list[Item]:
+    """The nurse knows the robot, which has used no permission since."""
+    return []
+
+
+@DISINFECT.method("m_go")
+def battery_low(state: TaskState, robot: str, room: str) -> list[Item] | None:
+    """It charges first."""
+    return [("a_charge", robot), ("a_navigate_to", robot, room)] if state.low_battery[robot] else None
+
+
+@DISINFECT.method("m_go")
+def battery_full(state: TaskState, robot: str, room: str) -> list[Item]:
+    """It goes at once."""
+    return [("a_navigate_to", robot, room)]
+
+
+TELL = Atom("tell")
+END = literal("end")
+
+
+@dataclass(frozen=True, slots=True)
+class PlanStage:
+    """One action of a plan, and those who do it, in the order of the team."""
+
+    action: str
+    args: tuple[str, ...]
+    agents: tuple[str, ...]
+
+
+def stages(items: Iterable[Item], team: Sequence[str], joint: Iterable[str]) -> tuple[PlanStage, ...]:
+    """The actions with those who do them: the agents that a ``joint`` action names, or else the first one named.
+
+    Raises PlanningError for an action that nobody of the team is to do.
+    """
+    together = frozenset(joint)
+    found: list[PlanStage] = []
+    for name, *given in items:
+        args = tuple(map(str, given))
+        named = [agent for agent in team if agent in args]
+        if not named:
+            raise PlanningError(f"{name}({', '.join(args)}) names nobody of {', '.join(team)}")
+        if name not in together:
+            named = [min(named, key=args.index)]
+        found.append(PlanStage(name, args, tuple(named)))
+    return tuple(found)
+
+
+def initial_triggers(plan: Sequence[PlanStage]) -> dict[str, str]:
+    """For each agent of the first action the literal that has it begin."""
+    first = plan[0]
+    trigger = literal(f"initial_trigger_{first.action}", tuple(map(Atom, first.args)))
+    return {agent: agentspeak(trigger) for agent in first.agents}
+
+
+def translate(plan: Sequence[PlanStage], context: Mapping[str, str], label: str) -> dict[str, tuple[str, ...]]:
+    """The plans in AgentSpeak for each agent with something to do.
+
+    ``context`` gives the variables that stand for constants, in the order of the arguments of ``start(...)``. The
+    plans are labelled ``label_0``, ``label_1`` and so on. Raises PlanningError for a variable that is none.
+    """
+    return {agent: tuple(map(agentspeak, found)) for agent, found in plans_of(plan, context, label).items()}
+
+
+def plans_of(plan: Sequence[PlanStage], context: Mapping[str, str], label: str) -> dict[str, list[Plan]]:
+    """As `translate`, before it becomes text."""
+    for name in context:
+        if not name.isidentifier() or not name[0].isupper():
+            raise PlanningError(f"{name!r} is no variable", remedy="write a name that begins with a capital letter")
+    translation = _Translation(plan, context)
+    agents = dict.fromkeys(agent for stage in plan for agent in stage.agents)
+    return {agent: _labelled(translation.plans(agent), label) for agent in agents}
+
+
+def _labelled(plans: Iterable[Plan], label: str) -> list[Plan]:
+    found = list(plans)
+    for number, plan in enumerate(found):
+        plan.label = f"{label}_{number}"
+    return found
+
+
+class _Translation:
+    def __init__(self, plan: Sequence[PlanStage], context: Mapping[str, str]) -> None:
+        self.plan = plan
+        self.variables = {constant: Variable(name) for name, constant in reversed(list(context.items()))}
+        self.start = literal("start", tuple(map(self.term, context.values())))
+
+    def term(self, constant: str) -> Variable | Atom:
+        return self.variables.get(constant) or Atom(constant)
+
+    def named(self, prefix: str, stage: PlanStage) -> Structure:
+        return literal(prefix + stage.action, tuple(map(self.term, stage.args)))
+
+    def plans(self, agent: str) -> list[Plan]:
+        mine = [index for index, stage in enumerate(self.plan) if agent in stage.agents]
+        begins = [index for index in mine if index == 0 or agent not in self.plan[index - 1].agents]
+        triggered = [self.plan[index] for index in begins if index > 0]
+        plans: list[Plan] = []
+        last: list[Plan] = []
+        triggers: set[PlanStage] = set()
+        for index in mine:
+            stage = self.plan[index]
+            if index == 0:
+                plans.append(self.rule(Change.ADDED, "initial_trigger_", stage, self.start, [self.goal(stage)]))
+                # Its context holds later on, too, when the same action may come again.
+                act = [Update("+", _milestone(0)), Do(self.named("", stage))]
+                last.append(self.rule(Change.WANTED, "", stage, self.start, act))
+            else:
+                if index in begins and stage not in triggers:
+                    triggers.add(stage)
+                    again = triggered.count(stage) > 1
+                    steps = [Update("-", self.named("trigger_", stage)[source(ANYTHING)])] if again else []
+                    plans.append(self.rule(Change.ADDED, "trigger_", stage, self.start, [*steps, self.goal(stage)]))
+                plans.append(self.rule(Change.WANTED, "", stage, _milestone(index), [Do(self.named("", stage))]))
+            plans.append(self.success(agent, index, told=index in begins and index > 0, ends=index == mine[-1]))
+        return plans + last
+
+    def success(self, agent: str, index: int, *, told: bool, ends: bool) -> Plan:
+        stage = self.plan[index]
+        # What others told would stay without their name, and be in the way of the same action later on.
+        steps: list[Step] = [Update("-", _milestone(index)[source(ANYTHING)] if told else _milestone(index))]
+        context = _milestone(index)
+        if index + 1 < len(self.plan):
+            after = self.plan[index + 1]
+            goes_on = agent in after.agents
+            if goes_on:
+                steps.append(Update("+", _milestone(index + 1)))
+            if agent == next((each for each in stage.agents if each in after.agents), stage.agents[0]):
+                for other in after.agents:
+                    if other not in stage.agents:
+                        steps += self.told(other, index + 1)
+            if goes_on:
+                steps.append(self.goal(after))
+            if goes_on or len(steps) > 1:
+                context = self.start & context
+        if ends:
+            steps.append(Do(END))
+        return self.rule(Change.ADDED, "success_", stage, context, steps)
+
+    def told(self, other: str, index: int) -> list[Step]:
+        trigger = self.named("trigger_", self.plan[index])
+        return [Do(literal(".send", (self.term(other), TELL, what))) for what in (Atom(f"milestone{index}"), trigger)]
+
+    def goal(self, stage: PlanStage) -> Step:
+        return Achieve(self.named("", stage))
+
+    def rule(
+        self, change: Change, prefix: str, stage: PlanStage, context: Structure | Conjunction, steps: list[Step]
+    ) -> Plan:
+        return Plan(Event(change, self.named(prefix, stage)), conjunction(context), tuple(steps))
+
+
+def _milestone(index: int) -> Structure:
+    return literal(f"milestone{index}")
