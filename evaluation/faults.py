@@ -22,8 +22,7 @@ from rich.console import Console
 
 from evaluation.faults_plan import Plan, Skipped
 from evaluation.report import DomainOption, JsonOption, Report, Value, run
-from socialbot.core.errors import ParameterError, SocialbotError
-from socialbot.graph.node import suggestion
+from socialbot.core.errors import ParameterError, SocialbotError, suggestion
 
 UNMET_EXIT = 1
 

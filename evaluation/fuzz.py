@@ -28,8 +28,7 @@ import typer
 
 from evaluation.progress import Bar
 from evaluation.report import JsonOption, Report, Value, run
-from socialbot.core.errors import ParameterError
-from socialbot.graph.node import suggestion
+from socialbot.core.errors import ParameterError, suggestion
 from tests.fuzz.decoders import Decoder, decoders
 from tests.fuzz.mutations import numbered
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from socialbot.agents.registry import STRUCTURED
 from socialbot.core.messages import Structured
+from socialbot.core.registry import message_types
 
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
 INDEX = FOLDER / "README.md"
@@ -34,7 +34,7 @@ def schema_file(message_type: type[Structured]) -> Path:
 
 def index_text() -> str:
     """The page that lists the schemas."""
-    rows = [f"| [{kind.__name__}]({kind.__name__}.json) | {summary(kind)} |" for kind in STRUCTURED]
+    rows = [f"| [{kind.__name__}]({kind.__name__}.json) | {summary(kind)} |" for kind in message_types()]
     return "\n".join([*HEADING, *rows, ""])
 
 
@@ -45,6 +45,6 @@ def summary(message_type: type[Structured]) -> str:
 
 if __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
-    for structured in STRUCTURED:
+    for structured in message_types():
         schema_file(structured).write_text(schema_text(structured), encoding="utf-8")
     INDEX.write_text(index_text(), encoding="utf-8")

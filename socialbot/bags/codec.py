@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Union, cast
 import msgspec
 import numpy as np
 
-from socialbot.agents.registry import STRUCTURED
-from socialbot.bags.types import JSON, TYPED, Field, fields_of, type_name
+from socialbot.bags.types import JSON, Field, fields_of, type_name, typed_messages
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import (
@@ -26,6 +25,7 @@ from socialbot.core.messages import (
     Structured,
     Utterance,
 )
+from socialbot.core.registry import message_types
 from socialbot.graph.node import WireForm
 
 if TYPE_CHECKING:
@@ -44,19 +44,16 @@ ROS_TYPES: Mapping[type[Message], str] = MappingProxyType(
         JointTrajectory: "trajectory_msgs/msg/JointTrajectory",
         BoxMarkers: "visualization_msgs/msg/ImageMarker",
         Structured: STRING,
-        **dict.fromkeys(STRUCTURED, STRING),
     }
 )
-"""The ROS type of each message; `ros_type` also knows structured messages defined elsewhere."""
+"""The ROS type of each message that is not structured, and of structured ones in their JSON form."""
 
-MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
-    {
-        **{name: message_type for message_type, name in ROS_TYPES.items() if not issubclass(message_type, Structured)},
-        STRING: Structured,
-        **TYPED,
-    }
-)
-"""What to `decode` a ROS type to; `Structured` stands for whichever schema the JSON names."""
+
+@functools.cache
+def decodable_types() -> Mapping[str, type[Message]]:
+    """Message classes by the ROS type that `decode` takes; `Structured` stands for the schema that the JSON names."""
+    return MappingProxyType({**{name: kind for kind, name in ROS_TYPES.items()}, **typed_messages()})
+
 
 CDR_BEGIN = 4
 """Bytes before the first field of a serialised message."""
@@ -81,7 +78,7 @@ def ros_type(message_type: type[Message], form: WireForm = "json") -> str:
     """
     if issubclass(message_type, Structured):
         name = type_name(message_type)
-        return name if form == "typed" and TYPED.get(name) is message_type else STRING
+        return name if form == "typed" and typed_messages().get(name) is message_type else STRING
     if message_type not in ROS_TYPES:
         raise MessageError(f"{message_type.__name__} has no ROS type", remedy="derive it from Structured")
     return ROS_TYPES[message_type]
@@ -114,7 +111,7 @@ def decode(message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M:
     """``ros_message`` as ``message_type``; ``stamp`` (ns) is used where it carries none itself.
 
     Pixels and compressed data are views of the ROS message. With ``Structured`` as the type, JSON
-    becomes whichever message of `STRUCTURED` its schema names. Raises MessageError when the
+    becomes the registered message that its schema names. Raises MessageError when the
     content does not fit, or ``ros_message`` is of another type.
     """
     if issubclass(message_type, Structured):
@@ -181,7 +178,7 @@ def _decode_structured(message_type: type[Structured], text: str, stamp: int) ->
 @functools.cache
 def _json_decoder(message_type: type[Structured]) -> msgspec.json.Decoder[Any]:
     # A union, because msgspec lets the schema name be missing where only one struct is possible.
-    members = STRUCTURED if message_type is Structured else (message_type, Structured)
+    members = message_types() if message_type is Structured else (message_type, Structured)
     return msgspec.json.Decoder(Union[members])  # noqa: UP007 - the members are known at run time only
 
 

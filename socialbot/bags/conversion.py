@@ -254,7 +254,7 @@ def convert_bag(source: str | Path, out: str | Path, form: WireForm, *, storage:
         made = Conversion(writer.path, skipped=bag.skipped)
         latched = {topic.name: bag.is_latched(topic.name) for topic in bag.topics}
         for topic, time, name, data in bag.raw_messages({each.name: each.name for each in bag.topics}):
-            if name == codec.STRING or name in codec.TYPED:
+            if name == codec.STRING or name in codec.typed_messages():
                 try:
                     name, data, changed = _converted(types, name, data, form)
                     made.converted += changed
@@ -277,7 +277,7 @@ def _converted(types: RosbagsTypes, name: str, data: bytes, form: WireForm) -> t
     ros_message = types.deserialize(data, name)
     if name == codec.STRING and not ros_message.data.lstrip().startswith("{"):
         raise MessageError("plain text")
-    message = codec.decode(codec.MESSAGE_TYPES[name], ros_message)
+    message = codec.decode(codec.decodable_types()[name], ros_message)
     assert isinstance(message, Structured)
     wanted = codec.ros_type(type(message), form)
     if wanted == name:

@@ -26,13 +26,12 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 
 from socialbot.bags import codec
 from socialbot.bags.repair import Receptions, Stamps, salvage
-from socialbot.bags.types import PACKAGE, TYPED, RosbagsTypes, deserialize, is_known, to_cdr
+from socialbot.bags.types import PACKAGE, RosbagsTypes, deserialize, is_known, to_cdr
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import BagError
+from socialbot.core.errors import BagError, suggestion
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, Structured
 from socialbot.core.yaml import check_depth
-from socialbot.graph.node import suggestion
 
 __all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "BagTopic", "open_bag"]
 
@@ -211,11 +210,11 @@ class Bag:
         where the file breaks off.
         """
         for name in topics:
-            if self.topic(name).type not in codec.MESSAGE_TYPES:
+            if self.topic(name).type not in codec.decodable_types():
                 raise BagError(
                     f"{name} is {self.topic(name).type}, which no message of socialbot comes from",
                     where=str(self.path),
-                    remedy=f"known types: {', '.join(sorted(codec.MESSAGE_TYPES.keys() - TYPED))}, those of {PACKAGE}",
+                    remedy=f"known types: {', '.join(sorted(codec.ROS_TYPES.values()))}, those of {PACKAGE}",
                 )
         return self._decoded(topics, kinds or {})
 
@@ -244,7 +243,7 @@ class Bag:
         if found is None:
             return None
         connection, _, data = found
-        kind = codec.MESSAGE_TYPES[connection.msgtype]
+        kind = codec.decodable_types()[connection.msgtype]
         return self._attempt(connection, lambda: codec.decode(kind, deserialize(connection, data), stamp=place.stamp))
 
     def raw_messages(self, topics: Mapping[str, str]) -> Iterator[tuple[str, int, str, bytes]]:
@@ -269,7 +268,7 @@ class Bag:
 
             def decode(connection: Connection = connection, time: int = time, data: bytes = data) -> Message:
                 ros_message = deserialize(connection, data)
-                kind = kinds.get(topics[connection.topic]) or codec.MESSAGE_TYPES[connection.msgtype]
+                kind = kinds.get(topics[connection.topic]) or codec.decodable_types()[connection.msgtype]
                 message = codec.decode(kind, ros_message, stamp=time)
                 header = codec.header_stamp(ros_message)
                 if header is None or isinstance(message, Structured):

@@ -17,9 +17,9 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from socialbot.agents.registry import STRUCTURED
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import Structured
+from socialbot.core.registry import message_types
 
 PACKAGE = "socialbot_msgs"
 HEADER = ("stamp", "frame_id")
@@ -74,8 +74,10 @@ def type_name(struct: type) -> str:
     return f"{PACKAGE}/msg/{struct.__name__}"
 
 
-TYPED: Mapping[str, type[Structured]] = MappingProxyType({type_name(kind): kind for kind in STRUCTURED})
-"""The messages that have a ROS type of their own, by its name."""
+@functools.cache
+def typed_messages() -> Mapping[str, type[Structured]]:
+    """The messages with a ROS type of their own in socialbot_msgs, by its name."""
+    return MappingProxyType({type_name(kind): kind for kind in message_types(built_in=True)})
 
 
 @functools.cache
@@ -98,7 +100,7 @@ def parts_of(struct: type) -> Iterator[type]:
 @functools.cache
 def definitions() -> Mapping[str, str]:
     """The definition (the text of its .msg file) of each ROS type, by its name."""
-    every = {part: None for kind in STRUCTURED for part in (kind, *parts_of(kind))}
+    every = {part: None for kind in message_types(built_in=True) for part in (kind, *parts_of(kind))}
     texts = {type_name(struct): _definition(struct) for struct in every}
     assert len(texts) == len(every), "two structs of one name"
     return MappingProxyType(dict(sorted(texts.items())))

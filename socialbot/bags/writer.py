@@ -13,9 +13,9 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from socialbot.bags import codec
 from socialbot.bags.types import RosbagsTypes, types_with
-from socialbot.core.errors import BagError
+from socialbot.core.errors import BagError, suggestion
 from socialbot.core.messages import CameraInfo, Message, Mind
-from socialbot.graph.node import WireForm, suggestion
+from socialbot.graph.node import WireForm
 
 STORAGES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 

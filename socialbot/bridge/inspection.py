@@ -10,13 +10,21 @@ from bisect import bisect_right
 from collections import deque
 from typing import Any
 
-from socialbot.agents.base.agent_node import AGENT_ANSWERS, AGENT_COMMANDS
 from socialbot.bags.codec import decode, ros_type
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.transport import message_class, publisher_qos, reason_of, subscription_qos, wire
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ImageError, MessageError
-from socialbot.core.messages import AgentAnswer, AgentCommand, Command, CompressedImage, Health, Image
+from socialbot.core.messages import (
+    AGENT_ANSWERS,
+    AGENT_COMMANDS,
+    AgentAnswer,
+    AgentCommand,
+    Command,
+    CompressedImage,
+    Health,
+    Image,
+)
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.node import Delivery, Graph, WireForm
 from socialbot.runs.run import Picture

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from socialbot.bags.codec import MESSAGE_TYPES, ROS_TYPES, STRING, decode, raw_stamp, with_stamp
+from socialbot.bags.codec import ROS_TYPES, STRING, decodable_types, decode, raw_stamp, with_stamp
 from socialbot.bags.reader import IMAGE_TYPES, Bag, RosbagsTypes
 from socialbot.bags.repair import Stamps
 from socialbot.bags.world_replay import STEP_S, PlaybackResult, WorldScript, play
@@ -166,7 +166,7 @@ class BagPlayer:
             self._outlets[topic].forward(deserialize_message(cdr, message_class(STRING)))
         else:
             try:
-                message = decode(MESSAGE_TYPES[name], self._types.deserialize(cdr, name), stamp=at)
+                message = decode(decodable_types()[name], self._types.deserialize(cdr, name), stamp=at)
             except MessageError as error:
                 log.warning("%s: left out: %s", topic, error)
                 return

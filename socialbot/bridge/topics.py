@@ -20,14 +20,14 @@ import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from socialbot.agents.registry import STRUCTURED
 from socialbot.bags.codec import ros_type
 from socialbot.bridge import environment
 from socialbot.bridge.transport import matching_qos, message_class, publisher_qos, wire
-from socialbot.core.errors import GraphError, MessageError, NodeError
+from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import Structured
+from socialbot.core.registry import message_types
 from socialbot.core.yaml import load_yaml
-from socialbot.graph.node import Delivery, WireForm, suggestion
+from socialbot.graph.node import Delivery, WireForm
 
 LONGEST = 64
 """Arrays and lists with more items than this are cut."""
@@ -367,7 +367,7 @@ def parse_message(schema: str, text: str, *, stamp: int) -> Structured:
     ``stamp`` (ns) is used where it gives none. Raises MessageError when there is no such schema, or the text does not
     fit it.
     """
-    kinds = {kind.__name__: kind for kind in STRUCTURED}
+    kinds = {kind.__name__: kind for kind in message_types()}
     if schema not in kinds:
         raise MessageError(f"there is no schema {schema!r}", remedy=suggestion(schema, kinds))
     try:

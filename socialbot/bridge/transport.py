@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from socialbot.bags.codec import STRING, TYPED, TypeFactory, decode, encode, ros_type
+from socialbot.bags.codec import STRING, TypeFactory, decode, encode, ros_type, typed_messages
 from socialbot.bags.types import PACKAGE
 from socialbot.bridge.environment import KEYS_VARIABLE, check_domain, has_keys
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
@@ -214,7 +214,7 @@ def wire(environment: MutableMapping[str, str] = os.environ, *, form: WireForm =
                 where="wire: typed",
                 remedy=f"write wire: json, or unset {KEYS_VARIABLE}",
             )
-        message_class(next(iter(TYPED)))
+        message_class(next(iter(typed_messages())))
     return Wire(RclpyTypes(), _seal(environment), form)
 
 

@@ -196,7 +196,7 @@ def _table(opened: Bag, pictures: Mapping[str, str], *, checked: bool) -> Table:
 
 def _type(topic: BagTopic) -> str:
     # The whole name only where the short one would not do: a line has room for 80 characters.
-    return topic.type.rpartition("/")[2] if topic.type in codec.MESSAGE_TYPES else topic.type.replace("/msg/", "/")
+    return topic.type.rpartition("/")[2] if topic.type in codec.decodable_types() else topic.type.replace("/msg/", "/")
 
 
 def _rate(opened: Bag, topic: BagTopic) -> str:

@@ -17,9 +17,11 @@ class Given(Protocol):
 
 def graph_names(incomplete: str) -> list[str]:
     """The graphs that come with socialbot, and the YAML files and folders that begin like ``incomplete``."""
-    from socialbot.graph.files import GRAPHS
+    from socialbot.core import registry
 
-    return [name for name in GRAPHS if name.startswith(incomplete)] + list(paths(incomplete, (".yaml", ".yml")))
+    return [name for name in registry.graph_names() if name.startswith(incomplete)] + list(
+        paths(incomplete, (".yaml", ".yml"))
+    )
 
 
 def node_names(ctx: Given, incomplete: str) -> list[str]:

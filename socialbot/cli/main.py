@@ -308,7 +308,7 @@ def with_changes(graph: Graph, changes: list[str]) -> Graph:
     from dataclasses import replace
 
     from socialbot.core import paths
-    from socialbot.graph.node import suggestion
+    from socialbot.core.errors import suggestion
 
     parameters: dict[str, dict[str, object]] = {}
     for change in changes:

@@ -17,9 +17,13 @@ The command line prints one of these as a single message and ends with its
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
 __all__ = [
     "BagError", "DeviceError", "GraphError", "ImageError", "InstallationError", "MessageError", "NodeError",
     "ParameterError", "PlanningError", "RuleError", "RunError", "SocialbotError", "TruthError",
+    "suggestion",
 ]  # fmt: skip
 
 
@@ -117,3 +121,11 @@ class DeviceError(SocialbotError):
     """A camera or sound device that is missing or has vanished."""
 
     exit_code = 7
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """A remedy for the unknown ``word``: the closest of the ``known`` names, and all of them."""
+    names = sorted(known)
+    close = difflib.get_close_matches(word, names, n=1)
+    listed = f"known: {', '.join(names) or 'none'}"
+    return f"did you mean {close[0]!r}? {listed}" if close else listed

@@ -167,6 +167,10 @@ Command = Literal["believe", "forget", "achieve", "drop", "pause", "resume", "st
 """What a person may ask of an agent."""
 
 
+AGENT_COMMANDS, AGENT_ANSWERS = "/agents/commands", "/agents/answers"
+"""Topics for commands from people to agents, and for the agents' answers; all agents share them."""
+
+
 class AgentCommand(Structured, frozen=True, kw_only=True):
     """What a person asks of ``agent``, under an ``id`` of its own.
 
@@ -288,3 +292,10 @@ class Mind(Structured, frozen=True, kw_only=True):
     beliefs: tuple[MindBelief, ...]
     desires: tuple[str, ...]
     intentions: tuple[str, ...]
+
+
+BUILT_IN_MESSAGES: tuple[type[Structured], ...] = (
+    PersonDetections, ActionRequest, Utterance, SpeechStatus, HeadCommand, TraceRecord, Mind, PictureAck, Health,
+    UpStatus, DownRequest, AgentCommand, AgentAnswer,
+)  # fmt: skip
+"""Structured messages of no agent in particular; `socialbot.core.registry.message_types` lists all."""

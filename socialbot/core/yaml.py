@@ -11,8 +11,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.scanner import RoundTripScanner, Scanner, ScannerError
 
-from socialbot.core.errors import GraphError
-from socialbot.graph.node import suggestion
+from socialbot.core.errors import GraphError, suggestion
 
 DEPTH = 50
 """How deep lists and mappings may be nested."""

@@ -8,7 +8,7 @@
     wire: json                           # or typed: messages as socialbot_msgs rather than JSON
     nodes:
       person_detector:
-        type: person_detector            # a name of `NODE_TYPES`, or package.module:Class
+        type: person_detector            # a name from the registry, or package.module:Class
         parameters: {threshold: 0.4}
         remap: {image: /camera/image_color}
 """
@@ -16,69 +16,35 @@
 from __future__ import annotations
 
 import importlib
-import importlib.resources
 import io
 import sys
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 from ruamel.yaml import YAML
 
-from socialbot.core import paths
-from socialbot.core.errors import GraphError
+from socialbot.core import paths, registry
+from socialbot.core.errors import GraphError, suggestion
 from socialbot.core.yaml import Section, plain, read_page
-from socialbot.graph.node import Graph, Node, NodeConfig, suggestion
-
-NODE_TYPES: Mapping[str, str] = {
-    "camera": "socialbot.vision.cameras:Camera",
-    "carrier": "socialbot.agents.warehouse.carrier:Carrier",
-    "cleaner": "socialbot.agents.cleaner.cleaner:Cleaner",
-    "gripper": "socialbot.agents.warehouse.gripper:Gripper",
-    "head": "socialbot.agents.waldo.head:Head",
-    "hospital_coordinator": "socialbot.agents.hospital.coordinator:HospitalCoordinator",
-    "hospital_world": "socialbot.agents.hospital.ward.world_node:HospitalWorld",
-    "image_converter": "socialbot.vision.images:ImageConverter",
-    "listener": "socialbot.agents.waldo.nodes:Listener",
-    "nurse": "socialbot.agents.hospital.robot_node:Nurse",
-    "person_detector": "socialbot.vision.person_detector:PersonDetector",
-    "picture_receiver": "socialbot.vision.image_transport:PictureReceiver",
-    "picture_sender": "socialbot.vision.image_transport:PictureSender",
-    "speaker": "socialbot.speech.speaker:Speaker",
-    "spot": "socialbot.agents.hospital.robot_node:Spot",
-    "sweeper": "socialbot.agents.cleaner.cleaner:Sweeper",
-    "team_cleaner": "socialbot.agents.cleaner.cleaner:TeamCleaner",
-    "uvd": "socialbot.agents.hospital.robot_node:Uvd",
-    "waldo": "socialbot.agents.waldo.nodes:WaldoNode",
-    "warehouse_world": "socialbot.agents.warehouse.world_node:World",
-}
-"""The nodes that come with socialbot."""
-
-GRAPHS: Mapping[str, str] = {
-    "cleaner": "agents/cleaner/graph.yaml",
-    "cleaner-sweeper": "agents/cleaner/pair.yaml",
-    "hospital": "agents/hospital/graph.yaml",
-    "waldo": "agents/waldo/graph.yaml",
-    "warehouse": "agents/warehouse/graph.yaml",
-}
-"""The graphs that come with socialbot."""
+from socialbot.graph.node import Graph, Node, NodeConfig
 
 
 def load_graph(name: str) -> Graph:
-    """The graph called ``name``, one of `GRAPHS` or a file.
+    """Load a graph by the name of a registered graph, or from a file.
 
-    Node types of its own may stand in modules beside the file, and files that nodes read or write. Raises GraphError
-    with file and line.
+    Modules with node types, and files that nodes read or write, may be beside the file. Raises GraphError with file
+    and line.
     """
-    if name in GRAPHS:
-        text = importlib.resources.files("socialbot").joinpath(GRAPHS[name]).read_text("utf-8")
-        return parse_graph(text, where=name)
+    if (registered := registry.graph_text(name)) is not None:
+        return parse_graph(registered, where=name)
     path = Path(name)
     try:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise GraphError(f"cannot read the graph: {error}", where=name, remedy=suggestion(name, GRAPHS)) from error
+        raise GraphError(
+            f"cannot read the graph: {error}", where=name, remedy=suggestion(name, registry.graph_names())
+        ) from error
     folder = path.resolve().parent
     paths.allow(folder)
     _look_in(folder)
@@ -122,14 +88,13 @@ def dump_graph(graph: Graph) -> str:
 
 
 def node_type(name: str, *, where: str = "") -> type[Node]:
-    """The node class called ``name``: one of `NODE_TYPES` or package.module:Class. Raises GraphError."""
-    path = NODE_TYPES.get(name, name)
-    module, _, attribute = path.partition(":")
+    """The node class of a registered node type, or of package.module:Class. Raises GraphError."""
+    module, _, attribute = (name if ":" in name else registry.node_reference(name) or name).partition(":")
     if not attribute:
         raise GraphError(
             f"unknown node type {name!r}",
             where=where,
-            remedy=f"{suggestion(name, NODE_TYPES)}; or package.module:Class of your own",
+            remedy=f"{suggestion(name, registry.node_types())}; or package.module:Class of your own",
         )
     found = _found(name, module, attribute, where)
     if not (isinstance(found, type) and issubclass(found, Node)):

@@ -19,16 +19,15 @@ connections, and call it from one thread at a time.
 
 from __future__ import annotations
 
-import difflib
 import enum
 import logging
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar, get_args, overload
 
 from socialbot.core.clock import Clock, nanoseconds
-from socialbot.core.errors import GraphError, ParameterError
+from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.messages import Message, State
 
 if TYPE_CHECKING:
@@ -232,7 +231,19 @@ class Node:
     """One unit of a graph. Subclasses declare ports and parameters as class attributes."""
 
     is_simulator: ClassVar[bool] = False
-    """Whether it plays the part of the world outside, as a simulator does; in a replay the bag plays it."""
+    """Whether it simulates the world; a replay leaves it out and takes its messages from the bag."""
+
+    is_agent: ClassVar[bool] = False
+    """Whether it runs an agent, which takes commands."""
+
+    deliberates: ClassVar[bool] = False
+    """Whether its trace records desires and plans."""
+
+    display_name: ClassVar[str] = ""
+    """Name of an agent for people; empty: its name in the graph."""
+
+    phrases: ClassVar[Mapping[str, str]] = {}
+    """Sentences for the actions of an agent, by action name, with arguments as {0}, {1}: ``"opens {1}"``."""
 
     _inputs: ClassVar[Mapping[str, Input[Any]]] = {}
     _outputs: ClassVar[Mapping[str, Output[Any]]] = {}
@@ -340,14 +351,6 @@ def check_parameters(node_type: type[Node], given: Mapping[str, object], *, wher
             raise ParameterError(f"no parameter {name!r}", where=where, remedy=suggestion(name, declared))
         values[name] = declared[name].check(value, where=f"{where}.{name}")
     return values
-
-
-def suggestion(word: str, known: Iterable[str]) -> str:
-    """A remedy for a misspelt ``word``: the nearest known one, and all there are."""
-    names = sorted(known)
-    close = difflib.get_close_matches(word, names, n=1)
-    listed = f"known: {', '.join(names) or 'none'}"
-    return f"did you mean {close[0]!r}? {listed}" if close else listed
 
 
 @dataclass(frozen=True)

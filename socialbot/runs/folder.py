@@ -10,12 +10,10 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from socialbot.agents.base.agent_node import AgentNode
-from socialbot.agents.base.deliberating import Deliberating
-from socialbot.agents.hospital.event_log import PHRASES
 from socialbot.core.bounded_log import is_whole, parts
 from socialbot.core.errors import RunError, SocialbotError
 from socialbot.core.messages import Health, Message, TraceRecord
+from socialbot.core.registry import phrases_of
 from socialbot.graph.files import parse_graph
 from socialbot.graph.node import Graph
 from socialbot.graph.status import NodeStatus
@@ -207,12 +205,10 @@ class _Line(msgspec.Struct):
 def wording_of(graph: Graph | None) -> Wording:
     """How a run of ``graph`` calls things: an agent as people call it, unless several are called so."""
     placements = graph.placements if graph is not None else ()
-    deliberating = [placement.type for placement in placements if issubclass(placement.type, Deliberating)]
-    phrases = {action: said for kind in deliberating for action, said in kind.phrases.items()}
-    called = {each.name: each.type.called for each in placements if issubclass(each.type, AgentNode)}
+    called = {each.name: each.type.display_name for each in placements}
     count = Counter(called.values())
     names = {name: people_say for name, people_say in called.items() if people_say and count[people_say] == 1}
-    return Wording(names, {**PHRASES, **phrases})
+    return Wording(names, phrases_of(graph))
 
 
 def open_run(folder: Path, pictures: Pictures | None = None) -> RecordedRun:

@@ -6,12 +6,10 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from socialbot.agents.base.deliberating import Deliberating
-from socialbot.agents.hospital.coordinator import HospitalCoordinator
-from socialbot.agents.hospital.event_log import PHRASES
 from socialbot.bags.images import pictures_of
 from socialbot.core.errors import BagError, SocialbotError
 from socialbot.core.messages import Message, TraceRecord
+from socialbot.core.registry import phrases_of
 from socialbot.graph.node import Graph
 from socialbot.runs.folder import RecordedRun, newest_run, open_run
 from socialbot.runs.report import page_of
@@ -28,13 +26,9 @@ class RunReport:
     def __init__(self, graph: Graph) -> None:
         self.records: list[TraceRecord] = []
         self._graph = graph
-        kinds = [placement.type for placement in graph.placements]
-        agents = [kind for kind in kinds if issubclass(kind, Deliberating)]
-        directs = any(issubclass(kind, HospitalCoordinator) for kind in kinds)
-        self.deliberates = bool(agents) or directs
+        self.deliberates = any(placement.type.deliberates for placement in graph.placements)
         """Whether there are agents to tell of."""
-        self.phrases = {action: said for kind in agents for action, said in kind.phrases.items()}
-        self.phrases |= PHRASES if directs else {}
+        self.phrases = phrases_of(graph)
         self._world: World | None = world_of(graph)
 
     def observe(self, topic: str, message: Message) -> None:

@@ -7,7 +7,6 @@ from typing import Any, Protocol
 
 import msgspec
 
-from socialbot.agents.base.agent_node import AgentNode
 from socialbot.graph.node import Graph
 from socialbot.graph.status import NodeStatus
 from socialbot.runs.history import History
@@ -135,7 +134,7 @@ def graph_view(graph: Graph, machines: Mapping[str, str] | None = None) -> Graph
             (machines or {}).get(placement.name, ""),
             tuple(topic for topic, _ in placement.subscriptions),
             tuple(topic for topic, _ in placement.publications),
-            issubclass(placement.type, AgentNode),
+            placement.type.is_agent,
         )
         for placement in graph.placements
     )

@@ -14,11 +14,12 @@ from typing import Literal
 
 from socialbot.bridge.environment import HIGHEST_DOMAIN, Across
 from socialbot.core import paths
-from socialbot.core.errors import GraphError, ParameterError
+from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.messages import Image
+from socialbot.core.registry import graph_names
 from socialbot.core.yaml import Section, plain, read_page
-from socialbot.graph.files import GRAPHS, load_graph
-from socialbot.graph.node import NODE_NAME, Graph, NodeConfig, check_parameters, suggestion
+from socialbot.graph.files import load_graph
+from socialbot.graph.node import NODE_NAME, Graph, NodeConfig, check_parameters
 from socialbot.runtime.processes import RestartPolicy
 from socialbot.vision.image_transport import PictureReceiver, PictureSender
 
@@ -263,7 +264,7 @@ TRANSPORTS = ("jpeg", "raw")
 
 def is_deployment(name: str) -> bool:
     """Whether ``name`` is a file that tells of machines, and so no graph."""
-    if name in GRAPHS:
+    if name in graph_names():
         return False
     try:
         text = Path(name).read_text("utf-8")
@@ -315,11 +316,13 @@ def parse_deployment(text: str, *, where: str, folder: Path) -> Deployment:
 def _graph(root: Section, folder: Path) -> Graph:
     name = root.text("graph")
     try:
-        graph = load_graph(name if name in GRAPHS else str(folder / name))
+        graph = load_graph(name if name in graph_names() else str(folder / name))
     except GraphError as error:
-        if name in GRAPHS or os.path.isfile(folder / name):
+        if name in graph_names() or os.path.isfile(folder / name):
             raise
-        raise GraphError(f"no graph {name!r}", where=root.line("graph"), remedy=suggestion(name, GRAPHS)) from error
+        raise GraphError(
+            f"no graph {name!r}", where=root.line("graph"), remedy=suggestion(name, graph_names())
+        ) from error
     section = root.section("parameters", {})
     parameters = {str(node): {str(k): plain(v) for k, v in section.section(node).page.items()} for node in section.page}
     names = [placement.name for placement in graph.placements]

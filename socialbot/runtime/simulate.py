@@ -11,7 +11,6 @@ from typing import Any, Literal, Protocol
 
 import msgspec
 
-from socialbot.agents.hospital.messages import AclMessage, Missions
 from socialbot.agents.hospital.result import Infections, ward_in
 from socialbot.bags.writer import BagWriter
 from socialbot.bridge.graph_observer import LatestStatistics, await_graph, expect_free_names, observe_graph
@@ -19,6 +18,7 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import AgentCommand, Health, Message, TraceRecord
 from socialbot.core.process import Ending
+from socialbot.core.registry import recorded_types
 from socialbot.deliberation.messages import AgentReply, AgentRequest, DesireSet, PlanExecutionInfo
 from socialbot.graph.files import dump_graph
 from socialbot.graph.health import HEALTH_TOPIC
@@ -194,7 +194,7 @@ def replayable(graph: Graph) -> dict[str, type[Message]]:
         if placement.type.is_simulator
         for topic, _ in (*placement.publications, *placement.subscriptions)
     }
-    kinds = (TraceRecord, AgentRequest, AgentReply, AgentCommand, AclMessage, Missions)
+    kinds = (TraceRecord, AgentRequest, AgentReply, AgentCommand, *recorded_types(graph))
     return {topic: kind for topic, kind in graph.topics().items() if topic in worldly or issubclass(kind, kinds)}
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agents.base.agent_node import AGENT_ANSWERS, AGENT_COMMANDS, AgentNode
+from socialbot.agents.base.agent_node import AgentNode
 from socialbot.agents.base.deliberating import Deliberating
 from socialbot.agents.hospital.messages import TOPIC
 from socialbot.agents.hospital.robot_node import Spot
@@ -18,6 +18,8 @@ from socialbot.agents.waldo.nodes import WaldoNode
 from socialbot.bdi import Engine
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import (
+    AGENT_ANSWERS,
+    AGENT_COMMANDS,
     ActionRequest,
     AgentAnswer,
     AgentCommand,

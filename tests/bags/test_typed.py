@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.registry import STRUCTURED
 from socialbot.bags import codec
-from socialbot.bags.types import PACKAGE, TYPED, RosbagsTypes, definitions, fields_of, type_name, types_with
+from socialbot.bags.types import PACKAGE, RosbagsTypes, definitions, fields_of, type_name, typed_messages, types_with
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.transport import RclpyTypes, message_class, wire
 from socialbot.cli.main import with_changes
@@ -26,6 +25,7 @@ from socialbot.core.messages import (
     TraceRecord,
     Utterance,
 )
+from socialbot.core.registry import message_types
 from socialbot.deliberation.messages import AgentRequest, PlanExecutionInfo
 from socialbot.graph.files import dump_graph, parse_graph
 from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output
@@ -35,7 +35,7 @@ from tools.interfaces import definition_files
 
 TYPES = RosbagsTypes()
 built = pytest.mark.skipif(importlib.util.find_spec(PACKAGE) is None, reason="socialbot_msgs is not installed")
-structured = st.sampled_from([kind for kind in STRUCTURED if kind in messages]).flatmap(messages.__getitem__)
+structured = st.sampled_from([kind for kind in message_types() if kind in messages]).flatmap(messages.__getitem__)
 
 
 def test_the_package_holds_the_definitions_of_the_code() -> None:
@@ -44,7 +44,7 @@ def test_the_package_holds_the_definitions_of_the_code() -> None:
 
 
 def test_every_structured_message_has_a_type_that_bags_know() -> None:
-    assert set(TYPED.values()) == set(STRUCTURED)
+    assert set(typed_messages().values()) == set(message_types())
     for name in definitions():
         assert name in types_with(name).fielddefs
 
@@ -81,7 +81,7 @@ def test_round_trip_through_the_bytes_of_a_bag(message: Structured) -> None:
     assert ros.__msgtype__ == name == type_name(type(message))
     back = TYPES.deserialize(TYPES.serialize(ros), name)
     assert codec.decode(type(message), back, stamp=7) == message
-    assert codec.decode(codec.MESSAGE_TYPES[name], back) == message
+    assert codec.decode(codec.decodable_types()[name], back) == message
 
 
 @built

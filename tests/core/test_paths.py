@@ -8,7 +8,8 @@ import pytest
 from socialbot.cli.main import with_changes
 from socialbot.core.errors import ParameterError
 from socialbot.core.paths import FOLDERS_VARIABLE, allow, within, workspace
-from socialbot.graph.files import NODE_TYPES, dump_graph, load_graph, node_type
+from socialbot.core.registry import node_types
+from socialbot.graph.files import dump_graph, load_graph, node_type
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 
@@ -91,7 +92,7 @@ def test_no_node_reads_or_writes_elsewhere(kind, parameter, others, path):
 
 
 def test_every_parameter_that_is_a_path_is_among_them():
-    names = {name for kind in NODE_TYPES for name in node_type(kind).parameters()}
+    names = {name for kind in node_types() for name in node_type(kind).parameters()}
     assert {name for name in names if PATHLIKE.search(name)} == {parameter for _, parameter, _ in NODES}
 
 

@@ -55,6 +55,7 @@ from socialbot.core.messages import (
     PersonDetections,
     Structured,
 )
+from socialbot.core.registry import graph_names, graph_text, node_types
 from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
 from socialbot.deliberation.persistence import keep, recall
 from socialbot.deliberation.requests import Policies
@@ -71,7 +72,7 @@ from socialbot.vision.metrics.truth import load_truth, truth_from_messages
 from tests.deliberation.office import Office, job
 from tests.fuzz.examples import example, structured
 
-ROOT = Path(graph_file.__file__).parent
+ROOT = Path(graph_file.__file__).parents[1]
 STAMP = 1_700_000_000 * SECOND
 TYPES = RosbagsTypes()
 DEPLOYMENT = b"""graph: waldo
@@ -269,7 +270,7 @@ def _load_deployment(path: Path) -> None:
 
 
 def _files() -> Iterator[Decoder]:
-    graphs = _content(*graph_file.GRAPHS.values())
+    graphs = tuple(text.encode() for name in graph_names() if (text := graph_text(name)))
     yield Decoder("graph", _file(_load_graph, "graph.yaml"), graphs)
     yield Decoder("deployment", _file(_load_deployment, "deployment.yaml"), (DEPLOYMENT,))
     domains = _content(
@@ -380,7 +381,7 @@ def _bag(storage: str) -> Path:
 def _read_bag(path: Path) -> None:
     with open_bag(path) as bag:
         bag.check()
-        known = {topic.name: topic.name for topic in bag.topics if topic.type in codec.MESSAGE_TYPES}
+        known = {topic.name: topic.name for topic in bag.topics if topic.type in codec.decodable_types()}
         for _ in bag.messages(known):
             pass
 
@@ -419,11 +420,11 @@ def _policies(data: bytes) -> None:
 
 
 def _node_types() -> Iterator[type[Node]]:
-    return (graph_file.node_type(name) for name in graph_file.NODE_TYPES)
+    return (graph_file.node_type(name) for name in node_types())
 
 
 def _defaults() -> Iterator[bytes]:
-    for name in graph_file.NODE_TYPES:
+    for name in node_types():
         values = {key: parameter.default for key, parameter in graph_file.node_type(name).parameters().items()}
         yield f"{name}\n".encode() + json.dumps(values).encode()
 
@@ -435,7 +436,7 @@ def _check_parameters(data: bytes) -> None:
         given = json.loads(text)
     except (ValueError, RecursionError):
         return
-    if name in graph_file.NODE_TYPES and isinstance(given, dict):
+    if name in node_types() and isinstance(given, dict):
         check_parameters(graph_file.node_type(name), given, where=name)
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 from msgspec import inspect
 
-from socialbot.agents.registry import STRUCTURED
 from socialbot.core.messages import Structured
+from socialbot.core.registry import message_types
 
 
 def example(kind: inspect.Type, depth: int = 0) -> Any:
@@ -49,5 +49,5 @@ def example(kind: inspect.Type, depth: int = 0) -> Any:
 
 def structured() -> Iterator[Structured]:
     """A message of each schema that comes with socialbot."""
-    for kind in STRUCTURED:
+    for kind in message_types():
         yield msgspec.convert(example(inspect.type_info(kind)), kind)

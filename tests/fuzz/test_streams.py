@@ -29,7 +29,8 @@ from socialbot.core.messages import (
     PersonDetections,
     Structured,
 )
-from socialbot.graph.files import NODE_TYPES, node_type
+from socialbot.core.registry import node_types
+from socialbot.graph.files import node_type
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig, check_parameters
 from socialbot.vision.images import ENCODINGS, bgr_from_image
@@ -144,7 +145,7 @@ def test_two_nodes_of_one_name_make_no_graph() -> None:
         Graph("test", twins, inputs=frozenset({DETECTIONS, "/head/command"}))
 
 
-@pytest.mark.parametrize("name", NODE_TYPES)
+@pytest.mark.parametrize("name", node_types())
 def test_parameters_of_any_type_are_taken_or_refused(name: str) -> None:
     kind: type[Node] = node_type(name)
 

@@ -5,10 +5,10 @@ import logging
 import pytest
 
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import DeviceError, GraphError, ParameterError
+from socialbot.core.errors import DeviceError, GraphError, ParameterError, suggestion
 from socialbot.core.messages import HeadCommand, SpeechStatus, Utterance
 from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output, Parameter, suggestion
+from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output, Parameter
 
 
 class Source(Node):

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
-from socialbot.graph.files import GRAPHS, NODE_TYPES, dump_graph, load_graph, node_type, parse_graph
+from socialbot.core.registry import graph_names, node_types
+from socialbot.graph.files import dump_graph, load_graph, node_type, parse_graph
 from socialbot.graph.node import Graph, NodeConfig
 from tests.graph.test_graph import Echo, Source
 
@@ -88,17 +89,17 @@ def test_what_is_wrong_with_a_module_of_ones_own_is_told(text, words, tmp_path, 
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
-@pytest.mark.parametrize("name", GRAPHS)
+@pytest.mark.parametrize("name", graph_names())
 def test_a_graph_that_comes_with_socialbot_is_sound(name):
     assert load_graph(name).name == name
 
 
-@pytest.mark.parametrize("name", NODE_TYPES)
+@pytest.mark.parametrize("name", node_types())
 def test_a_node_that_comes_with_socialbot_is_there(name):
     assert node_type(name).__doc__
 
 
-@pytest.mark.parametrize("name", NODE_TYPES)
+@pytest.mark.parametrize("name", node_types())
 def test_each_parameter_says_what_it_means_and_accepts_its_own_default(name):
     for parameter in node_type(name).parameters().values():
         assert parameter.doc
@@ -119,12 +120,7 @@ def test_waldo_listens_to_the_camera_and_has_its_seven_nodes():
         ("paced_by:", "pacedby:", 3, ["unknown key 'pacedby'", "did you mean 'paced_by'?"]),
         ("    remap:", "    remaps:", 12, ["unknown key 'remaps'", "did you mean 'remap'?"]),
         ("tests.graph.test_graph:Echo", "echo", 8, ["unknown node type 'echo'", "package.module:Class"]),
-        (
-            "tests.graph.test_graph:Echo",
-            "tests.graph.test_graph:Eco",
-            8,
-            ["test_graph has no 'Eco'", "did you mean 'Echo'?"],
-        ),
+        ("tests.graph.test_graph:Echo", "tests.graph.test_graph:Eco", 8, ["has no 'Eco'", "did you mean 'Echo'?"]),
         ("tests.graph.test_graph:Echo", "tests.no_graph:Echo", 8, ["no module 'tests.no_graph'", "beside the graph"]),
         ("tests.graph.test_graph:Echo", "tests.graph.test_graph:graph", 8, ["is no node"]),
         ("inputs: [/more]", "inputs: [/more", 3, ["no valid YAML"]),

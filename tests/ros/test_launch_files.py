@@ -8,7 +8,8 @@ import pytest
 from socialbot.bridge.environment import DATAGRAM_VARIABLE, KEYS_VARIABLE, PACKET_BYTES, UNBOUNDED_BYTES, divided
 from socialbot.core.errors import GraphError, ParameterError
 from socialbot.core.paths import FOLDERS_VARIABLE
-from socialbot.graph.files import GRAPHS, load_graph
+from socialbot.core.registry import graph_names
+from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph
 from tests.ros.launching import Node, launched
 from tests.runtime.deployments import PAGE
@@ -33,7 +34,7 @@ def names(nodes: list[Node]) -> set[str]:
     return {node.name for node in nodes}
 
 
-@pytest.mark.parametrize("name", GRAPHS)
+@pytest.mark.parametrize("name", graph_names())
 def test_a_graph_is_launched_with_the_nodes_and_parameters_that_it_comes_up_with(name, launch):
     nodes = launch("graph", graph=name)
     graph, launched_graph = load_graph(name), graph_of(nodes)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from socialbot.graph.files import GRAPHS, load_graph
+from socialbot.core.registry import graph_names
+from socialbot.graph.files import load_graph
 from socialbot.runtime.supervisor import ACTIVE_S, CONFIGURED_S, BringUp, sinks_first
 
 
@@ -16,7 +17,7 @@ def test_who_listens_comes_before_who_speaks() -> None:
 
 
 def test_nobody_is_left_out_where_nodes_listen_to_each_other() -> None:
-    for name in GRAPHS:
+    for name in graph_names():
         graph = load_graph(name)
         assert sorted(sinks_first(graph)) == sorted(placement.name for placement in graph.placements)
 

@@ -1,1 +1,9 @@
 """Agents as nodes: messages in, actions out."""
+
+from socialbot.core.registry import AgentPackage
+
+AGENT = AgentPackage(
+    name="base",
+    module="socialbot.agents.base",
+    messages=("socialbot.deliberation.messages:AGENT_MESSAGES",),
+)

@@ -14,7 +14,17 @@ from socialbot.bdi import Action, Engine, Record, saving
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import SocialbotError
-from socialbot.core.messages import ActionRequest, AgentAnswer, AgentCommand, Mind, MindBelief, State, TraceRecord
+from socialbot.core.messages import (
+    AGENT_ANSWERS,
+    AGENT_COMMANDS,
+    ActionRequest,
+    AgentAnswer,
+    AgentCommand,
+    Mind,
+    MindBelief,
+    State,
+    TraceRecord,
+)
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
 
 SAVE_EVERY_S = 0.2
@@ -91,18 +101,13 @@ class MindFile:
             return None
 
 
-AGENT_COMMANDS, AGENT_ANSWERS = "/agents/commands", "/agents/answers"
-"""The topics by which people ask agents for something, and these answer; all agents share them."""
-
-
 class AgentNode(Node):
     """Hosts one engine. Subclasses build it, and show its sensors what their inputs bring.
 
     With a ``mind_file`` the agent goes on where it was when its process was ended, in whatever way.
     """
 
-    called: ClassVar[str] = ""
-    """What people call it; where that is empty, by its name in the graph."""
+    is_agent = True
 
     keeps_mind: ClassVar[bool] = True
     """Whether its mind is worth keeping: not so where its plans come by messages."""

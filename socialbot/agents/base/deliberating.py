@@ -21,7 +21,7 @@ The parameters bear the names of ROS2-BDI; the topics, too.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -71,8 +71,7 @@ class Deliberating(AgentNode):
     """Where files with relative names are; the current folder if None."""
     actions_known: ClassVar[Sequence[type[PlanAction]]] = ()
     """How the actions of its domain are carried out. Plans of its engine, for goals of these names, will do as well."""
-    phrases: ClassVar[Mapping[str, str]] = {}
-    """How its actions are said, for people who watch: ``moves from {1} to {2}``, with their objects by number."""
+    deliberates = True
 
     actions = Output(ActionRequest, "~/actions")
     mind = Output(Mind, "~/mind", Delivery.LATCHED)

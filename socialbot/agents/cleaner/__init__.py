@@ -1,1 +1,14 @@
 """The smallest deliberating agents: a robot that cleans, and a pair that sweeps and cleans."""
+
+from socialbot.core.registry import AgentPackage
+
+AGENT = AgentPackage(
+    name="cleaner",
+    module="socialbot.agents.cleaner",
+    nodes={
+        "cleaner": "socialbot.agents.cleaner.cleaner:Cleaner",
+        "sweeper": "socialbot.agents.cleaner.cleaner:Sweeper",
+        "team_cleaner": "socialbot.agents.cleaner.cleaner:TeamCleaner",
+    },
+    graphs={"cleaner": "graph.yaml", "cleaner-sweeper": "pair.yaml"},
+)

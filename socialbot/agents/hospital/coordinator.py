@@ -246,6 +246,8 @@ MISSIONS = "/hospital/missions"
 class HospitalCoordinator(Node):
     """Directs the robots and nurses of a hospital. What it has to remember it keeps in a file, if it is given one."""
 
+    deliberates = True
+
     heard = Input(AclMessage, TOPIC)
     state = Input(WardState, STATE, Delivery.LATCHED)
     said = Output(AclMessage, TOPIC)

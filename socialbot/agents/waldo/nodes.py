@@ -30,7 +30,7 @@ class WaldoNode(AgentNode):
     When no more detections come, or their node says that it sees nothing itself, Waldo believes who is silent.
     """
 
-    called = "Waldo"
+    display_name = "Waldo"
 
     detections = Input(PersonDetections, "/humans/bodies/detections", deadline_s=SILENT_S)
     health = Input(Health, HEALTH_TOPIC, optional=True)

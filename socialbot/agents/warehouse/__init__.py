@@ -1,1 +1,15 @@
 """The warehouse: a gripper sorts boxes from stacks onto carriers, which take them away."""
+
+from socialbot.core.registry import AgentPackage
+
+AGENT = AgentPackage(
+    name="warehouse",
+    module="socialbot.agents.warehouse",
+    nodes={
+        "carrier": "socialbot.agents.warehouse.carrier:Carrier",
+        "gripper": "socialbot.agents.warehouse.gripper:Gripper",
+        "warehouse_world": "socialbot.agents.warehouse.world_node:World",
+    },
+    graphs={"warehouse": "graph.yaml"},
+    messages=("socialbot.agents.warehouse.messages:WAREHOUSE_MESSAGES",),
+)

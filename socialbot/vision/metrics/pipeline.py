@@ -11,9 +11,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from socialbot.core.errors import ImageError, ParameterError, TruthError
+from socialbot.core.errors import ImageError, ParameterError, TruthError, suggestion
 from socialbot.core.messages import CameraInfo, PersonDetection
-from socialbot.graph.node import check_parameters, suggestion
+from socialbot.graph.node import check_parameters
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detections, Detector
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec

@@ -10,7 +10,7 @@ from socialbot.graph.inline import InlineRunner
 
 
 class Watched:
-    """Runs a graph of `socialbot.graph.files.GRAPHS`, with other parameters by the names of nodes."""
+    """Runs a graph of the registry, with other parameters by the names of nodes."""
 
     def __init__(self, graph: str, **parameters: dict[str, object]) -> None:
         self.runner = InlineRunner(load_graph(graph).with_parameters(parameters))

@@ -1,0 +1,289 @@
+"""Registry of agent packages: their node types, graphs, messages, world views and demos.
+
+A package declares what it adds to socialbot in one place, usually its ``__init__.py``::
+
+    AGENT = AgentPackage(
+        name="butler",
+        module="butler",
+        nodes={"butler": "butler.node:Butler"},
+        graphs={"butler": "graph.yaml"},
+        messages=("butler.messages:MESSAGES",),
+    )
+
+and names it in ``pyproject.toml``::
+
+    [project.entry-points."socialbot.agents"]
+    butler = "butler:AGENT"
+
+References are strings of the form ``module:attribute``. They are imported when they are needed, so that a declaration
+costs nothing.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import pkgutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import metadata, resources
+from typing import Any, Protocol
+
+from socialbot.core.errors import GraphError
+from socialbot.core.messages import BUILT_IN_MESSAGES, Message, Structured, TraceRecord
+
+ENTRY_POINTS = "socialbot.agents"
+"""Entry point group; also the package whose subpackages are searched for an attribute ``AGENT``."""
+
+_ROOMS = ("socialbot.vision", "socialbot.speech")
+"""Packages with nodes that belong to no agent; each has an attribute ``AGENT``, too."""
+
+
+@dataclass(frozen=True)
+class AgentPackage:
+    """Everything that a package of agents adds to socialbot.
+
+    Args:
+        name: Unique name of the package.
+        module: Python package that holds the node classes. A graph uses this package if one of its node classes, or a
+            base class of one, is defined in or below ``module``.
+        nodes: Node types for graph files: short name to ``module:Class``.
+        graphs: Graphs by name: path of a graph file, relative to the folder of ``module``.
+        messages: References to sequences of `Structured` classes. They can be read from bags, published by
+            ``socialbot topic pub`` and decoded by schema name.
+        recorded: References to sequences of message classes that a bag needs for a replay, beside the messages of
+            simulators, trace records, and requests and commands to agents.
+        phrases: Reference to a mapping of action names to sentences, such as ``{"a_open_door": "opens {1}"}``. See
+            also `socialbot.graph.node.Node.phrases`.
+        world_view: Reference to a function ``(graph) -> WorldView | None``.
+        event_log: Reference to a function ``(graph) -> EventLog | None``, for agents that publish no trace of
+            decisions.
+        completion: Reference to a function ``(graph) -> CompletionCheck | None``.
+        terminal_view: Reference to a function ``(graph, console) -> TerminalView | None``; ``console`` is a
+            `rich.console.Console`.
+        demos: Demos of ``socialbot demo``: name to a reference to a function that returns ``(title, graph)``. Its
+            docstring is the help text. Its parameters are typer options of this demo; the options of every demo
+            (``--runner``, ``--rate``, ``--out``, ...) are added. A function with a parameter ``rate`` of its own gets
+            the speed of the run as ``--speed``.
+    """
+
+    name: str
+    module: str
+    nodes: Mapping[str, str] = field(default_factory=dict)
+    graphs: Mapping[str, str] = field(default_factory=dict)
+    messages: Sequence[str] = ()
+    recorded: Sequence[str] = ()
+    phrases: str = ""
+    world_view: str = ""
+    event_log: str = ""
+    completion: str = ""
+    terminal_view: str = ""
+    demos: Mapping[str, str] = field(default_factory=dict)
+
+    def is_used_by(self, types: Iterable[type]) -> bool:
+        """Whether one of the classes, or a base class of one, is defined in this package."""
+        return any(f"{base.__module__}.".startswith(f"{self.module}.") for one in types for base in one.__mro__)
+
+
+class WorldView(Protocol):
+    """The world of a run, collected from its messages: drawings, figures and results."""
+
+    file: str
+    """File name for the drawing of the final state, such as ``floor.svg``."""
+
+    def take(self, message: Message) -> None:
+        """Update the world from a message; ignore messages of other types."""
+        ...
+
+    def forget(self, stamp: int) -> None:
+        """Drop the changes before ``stamp`` (ns) and keep the state at that time."""
+        ...
+
+    def __bool__(self) -> bool:
+        """Whether a state is known."""
+        ...
+
+    def picture(self, stamp: int, title: str = "") -> str:
+        """The state at ``stamp`` (ns) as SVG."""
+        ...
+
+    def figures(self, start: int, end: int) -> list[tuple[str, str]]:
+        """Key figures of the run from ``start`` to ``end`` (ns): pairs of value and label."""
+        ...
+
+    def results(self, start: int, end: int) -> dict[str, Any]:
+        """The result of the run as plain data, for results.json."""
+        ...
+
+    def summary(self, start: int, end: int) -> list[str]:
+        """The result of the run as lines for the terminal."""
+        ...
+
+
+class EventLog(Protocol):
+    """Derives trace records from the messages of agents that publish no trace of decisions."""
+
+    kinds: tuple[type[Message], ...]
+    """Message classes that it reads."""
+
+    def take(self, message: Message) -> Iterable[TraceRecord]:
+        """The records that follow from ``message``."""
+        ...
+
+
+class CompletionCheck(Protocol):
+    """Decides from the messages of a simulated run whether it is complete."""
+
+    def observe(self, message: Message) -> None:
+        """Take a message of the run."""
+        ...
+
+    def are_over(self, now: int) -> bool:
+        """Whether nothing is left to do at ``now`` (ns)."""
+        ...
+
+
+class TerminalView(Protocol):
+    """Prints the world of a run to the terminal."""
+
+    def show(self, message: Message) -> None:
+        """Take a message of the run, or a derived trace record, and print what changed."""
+        ...
+
+    def finish(self) -> None:
+        """Print the final state."""
+        ...
+
+
+class _Graph(Protocol):
+    @property
+    def placements(self) -> Sequence[Any]: ...
+
+
+def resolve(reference: str) -> Any:
+    """The object that ``module:attribute`` names."""
+    module, _, attribute = reference.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+@functools.cache
+def built_in_packages() -> tuple[AgentPackage, ...]:
+    """The packages that are part of socialbot."""
+    folders = pkgutil.iter_modules(importlib.import_module(ENTRY_POINTS).__path__, f"{ENTRY_POINTS}.")
+    names = [*_ROOMS, *sorted(each.name for each in folders if each.ispkg)]
+    modules = map(importlib.import_module, names)
+    return tuple(module.AGENT for module in modules if hasattr(module, "AGENT"))
+
+
+@functools.cache
+def agent_packages() -> tuple[AgentPackage, ...]:
+    """All packages: those of socialbot, then those of other distributions, by entry point.
+
+    The first package of a name counts. Raises GraphError when an entry point cannot be loaded or names no
+    `AgentPackage`.
+    """
+    found = {package.name: package for package in built_in_packages()}
+    for point in sorted(metadata.entry_points(group=ENTRY_POINTS), key=lambda point: point.name):
+        where = f"entry point {point.name!r} of {ENTRY_POINTS}"
+        try:
+            package = point.load()
+        except Exception as error:
+            remedy = f"fix {point.value}, or uninstall the distribution that declares it"
+            raise GraphError(
+                f"cannot be loaded: {type(error).__name__}: {error}", where=where, remedy=remedy
+            ) from error
+        if not isinstance(package, AgentPackage):
+            remedy = "name an instance of socialbot.core.registry.AgentPackage"
+            raise GraphError(f"{point.value} is not an agent package", where=where, remedy=remedy)
+        found.setdefault(package.name, package)
+    return tuple(found.values())
+
+
+def packages_of(graph: _Graph) -> Iterator[AgentPackage]:
+    """The packages whose node classes ``graph`` uses."""
+    types = [node.type for node in graph.placements]
+    only_built_in = all(each.__module__.startswith("socialbot.") for each in types)
+    # Reading the entry points of all distributions takes about 10 ms.
+    packages = built_in_packages() if only_built_in else agent_packages()
+    return (package for package in packages if package.is_used_by(types))
+
+
+def node_types() -> dict[str, str]:
+    """All node types by their short name: ``module:Class``."""
+    return dict(sorted(pair for package in reversed(agent_packages()) for pair in package.nodes.items()))
+
+
+def node_reference(name: str) -> str | None:
+    """The ``module:Class`` of the node type called ``name``; None if no package has it."""
+    return _lookup("nodes", name, lambda package: package.nodes[name])
+
+
+def graph_names() -> list[str]:
+    """The names of all graphs."""
+    return sorted(name for package in agent_packages() for name in package.graphs)
+
+
+def graph_text(name: str) -> str | None:
+    """The YAML text of the graph called ``name``; None if no package has it."""
+    return _lookup(
+        "graphs",
+        name,
+        lambda package: resources.files(package.module).joinpath(package.graphs[name]).read_text("utf-8"),
+    )
+
+
+def _lookup(field_name: str, key: str, read: Callable[[AgentPackage], str]) -> str | None:
+    for packages in (built_in_packages, agent_packages):
+        for package in packages():
+            if key in getattr(package, field_name):
+                return read(package)
+    return None
+
+
+@functools.cache
+def message_types(*, built_in: bool = False) -> tuple[type[Structured], ...]:
+    """All structured message classes; with ``built_in`` only those of socialbot, which socialbot_msgs has too."""
+    packages = built_in_packages() if built_in else agent_packages()
+    listed = (kind for package in packages for reference in package.messages for kind in resolve(reference))
+    return tuple(dict.fromkeys((*BUILT_IN_MESSAGES, *listed)))
+
+
+def recorded_types(graph: _Graph) -> tuple[type[Message], ...]:
+    """Message classes that a bag of ``graph`` needs for a replay, as its packages declare."""
+    return tuple(
+        kind for package in packages_of(graph) for reference in package.recorded for kind in resolve(reference)
+    )
+
+
+def phrases_of(graph: _Graph | None) -> dict[str, str]:
+    """Sentences for the actions of the agents of ``graph``, by action name; of all packages where it is unknown."""
+    packages = agent_packages() if graph is None else packages_of(graph)
+    phrases = {key: text for package in packages if package.phrases for key, text in resolve(package.phrases).items()}
+    for node in graph.placements if graph is not None else ():
+        phrases.update(node.type.phrases)
+    return phrases
+
+
+def world_view_of(graph: _Graph) -> WorldView | None:
+    """The view of the world of ``graph``; None if no package has one. Raises ParameterError."""
+    return _first(graph, "world_view")
+
+
+def event_log_of(graph: _Graph) -> EventLog | None:
+    """The log that derives trace records from the messages of ``graph``; None if no package has one."""
+    return _first(graph, "event_log")
+
+
+def completion_of(graph: _Graph) -> CompletionCheck | None:
+    """The check for the end of a simulated run of ``graph``; None if no package has one."""
+    return _first(graph, "completion")
+
+
+def terminal_view_of(graph: _Graph, console: Any) -> TerminalView | None:
+    """The terminal view of ``graph`` on a rich ``console``; None if no package has one."""
+    return _first(graph, "terminal_view", console)
+
+
+def _first(graph: _Graph, name: str, *arguments: Any) -> Any:
+    made = (resolve(getattr(each, name))(graph, *arguments) for each in packages_of(graph) if getattr(each, name))
+    return next((one for one in made if one is not None), None)
