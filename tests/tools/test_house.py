@@ -1,4 +1,4 @@
-"""The picture of the house is that of the code."""
+"""The picture of the packages matches the code."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from pathlib import Path
 from tools import house
 
 
-def test_the_picture_in_docs_is_up_to_date():
+def test_the_picture_in_the_docs_is_up_to_date():
     assert house.PICTURE.read_text() == house.house(), "run python tools/house.py"
 
 
-def test_no_floor_uses_what_is_above_it():
+def test_the_picture_has_at_most_14_rooms_on_9_floors():
+    levels = house.floors(house.uses())
+    assert len(levels) <= 9
+    assert sum(map(len, levels)) <= 14
+
+
+def test_no_floor_uses_a_higher_one():
     graph = house.uses()
     below: set[str] = set()
-    for rooms in house.floors(graph):
-        below |= set(rooms)
-        assert all(graph[room] & set(house.folders()) <= below for room in rooms)
-    assert below == set(house.folders())
-
-
-def test_the_ground_stands_on_itself():
-    graph = house.uses()
-    ground = set(house.ground(graph))
-    assert all(graph[module] <= ground for module in ground)
+    for names in house.floors(graph):
+        below |= set(names)
+        assert all(graph[room] <= below for room in names)
+    assert below == set(house.rooms())
 
 
 def test_imports_inside_functions_count(tmp_path: Path):
@@ -32,15 +32,14 @@ def test_imports_inside_functions_count(tmp_path: Path):
         "import os, socialbot.core.clock\ndef run():\n    from socialbot import bdi\n"
         "    from socialbot.graph.node import Node\n"
     )
-    assert set(house.used_parts(file)) == {"core", "bdi", "graph"}
+    assert set(house.used_rooms(file)) == {"core", "bdi", "graph"}
 
 
-def test_parts_that_use_each_other_share_a_floor(monkeypatch):
-    monkeypatch.setattr(house, "folders", lambda: ("high", "left", "low", "right"))
+def test_packages_that_use_each_other_share_a_floor():
     graph = {
         "high": frozenset({"left"}),
         "left": frozenset({"right", "low"}),
-        "right": frozenset({"left"}),
         "low": frozenset[str](),
+        "right": frozenset({"left"}),
     }
     assert house.floors(graph) == [("low",), ("left", "right"), ("high",)]
