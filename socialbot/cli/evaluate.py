@@ -14,8 +14,8 @@ from rich.markup import escape
 from socialbot.core.errors import ParameterError
 
 if TYPE_CHECKING:
-    from socialbot.vision.metrics.evaluation import Evaluation, Plan
-    from socialbot.vision.metrics.frames import Source
+    from socialbot.vision.metrics.evaluation import Evaluation, EvaluationPlan
+    from socialbot.vision.metrics.frames import LabelledSource
     from socialbot.vision.metrics.pipeline import PipelineSettings
 
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -72,7 +72,7 @@ def evaluate(
     from socialbot.runs.evaluation_markdown import write_markdown
     from socialbot.runs.evaluation_page import page
     from socialbot.runs.evaluation_tables import show
-    from socialbot.vision.metrics.evaluation import Plan
+    from socialbot.vision.metrics.evaluation import EvaluationPlan
     from socialbot.vision.metrics.evaluation import evaluate as carry_out
     from socialbot.vision.metrics.matches import Rules, parse_bands
 
@@ -80,7 +80,7 @@ def evaluate(
     rules = Rules(parse_bands(bands), iou, presence)
     pipelines = _pipelines(detector or [], changes or [], raw=raw)
     sources = _sources(bags or [], images, truth, split, errors)
-    plan = Plan(sources, pipelines, rules, jobs or CORES, threads if speed else 0, scheduler)
+    plan = EvaluationPlan(sources, pipelines, rules, jobs or CORES, threads if speed else 0, scheduler)
     figures = [path for path in (json, out and out / "evaluation.json") if path is not None]
     pages = [path for path in (html, out and out / "index.html") if path is not None]
     documents = [out / "evaluation.md", out / "curves.svg"] if out is not None else []
@@ -117,8 +117,8 @@ def _pipelines(detectors: list[str], changes: list[str], *, raw: bool) -> tuple[
 
 def _sources(
     bags: list[Path], images: Path | None, truth: Path | None, split: str | None, errors: Console
-) -> tuple[Source, ...]:
-    from socialbot.vision.metrics.frames import bag_source, picture_sources
+) -> tuple[LabelledSource, ...]:
+    from socialbot.vision.metrics.frames import bag_source, image_sources
 
     if truth is not None and images is None:
         raise ParameterError("labels without pictures", where="--truth", remedy="name their folder by --images")
@@ -132,7 +132,7 @@ def _sources(
                 f"{source.name} is left out: it is for {source.split or 'no split'}", style="dim", markup=False
             )
     if images is not None:
-        sources += picture_sources(images, truth)
+        sources += image_sources(images, truth)
     names = [source.name for source in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -169,7 +169,7 @@ def _report_missing(evaluation: Evaluation, errors: Console) -> None:
 class _Progress:
     """A bar for the frames of all jobs, and how many clips are done."""
 
-    def __init__(self, plan: Plan, console: Console) -> None:
+    def __init__(self, plan: EvaluationPlan, console: Console) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         self._totals = [len(source.frames) for _ in plan.pipelines for source in plan.sources]

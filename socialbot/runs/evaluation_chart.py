@@ -11,7 +11,7 @@ from html import escape
 
 import numpy as np
 
-from socialbot.vision.metrics.scores import Curve
+from socialbot.vision.metrics.scores import PrecisionRecallCurve
 
 __all__ = ["COLOURS", "Line", "Mark", "Point", "Track", "curves_chart", "sheet", "timeline"]
 
@@ -35,7 +35,7 @@ class Line:
 
     name: str
     colour: str
-    curve: Curve | None
+    curve: PrecisionRecallCurve | None
     point: Point | None
 
 
@@ -101,7 +101,7 @@ def _axes(title: str) -> str:
     return "".join(parts)
 
 
-def _steps(curve: Curve) -> str:
+def _steps(curve: PrecisionRecallCurve) -> str:
     """The points of the curve, without those on a straight line between others."""
     points = [
         _at(float(recall), float(precision)) for recall, precision in zip(curve.recall, curve.precision, strict=True)

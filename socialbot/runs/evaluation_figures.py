@@ -19,7 +19,7 @@ from socialbot.runs.record import versions
 from socialbot.vision.metrics.behaviour import OUTCOMES, Behaviour
 from socialbot.vision.metrics.evaluation import ClipResult, DetectorResult, Evaluation, SceneResult
 from socialbot.vision.metrics.frames import BLOCK_S
-from socialbot.vision.metrics.scores import COVERAGE, DRAWS, BandScore, Curve, Score
+from socialbot.vision.metrics.scores import COVERAGE, DRAWS, BandScore, PrecisionRecallCurve, Score
 
 __all__ = [
     "CONFIDENCE",
@@ -125,7 +125,7 @@ def told_of_any(evaluation: Evaluation, scene: str) -> list[str]:
 
 def followed(evaluation: Evaluation, result: DetectorResult) -> str:
     """Whether people were followed from frame to frame."""
-    consecutive = {source.footage.consecutive for source in evaluation.plan.sources}
+    consecutive = {source.images.consecutive for source in evaluation.plan.sources}
     if not result.pipeline.tracked or True not in consecutive:
         return "without tracking"
     return "with tracking" if False not in consecutive else "with tracking (single pictures without)"
@@ -277,7 +277,7 @@ def _rates(score: Score) -> dict[str, Any]:
     }
 
 
-def _curve(curve: Curve) -> dict[str, list[float]]:
+def _curve(curve: PrecisionRecallCurve) -> dict[str, list[float]]:
     count = len(curve.recall)
     kept = np.linspace(0, count - 1, min(count, CURVE_POINTS)).round().astype(np.intp)
     columns = {"recall": curve.recall, "precision": curve.precision, "score": curve.scores}

@@ -32,9 +32,9 @@ from socialbot.runs.evaluation_figures import (
 from socialbot.runs.record import versions
 from socialbot.runs.report_page import Page, Section, wide
 from socialbot.vision.metrics.behaviour import GREET_S, OUTCOMES, Deed
-from socialbot.vision.metrics.evaluation import ClipResult, Evaluation, JudgedFrame
-from socialbot.vision.metrics.frames import BLOCK_S, Box, Source
-from socialbot.vision.metrics.matches import CAUSES, Verdict
+from socialbot.vision.metrics.evaluation import ClipResult, Evaluation, ScoredImage
+from socialbot.vision.metrics.frames import BLOCK_S, Box, LabelledSource
+from socialbot.vision.metrics.matches import CAUSES, Match
 from socialbot.vision.metrics.scores import DRAWS, BandScore, Interval
 
 __all__ = ["Pictures", "STYLES", "Snapshot", "bar", "cell", "drawn", "interval", "key", "page", "row", "table", "worst"]
@@ -98,15 +98,15 @@ STYLES = {"hit": ("#2fd06a", ""), "false": ("#ff3b30", ""), "missed": ("#ffd60a"
 class Snapshot:
     """A frame worth looking at, of one source."""
 
-    source: Source
-    judged: JudgedFrame
+    source: LabelledSource
+    scored: ScoredImage
 
 
 def worst(clips: Iterable[ClipResult], count: int) -> list[Snapshot]:
     """The frames with the most errors, worst first, no two of them close together."""
     ranked = sorted(
-        (Snapshot(clip.source, judged) for clip in clips for judged in clip.frames if judged.errors),
-        key=lambda shot: (-shot.judged.errors, shot.source.name, shot.judged.frame.stamp),
+        (Snapshot(clip.source, scored) for clip in clips for scored in clip.frames if scored.errors),
+        key=lambda shot: (-shot.scored.errors, shot.source.name, shot.scored.frame.stamp),
     )
     chosen: list[Snapshot] = []
     for shot in ranked:
@@ -118,8 +118,8 @@ def worst(clips: Iterable[ClipResult], count: int) -> list[Snapshot]:
 
 
 def _same_moment(one: Snapshot, other: Snapshot) -> bool:
-    apart = abs(one.judged.frame.stamp - other.judged.frame.stamp)
-    return one.source.footage.consecutive and one.source is other.source and apart < nanoseconds(APART_S)
+    apart = abs(one.scored.frame.stamp - other.scored.frame.stamp)
+    return one.source.images.consecutive and one.source is other.source and apart < nanoseconds(APART_S)
 
 
 class Pictures:
@@ -127,11 +127,11 @@ class Pictures:
 
     def __init__(self, shots: Sequence[Snapshot]) -> None:
         self._found: dict[tuple[str, int], str] = {}
-        wanted: dict[str, tuple[Source, set[int]]] = {}
+        wanted: dict[str, tuple[LabelledSource, set[int]]] = {}
         for shot in shots:
-            wanted.setdefault(shot.source.name, (shot.source, set()))[1].add(shot.judged.frame.stamp)
+            wanted.setdefault(shot.source.name, (shot.source, set()))[1].add(shot.scored.frame.stamp)
         for name, (source, stamps) in wanted.items():
-            for encoded in source.footage.pictures():
+            for encoded in source.images.pictures():
                 if encoded.stamp in stamps:
                     try:
                         self._found[name, encoded.stamp] = _jpeg(encoded.bgr())
@@ -140,24 +140,24 @@ class Pictures:
 
     def of(self, shot: Snapshot) -> str | None:
         """The picture of ``shot``, made small."""
-        return self._found.get((shot.source.name, shot.judged.frame.stamp))
+        return self._found.get((shot.source.name, shot.scored.frame.stamp))
 
 
 def drawn(shot: Snapshot, jpeg: str) -> str:
     """The picture as SVG with boxes: found, false, missed, spared, and dotted what is true."""
-    judged = shot.judged
-    width, height = judged.found.width, judged.found.height
+    scored = shot.scored
+    width, height = scored.found.width, scored.found.height
     unit = max(width, height) / 640
     parts = [f'<image href="data:image/jpeg;base64,{jpeg}" width="{width}" height="{height}"/>']
-    verdicts = [verdict for verdict in judged.verdicts if verdict.box[2] > 0]
-    parts += [_rectangle(person.box, "#ffffff", "2 4", 1.8 * unit) for person in judged.frame.persons]
-    if not verdicts:  # By presence nothing is said of single boxes.
+    matches = [verdict for verdict in scored.matches if verdict.box[2] > 0]
+    parts += [_rectangle(person.box, "#ffffff", "2 4", 1.8 * unit) for person in scored.frame.persons]
+    if not matches:  # By presence nothing is said of single boxes.
         parts += [
-            _rectangle((each.x, each.y, each.w, each.h), "#5ac8fa", "", 2 * unit) for each in judged.found.persons
+            _rectangle((each.x, each.y, each.w, each.h), "#5ac8fa", "", 2 * unit) for each in scored.found.persons
         ]
-    parts += [_rectangle(verdict.box, *STYLES[verdict.kind], 3 * unit) for verdict in verdicts]
-    parts += [_label(verdict, unit, width) for verdict in verdicts if verdict.kind in ("false", "missed")]
-    label = escape(f"{shot.source.name}, {judged.frame.name}")
+    parts += [_rectangle(verdict.box, *STYLES[verdict.kind], 3 * unit) for verdict in matches]
+    parts += [_label(verdict, unit, width) for verdict in matches if verdict.kind in ("false", "missed")]
+    label = escape(f"{shot.source.name}, {scored.frame.name}")
     return f'<svg class="frame" viewBox="0 0 {width} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
 
 
@@ -172,7 +172,7 @@ def _rectangle(box: Box, colour: str, dashes: str, thick: float) -> str:
     )
 
 
-def _label(verdict: Verdict, unit: float, width: int) -> str:
+def _label(verdict: Match, unit: float, width: int) -> str:
     text = f"{verdict.cause} {verdict.score:.2f}" if verdict.kind == "false" else "missed"
     colour, round_it = LETTERS[verdict.kind]
     size = 21 * unit
@@ -439,9 +439,9 @@ def _worst(evaluation: Evaluation) -> str:
         for shot in chosen:
             jpeg = pictures.of(shot)
             if jpeg is not None:
-                frame = shot.judged.frame
+                frame = shot.scored.frame
                 light = f", light: {escape(frame.light)}" if frame.light else ""
-                errors = Counter(verdict.kind for verdict in shot.judged.verdicts)
+                errors = Counter(verdict.kind for verdict in shot.scored.matches)
                 caption = f"{escape(shot.source.name)}, {escape(frame.name)}{light}"
                 caption += f": {errors['false']} false, {errors['missed']} missed"
                 figures.append(f"<figure>{drawn(shot, jpeg)}<figcaption>{caption}</figcaption></figure>")

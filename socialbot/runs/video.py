@@ -17,7 +17,7 @@ from socialbot.core.progress import Advance, unseen
 from socialbot.runs.record import RunRecord
 from socialbot.vision.annotate import draw
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
-from socialbot.vision.metrics.truth import Truth
+from socialbot.vision.metrics.truth import GroundTruth
 
 SPOKEN_FOR_NS = 3 * SECOND
 """How long a sentence stays in the picture."""
@@ -26,7 +26,7 @@ DEFAULT_RATE_HZ = 10.0
 
 
 def write_video(
-    bag: Bag, image_topic: str, record: RunRecord, truth: Truth | None, path: Path, advance: Advance = unseen
+    bag: Bag, image_topic: str, record: RunRecord, truth: GroundTruth | None, path: Path, advance: Advance = unseen
 ) -> Path:
     """Writes an .mp4 of all pictures of ``image_topic``; those that cannot be converted are left out.
 

@@ -21,14 +21,14 @@ from socialbot.core.yaml import Section, plain, read_page
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import NODE_NAME, Graph, NodeConfig, check_parameters
 from socialbot.runtime.processes import RestartPolicy
-from socialbot.vision.image_transport import PictureReceiver, PictureSender
+from socialbot.vision.image_transport import ImageReceiver, ImageSender
 
 Transport = Literal["jpeg", "raw"]
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """How the pictures of a topic cross: as JPEG with these parameters of a `PictureSender`, or raw."""
+    """How the pictures of a topic cross: as JPEG with these parameters of a `ImageSender`, or raw."""
 
     transport: Transport = "jpeg"
     parameters: Mapping[str, object] = field(default_factory=dict)
@@ -91,8 +91,8 @@ def _pair(topic: str, machine: str, pictures: Pictures) -> tuple[NodeConfig, Nod
     arrived = _arrived(topic, machine)
     link = {"link": f"{arrived}/link", "ack": f"{arrived}/link/ack"}
     return (
-        NodeConfig(f"{stem}_to_{machine}", PictureSender, pictures.parameters, {"image": topic, **link}),
-        NodeConfig(f"{stem}_at_{machine}", PictureReceiver, {}, {"image": arrived, **link}),
+        NodeConfig(f"{stem}_to_{machine}", ImageSender, pictures.parameters, {"image": topic, **link}),
+        NodeConfig(f"{stem}_at_{machine}", ImageReceiver, {}, {"image": arrived, **link}),
     )
 
 
@@ -234,7 +234,7 @@ class Deployment:
             where = f"pictures.{topic}"
             if topic not in topics:
                 raise GraphError(f"no topic of pictures: {topic!r}", where=where, remedy=suggestion(topic, topics))
-            check_parameters(PictureSender, pictures.parameters, where=where)
+            check_parameters(ImageSender, pictures.parameters, where=where)
 
 
 def is_address(text: str) -> bool:

@@ -36,7 +36,7 @@ from socialbot.runs.telling import Observer, telling, told_topics
 from socialbot.runtime.launch import Launch
 from socialbot.speech.speaker import Speaker
 from socialbot.vision.metrics.scores import Scores, score
-from socialbot.vision.metrics.truth import Truth, load_truth, truth_beside
+from socialbot.vision.metrics.truth import GroundTruth, load_truth, truth_beside
 
 Runner = Literal["ros", "inline"]
 TAIL_S = 3.0
@@ -168,7 +168,7 @@ def _compare(bag: Bag, graph: Graph, decided: list[TraceRecord]) -> Comparison |
     return compare(recorded, decided)
 
 
-def find_truth(plan: Replay) -> Truth | None:
+def find_truth(plan: Replay) -> GroundTruth | None:
     """The ground truth given, or the one that lies beside the bag. Raises TruthError when it does not fit."""
     path = plan.truth or truth_beside(plan.bag.path)
     return load_truth(path) if plan.truth is not None or path.exists() else None

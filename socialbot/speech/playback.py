@@ -27,7 +27,7 @@ _PATIENCE_S = 1.0
 """A device that takes no sound for so long has failed."""
 
 
-class Player(Protocol):
+class AudioPlayer(Protocol):
     """Something that makes a sound audible, one at a time."""
 
     def play(self, sound: Sound, on_end: OnEnd) -> None:
@@ -44,7 +44,7 @@ class Player(Protocol):
 
 
 class DevicePlayer:
-    """A `Player` that opens the default device of ``backend`` for each sound."""
+    """A `AudioPlayer` that opens the default device of ``backend`` for each sound."""
 
     def __init__(self, backend: miniaudio.Backend) -> None:
         self.backend = backend
@@ -132,7 +132,7 @@ def open_device(backend: miniaudio.Backend, sample_rate: int) -> miniaudio.Playb
     )
 
 
-def find_player(backends: Sequence[miniaudio.Backend] = ()) -> Player | None:
+def find_player(backends: Sequence[miniaudio.Backend] = ()) -> AudioPlayer | None:
     """A player on the first of ``backends`` (default: those of this system) with a device that opens, or None."""
     try:
         import miniaudio  # noqa: F401 - only to see whether it is there

@@ -16,7 +16,7 @@ from socialbot.core.errors import DeviceError, InstallationError, ParameterError
 from socialbot.core.messages import Health, Message, SpeechStatus, Utterance
 from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
 from socialbot.graph.node import Context, Input, Node, Output, Parameter, Timer
-from socialbot.speech.playback import Player, find_player
+from socialbot.speech.playback import AudioPlayer, find_player
 from socialbot.speech.synthesis import Sound, Synthesizer
 
 MOST_SOUNDS = 500
@@ -25,7 +25,7 @@ MOST_SOUNDS = 500
 State = Literal["waiting", "started", "finished", "replaced", "expired", "failed"]
 
 
-class Voice(Protocol):
+class SpeechVoice(Protocol):
     """Turns text into sound."""
 
     def say(self, text: str) -> Sound:
@@ -34,7 +34,7 @@ class Voice(Protocol):
 
 
 @dataclass(eq=False)
-class _Waiting:
+class _QueuedUtterance:
     utterance: Utterance
     expiry: Timer = field(init=False)
 
@@ -73,11 +73,11 @@ class Speaker(Node):
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self._voice: Voice | None = None
+        self._voice: SpeechVoice | None = None
         self._missing: InstallationError | None = None
-        self._player: Player | None = None
+        self._player: AudioPlayer | None = None
         self._sounding: Utterance | None = None
-        self._waiting: list[_Waiting] = []
+        self._waiting: list[_QueuedUtterance] = []
         self._spoken = 0
         self._folder: Path | None = None
         self._sounds: deque[Path] = deque()
@@ -111,14 +111,14 @@ class Speaker(Node):
         self._waiting.clear()
         self._sounding = None
 
-    def find_voice(self) -> Voice:
+    def find_voice(self) -> SpeechVoice:
         """What speaks; a robot with a voice of its own kind overrides this.
 
         Raises InstallationError when a part of it is missing, ParameterError when there is no such voice.
         """
         return Synthesizer(self.voice, self.rate_wpm, self.pitch)
 
-    def find_player(self) -> Player | None:
+    def find_player(self) -> AudioPlayer | None:
         """What plays the sounds; a robot with loudspeakers of its own kind overrides this."""
         return find_player()
 
@@ -153,7 +153,7 @@ class Speaker(Node):
             self._wait(utterance)
 
     def _wait(self, utterance: Utterance) -> None:
-        entry = _Waiting(utterance)
+        entry = _QueuedUtterance(utterance)
         entry.expiry = self.call_after(self.max_waiting_s, partial(self._expire, entry))
         keys = [waiting.utterance.key for waiting in self._waiting]
         if utterance.key and utterance.key in keys:
@@ -166,11 +166,11 @@ class Speaker(Node):
             self._replace(self._waiting.pop(0), "too many are waiting")
         self._report(utterance, "waiting")
 
-    def _replace(self, waiting: _Waiting, why: str) -> None:
+    def _replace(self, waiting: _QueuedUtterance, why: str) -> None:
         waiting.expiry.cancel()
         self._report(waiting.utterance, "replaced", why)
 
-    def _expire(self, waiting: _Waiting, why: str = "") -> None:
+    def _expire(self, waiting: _QueuedUtterance, why: str = "") -> None:
         self._waiting.remove(waiting)
         self._report(waiting.utterance, "expired", why)
 

@@ -9,7 +9,7 @@ AGENT = AgentPackage(
         "camera": "socialbot.vision.cameras:Camera",
         "image_converter": "socialbot.vision.images:ImageConverter",
         "person_detector": "socialbot.vision.person_detector:PersonDetector",
-        "picture_receiver": "socialbot.vision.image_transport:PictureReceiver",
-        "picture_sender": "socialbot.vision.image_transport:PictureSender",
+        "picture_receiver": "socialbot.vision.image_transport:ImageReceiver",
+        "picture_sender": "socialbot.vision.image_transport:ImageSender",
     },
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 from socialbot.core.errors import ParameterError
 from socialbot.vision.detector import Detector
 from socialbot.vision.hog import HogDetector
-from socialbot.vision.network import LAYOUTS, Network, fitting, whole
+from socialbot.vision.network import LAYOUTS, OnnxModel, fitting, whole
 from socialbot.vision.network_detector import NetworkDetector, nanodet
 
 __all__ = ["DETECTORS", "DetectorSettings", "DetectorSpec"]
@@ -71,7 +71,7 @@ def _onnx(settings: DetectorSettings) -> Detector:
             f"there is no layout {settings.layout!r}", where="detector onnx", remedy=f"one of {', '.join(LAYOUTS)}"
         )
     layout = LAYOUTS[settings.layout]
-    network = Network(Path(settings.model).expanduser(), threads=settings.threads)
+    network = OnnxModel(Path(settings.model).expanduser(), threads=settings.threads)
     canvas = _canvas(settings, network)
 
     def views(width: int, height: int, horizon: float):
@@ -91,7 +91,7 @@ def _onnx(settings: DetectorSettings) -> Detector:
     )
 
 
-def _canvas(settings: DetectorSettings, network: Network) -> tuple[int, int] | None:
+def _canvas(settings: DetectorSettings, network: OnnxModel) -> tuple[int, int] | None:
     """Width and height of the pictures for ``network``; None where neither settings nor network say them."""
     wanted = (settings.input_width, settings.input_height)
     for want, fixed in zip(wanted, network.size, strict=True):

@@ -84,7 +84,7 @@ class _Cue(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _View:
+class _BoxAngles:
     """A box as the camera sees it: tangents of the elevations of top and bottom, and of half its width."""
 
     top: float
@@ -133,7 +133,7 @@ def whole_height(camera: CameraModel, box: Box, distance: float) -> float:
     return box[3] * (view.top + feet) / (view.top - view.bottom)
 
 
-def _view(camera: CameraModel, box: Box) -> _View | None:
+def _view(camera: CameraModel, box: Box) -> _BoxAngles | None:
     x, y, w, h = box
     if not (w > 0 and h > 0 and all(map(math.isfinite, box))):
         return None
@@ -144,10 +144,10 @@ def _view(camera: CameraModel, box: Box) -> _View | None:
     half = math.tan((left - right) / 2) if 0 < left - right < math.pi else 0.0
     if half <= 0 or top <= bottom:
         return None  # The point straight below or above the camera lies in the box.
-    return _View(math.tan(top), math.tan(bottom), half, (_EDGE_PX + _EDGE_SHARE * h) / camera.fy)
+    return _BoxAngles(math.tan(top), math.tan(bottom), half, (_EDGE_PX + _EDGE_SHARE * h) / camera.fy)
 
 
-def _ground(camera: CameraModel, view: _View) -> list[_Cue]:
+def _ground(camera: CameraModel, view: _BoxAngles) -> list[_Cue]:
     if view.bottom >= 0:
         return []
     distance = camera.mount_height_m / -view.bottom
@@ -156,17 +156,17 @@ def _ground(camera: CameraModel, view: _View) -> list[_Cue]:
     return [_Cue(math.log(distance + _TOES_M), stretch * math.hypot(view.edge, _MOUNT_RAD))]
 
 
-def _height_log(camera: CameraModel, view: _View, height: float) -> float:
+def _height_log(camera: CameraModel, view: _BoxAngles, height: float) -> float:
     return math.log(height / (view.top - view.bottom) + _TOES_M * camera.mount_height_m / height)
 
 
-def _height(camera: CameraModel, view: _View, height: Estimate) -> list[_Cue]:
+def _height(camera: CameraModel, view: _BoxAngles, height: Estimate) -> list[_Cue]:
     span = view.top - view.bottom
     box = math.sqrt(2) * view.edge * (1 + view.bottom**2) / span
     return [_Cue(_height_log(camera, view, height.value), math.hypot(height.std / height.value, box, _POSTURE))]
 
 
-def _head(camera: CameraModel, view: _View, height: Estimate) -> list[_Cue]:
+def _head(camera: CameraModel, view: _BoxAngles, height: Estimate) -> list[_Cue]:
     above = height.value - camera.mount_height_m
     if above * view.top <= 0:
         return []
@@ -175,7 +175,7 @@ def _head(camera: CameraModel, view: _View, height: Estimate) -> list[_Cue]:
     return [_Cue(math.log(above / view.top), std)] if std < 0.5 else []
 
 
-def _width(view: _View, width: Estimate) -> list[_Cue]:
+def _width(view: _BoxAngles, width: Estimate) -> list[_Cue]:
     return [_Cue(math.log(width.value / 2 / view.half), math.hypot(width.std / width.value, _WIDE_SHARE))]
 
 

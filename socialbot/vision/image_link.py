@@ -17,7 +17,15 @@ from statistics import median
 
 from socialbot.core.clock import SECOND, nanoseconds
 
-__all__ = ["Backlog", "Flight", "Measure", "PictureLink", "Throttle", "Window", "relative_size"]
+__all__ = [
+    "StaleImageFilter",
+    "InFlightImage",
+    "LinkStatistics",
+    "ImageLink",
+    "BitrateControl",
+    "SendWindow",
+    "relative_size",
+]
 
 PATIENCE_S = 0.4
 """While a picture is under way for longer, no other is sent after it."""
@@ -68,7 +76,7 @@ REMEMBERED = 32
 
 
 @dataclass(frozen=True)
-class Flight:
+class InFlightImage:
     """A picture under way: its stamp, its size in bytes, when it was sent, and whether the link was free by then."""
 
     stamp: int
@@ -77,11 +85,11 @@ class Flight:
     alone: bool
 
 
-class Window:
+class SendWindow:
     """The pictures under way."""
 
     def __init__(self) -> None:
-        self._flights: deque[Flight] = deque()
+        self._flights: deque[InFlightImage] = deque()
         self._limit = FIRST_FLIGHTS
         self._heard = -math.inf
         self.silent = False
@@ -108,9 +116,9 @@ class Window:
 
     def send(self, stamp: int, size: int, now: int) -> None:
         """Notes that a picture was sent."""
-        self._flights.append(Flight(stamp, size, now, alone=not self._flights))
+        self._flights.append(InFlightImage(stamp, size, now, alone=not self._flights))
 
-    def answer(self, stamp: int, now: int) -> list[Flight]:
+    def answer(self, stamp: int, now: int) -> list[InFlightImage]:
         """What has arrived by an answer for ``stamp``: that picture and all that were sent before it.
 
         Any answer, also one for a picture given up, says that the link is up.
@@ -128,7 +136,7 @@ class Window:
 
 
 @dataclass
-class Measure:
+class LinkStatistics:
     """What happened on the link since ``begin``: of all pictures, the rate allowed those offered."""
 
     begin: int
@@ -140,7 +148,7 @@ class Measure:
     waits_s: list[float] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
 
-    def arrive(self, flight: Flight, now: int) -> None:
+    def arrive(self, flight: InFlightImage, now: int) -> None:
         """Notes that a picture has arrived. One that was alone on the link has waited for no other."""
         delay_s = max(1, now - flight.sent) / SECOND
         self.arrived_bytes += flight.size
@@ -159,7 +167,7 @@ class Measure:
         return median(self.waits_s or [0.0]) > LATE_S or self.refused > REFUSED_SHARE * self.offered
 
 
-class Throttle:
+class BitrateControl:
     """How many bytes a second the link is given: ``budget``, without bounds until it has been full."""
 
     def __init__(self) -> None:
@@ -170,7 +178,7 @@ class Throttle:
         self._trial_s = FIRST_TRIAL_S
         self._changed = 0
 
-    def judge(self, measure: Measure, now: int, *, wants_more: bool) -> bool:
+    def judge(self, measure: LinkStatistics, now: int, *, wants_more: bool) -> bool:
         """Draws the lesson from ``measure``, which ends ``now``. Returns whether the budget has changed."""
         seconds = (now - measure.begin) / SECOND
         if measure.is_full:
@@ -212,7 +220,7 @@ class Throttle:
         self._on_trial = on_trial
 
 
-class PictureLink:
+class ImageLink:
     """What the sender asks about each picture: whether to send it, and at which ``quality`` (of JPEG).
 
     ``best`` and ``least`` bound the quality, ``most_hz`` the pictures a second (infinite: all there are).
@@ -222,8 +230,8 @@ class PictureLink:
         self.quality = best
         self.rate_hz = most_hz
         self._best, self._least, self._most_hz = best, min(least, best), most_hz
-        self._window = Window()
-        self._throttle = Throttle()
+        self._window = SendWindow()
+        self._throttle = BitrateControl()
         self._measure = _begun_soon(now)
         self._credit = 1.0
         self._asked = now
@@ -280,7 +288,7 @@ class PictureLink:
 
     def _begin_anew(self, now: int) -> None:
         """After the clock was set back: what was noted before can be compared with nothing."""
-        self._window, self._measure, self._changed = Window(), _begun_soon(now), -1
+        self._window, self._measure, self._changed = SendWindow(), _begun_soon(now), -1
         self._throttle.wait_from(now)
 
     def _is_allowed(self, now: int) -> bool:
@@ -290,7 +298,7 @@ class PictureLink:
         return self._credit > 0.99
 
     def _judge(self, now: int) -> None:
-        measure, self._measure = self._measure, Measure(now)
+        measure, self._measure = self._measure, LinkStatistics(now)
         self._pictures_hz = measure.pictures * SECOND / (now - measure.begin)
         if self._throttle.judge(measure, now, wants_more=(self.quality, self.rate_hz) != (self._best, self._most_hz)):
             self._changed, self._measure = now, _begun_soon(now)
@@ -310,11 +318,11 @@ class PictureLink:
         return self._size_at_best * relative_size(quality, self._best)
 
 
-def _begun_soon(now: int) -> Measure:
-    return Measure(now + nanoseconds(SETTLING_S))
+def _begun_soon(now: int) -> LinkStatistics:
+    return LinkStatistics(now + nanoseconds(SETTLING_S))
 
 
-class Backlog:
+class StaleImageFilter:
     """Tells pictures that have waited for a link that was down from those that come as they are taken.
 
     The clocks of two machines may differ by any time, hence each picture is compared with the quickest of the last

@@ -12,14 +12,14 @@ from socialbot.core.errors import ImageError
 from socialbot.core.messages import CompressedImage, Image, PictureAck
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
-from socialbot.vision.image_link import Backlog, PictureLink
+from socialbot.vision.image_link import ImageLink, StaleImageFilter
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 
-__all__ = ["PictureReceiver", "PictureSender"]
+__all__ = ["ImageReceiver", "ImageSender"]
 
 
-class PictureSender(Node):
-    """Publishes pictures for a `PictureReceiver` on another machine; stamps are kept.
+class ImageSender(Node):
+    """Publishes pictures for a `ImageReceiver` on another machine; stamps are kept.
 
     While the link is down nothing is sent; the first answer begins anew, with the newest picture. A picture that
     cannot be converted raises ImageError; the next one is looked at afresh.
@@ -35,7 +35,7 @@ class PictureSender(Node):
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self.pictures = PictureLink(
+        self.pictures = ImageLink(
             best=self.quality, least=self.least_quality, most_hz=self._most_hz, now=self.clock.now()
         )
 
@@ -78,8 +78,8 @@ LIFE_S = 0.25
 """How often it gives a sign of life while no picture comes."""
 
 
-class PictureReceiver(Node):
-    """Publishes the pictures of a `PictureSender` as bgr8, with their stamps.
+class ImageReceiver(Node):
+    """Publishes the pictures of a `ImageSender` as bgr8, with their stamps.
 
     What has waited for a link that was down is answered, and dropped. A damaged picture is answered, and raises
     ImageError.
@@ -93,7 +93,7 @@ class PictureReceiver(Node):
         super().__init__(name, context, parameters)
         self._last = PictureAck(stamp=0, arrived=0)
         self._said = 0
-        self._backlog = Backlog()
+        self._backlog = StaleImageFilter()
         self._timer: Timer | None = None
 
     def start(self) -> None:

@@ -13,13 +13,13 @@ import numpy as np
 from socialbot.core.errors import InstallationError, ParameterError
 
 __all__ = [
-    "Answers",
+    "ModelOutput",
     "LAYOUTS",
-    "Layout",
-    "Misfit",
-    "Network",
-    "NetworkPort",
-    "Part",
+    "OutputLayout",
+    "LayoutMismatch",
+    "OnnxModel",
+    "TensorInfo",
+    "Region",
     "View",
     "band",
     "fitting",
@@ -33,7 +33,7 @@ _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(u
 
 
 @dataclass(frozen=True)
-class NetworkPort:
+class TensorInfo:
     """An input or output: its shape has numbers where it is fixed and 0 where it is not."""
 
     name: str
@@ -45,7 +45,7 @@ class NetworkPort:
         return f"{self.name} {sizes or 'without a shape'} {self.dtype.removeprefix('tensor(').removesuffix(')')}"
 
 
-class Network:
+class OnnxModel:
     """One picture in, answers out.
 
     ``threads`` work on it and sleep in between. The answers do not depend on their number.
@@ -129,9 +129,9 @@ def _session(model: Path | bytes, threads: int, where: str):
         ) from error
 
 
-def _port(port) -> NetworkPort:
+def _port(port) -> TensorInfo:
     shape = tuple(size if isinstance(size, int) and size > 0 else 0 for size in port.shape)
-    return NetworkPort(port.name, shape, port.type)
+    return TensorInfo(port.name, shape, port.type)
 
 
 def _first(error: Exception) -> str:
@@ -139,7 +139,7 @@ def _first(error: Exception) -> str:
     return next(iter(str(error).splitlines()), type(error).__name__)
 
 
-Part = tuple[int, int, int, int]
+Region = tuple[int, int, int, int]
 """A rectangle within a picture: x, y, w, h in pixels."""
 
 _NEAR_EDGE = 0.06
@@ -205,7 +205,7 @@ class View:
         )
 
 
-def band(width: int, height: int, horizon: float) -> Part:
+def band(width: int, height: int, horizon: float) -> Region:
     """Where far people are in a picture of ``width`` x ``height`` pixels; ``horizon`` is a share of the height."""
     middle = min(max(horizon, 0.0), 1.0)
     top, bottom = round(max(0.0, middle - _ABOVE) * height), round(min(1.0, middle + _BELOW) * height)
@@ -220,14 +220,14 @@ def whole(width: int, height: int, canvas: tuple[int, int], *, centred: bool = T
     return _placed((0, 0, width, height), canvas, centred, fill, 0.0)
 
 
-def scaled(part: Part, ratio: float) -> View:
+def scaled(part: Region, ratio: float) -> View:
     """The ``part`` of a picture made ``ratio`` times as large, with nothing beside it."""
     x, y, w, h = part
     width, height = max(1, round(w * ratio)), max(1, round(h * ratio))
     return View(x, y, w, h, width, height, width, height, 0, 0)
 
 
-def fitting(part: Part, pixels: int, *, step: int = 32, fill: int = 0, least: float = 0.0) -> View:
+def fitting(part: Region, pixels: int, *, step: int = 32, fill: int = 0, least: float = 0.0) -> View:
     """The ``part`` of a picture on a canvas of about ``pixels``, whose sides ``step`` divides."""
     _, _, w, h = part
     scale = min(math.sqrt(pixels / (w * h)), _LARGEST_SCALE)
@@ -235,7 +235,7 @@ def fitting(part: Part, pixels: int, *, step: int = 32, fill: int = 0, least: fl
     return _placed(part, canvas, True, fill, least)
 
 
-def _placed(part: Part, canvas: tuple[int, int], centred: bool, fill: int, least: float) -> View:
+def _placed(part: Region, canvas: tuple[int, int], centred: bool, fill: int, least: float) -> View:
     x, y, w, h = part
     width, height = canvas
     scale = min(width / w, height / h)
@@ -248,12 +248,12 @@ _STRIDES = (8, 16, 32, 64)
 """Pixels of the picture between two cells, level by level; many networks have no fourth level."""
 
 
-class Misfit(Exception):  # noqa: N818
+class LayoutMismatch(Exception):  # noqa: N818
     """Answers that are not of a layout; says what the layout expects."""
 
 
 @dataclass(frozen=True)
-class Answers:
+class ModelOutput:
     """What a network said to a picture of ``width`` x ``height`` pixels, an array for each of its ``ports``.
 
     It knows ``classes`` kinds of things, of which people are number ``person``. Only scores from ``threshold`` on
@@ -261,7 +261,7 @@ class Answers:
     """
 
     arrays: Sequence[np.ndarray]
-    ports: Sequence[NetworkPort]
+    ports: Sequence[TensorInfo]
     width: int
     height: int
     person: int = 0
@@ -271,7 +271,7 @@ class Answers:
     def table(self, expected: str) -> np.ndarray:
         """The only answer, without the dimension of the batch. Raises Misfit with ``expected``."""
         if len(self.arrays) != 1 or self.arrays[0].ndim != 3 or self.arrays[0].shape[0] != 1:
-            raise Misfit(expected)
+            raise LayoutMismatch(expected)
         return self.arrays[0][0]
 
     def cells(self, count: int) -> np.ndarray | None:
@@ -291,7 +291,7 @@ Found = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Layout:
+class OutputLayout:
     """How answers are read, and how networks with such answers usually want their pictures.
 
     ``channels`` is the order of colours, ``pixels`` what a pixel's 0 to 255 become; the picture stands in the middle
@@ -300,14 +300,14 @@ class Layout:
     """
 
     name: str
-    read: Callable[[Answers], Found]
+    read: Callable[[ModelOutput], Found]
     channels: str
     pixels: str
     centred: bool
     fill: int
 
 
-def _nanodet(offset: float, answers: Answers) -> Found:
+def _nanodet(offset: float, answers: ModelOutput) -> Found:
     """Rows of cells: a score for each class, then for each edge of the box the logits of distances in strides."""
     expected = (
         f"one output 1 x n x ({answers.classes} classes + 4 x bins), class {answers.person} among them, n the cells of "
@@ -317,7 +317,7 @@ def _nanodet(offset: float, answers: Answers) -> Found:
     bins, rest = divmod(table.shape[1] - answers.classes, 4)
     cells = answers.cells(len(table))
     if cells is None or rest or bins < 2 or answers.person >= answers.classes:
-        raise Misfit(expected)
+        raise LayoutMismatch(expected)
     scores = table[:, answers.person]
     good = scores >= answers.threshold
     logits = table[good, answers.classes :].reshape(-1, 4, bins).astype(np.float64)
@@ -328,7 +328,7 @@ def _nanodet(offset: float, answers: Answers) -> Found:
     return _corners(centre - distances[:, :2], centre + distances[:, 2:]), scores[good].astype(np.float64)
 
 
-def _yolox(answers: Answers) -> Found:
+def _yolox(answers: ModelOutput) -> Found:
     """Rows of cells: centre in strides from the cell, logarithms of width and height in strides, then as in YOLOv5."""
     expected = (
         f"one output 1 x n x (5 + classes), class {answers.person} among them, n the cells of {answers.width} x "
@@ -337,48 +337,48 @@ def _yolox(answers: Answers) -> Found:
     table = answers.table(expected)
     cells = answers.cells(len(table))
     if cells is None:
-        raise Misfit(expected)
+        raise LayoutMismatch(expected)
     rows, scores, good = _objects(table, answers, expected)
     place, stride = cells[good, :2].astype(np.float64), cells[good, 2:].astype(np.float64)
     return _centred((rows[:, :2] + place) * stride, np.exp(rows[:, 2:4]) * stride), scores
 
 
-def _yolov5(answers: Answers) -> Found:
+def _yolov5(answers: ModelOutput) -> Found:
     """Rows: centre, width and height in pixels, the score of a thing, the score of each class."""
     expected = f"one output 1 x n x (5 + classes), n the larger, class {answers.person} among them"
     rows, scores, _ = _objects(answers.table(expected), answers, expected)
     return _centred(rows[:, :2], rows[:, 2:4]), scores
 
 
-def _objects(table: np.ndarray, answers: Answers, expected: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _objects(table: np.ndarray, answers: ModelOutput, expected: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The rows of people, their scores, and which rows they are."""
     if answers.person >= table.shape[1] - 5 or table.shape[1] >= len(table):
-        raise Misfit(expected)
+        raise LayoutMismatch(expected)
     scores = table[:, 4].astype(np.float64) * table[:, 5 + answers.person]
     good = scores >= answers.threshold
     return table[good].astype(np.float64), scores[good], good
 
 
-def _yolov8(answers: Answers) -> Found:
+def _yolov8(answers: ModelOutput) -> Found:
     """Columns: centre, width and height in pixels, the score of each class."""
     expected = f"one output 1 x (4 + classes) x n, n the larger, class {answers.person} among them"
     table = answers.table(expected)
     if answers.person >= len(table) - 4 or len(table) >= table.shape[1]:
-        raise Misfit(expected)
+        raise LayoutMismatch(expected)
     scores = table[4 + answers.person]
     good = scores >= answers.threshold
     rows = table[:4, good].astype(np.float64)
     return _centred(rows[:2].T, rows[2:].T), scores[good].astype(np.float64)
 
 
-def _detections(answers: Answers) -> Found:
+def _detections(answers: ModelOutput) -> Found:
     """Left, top, right, bottom in pixels, with score and class, in one output or in several."""
     rows = _detection_rows(answers)
     good = (rows[:, 5] == answers.person) & (rows[:, 4] >= answers.threshold)
     return _corners(rows[good, :2], rows[good, 2:4]), rows[good, 4]
 
 
-def _detection_rows(answers: Answers) -> np.ndarray:
+def _detection_rows(answers: ModelOutput) -> np.ndarray:
     """Shape (n, 6): left, top, right, bottom, score, class."""
     expected = (
         "n x 6 (left, top, right, bottom, score, class), or boxes n x 5 (with scores) and labels n, or boxes n x 4, "
@@ -390,16 +390,16 @@ def _detection_rows(answers: Answers) -> np.ndarray:
     wide = [table for table in tables if table.ndim == 2 and table.shape[1] in (4, 5, 6)]
     flat = [(port, table) for port, table in zip(answers.ports, tables, strict=True) if table.ndim == 1]
     if len(wide) != 1 or any(len(table) != len(wide[0]) for _, table in flat):
-        raise Misfit(expected)
+        raise LayoutMismatch(expected)
     labels = [_is_label(port, table) for port, table in flat]
     if (wide[0].shape[1], labels.count(False), labels.count(True)) not in {(6, 0, 0), (5, 0, 1), (4, 1, 1)}:
-        raise Misfit(expected)
+        raise LayoutMismatch(expected)
     # Sorting puts the scores before the labels.
     rest = [table[:, None] for _, (_, table) in sorted(zip(labels, flat, strict=True), key=lambda pair: pair[0])]
     return np.hstack([wide[0], *rest]).astype(np.float64)
 
 
-def _is_label(port: NetworkPort, table: np.ndarray) -> bool:
+def _is_label(port: TensorInfo, table: np.ndarray) -> bool:
     """Whether an answer of one number a box is the classes: whole numbers, or so called."""
     return table.dtype.kind in "iu" or any(word in port.name.lower() for word in ("label", "class"))
 
@@ -412,15 +412,15 @@ def _centred(centre: np.ndarray, size: np.ndarray) -> np.ndarray:
     return np.hstack([centre - size / 2, size])
 
 
-LAYOUTS: Mapping[str, Layout] = {
+LAYOUTS: Mapping[str, OutputLayout] = {
     layout.name: layout
     for layout in (
-        Layout("nanodet", lambda answers: _nanodet(0.5, answers), "bgr", "imagenet", True, 0),
-        Layout("nanodet-plus", lambda answers: _nanodet(0.0, answers), "bgr", "imagenet", True, 0),
-        Layout("yolox", _yolox, "bgr", "0-255", False, 114),
-        Layout("yolov5", _yolov5, "rgb", "0-1", True, 114),
-        Layout("yolov8", _yolov8, "rgb", "0-1", True, 114),
-        Layout("detections", _detections, "rgb", "0-1", False, 0),
+        OutputLayout("nanodet", lambda answers: _nanodet(0.5, answers), "bgr", "imagenet", True, 0),
+        OutputLayout("nanodet-plus", lambda answers: _nanodet(0.0, answers), "bgr", "imagenet", True, 0),
+        OutputLayout("yolox", _yolox, "bgr", "0-255", False, 114),
+        OutputLayout("yolov5", _yolov5, "rgb", "0-1", True, 114),
+        OutputLayout("yolov8", _yolov8, "rgb", "0-1", True, 114),
+        OutputLayout("detections", _detections, "rgb", "0-1", False, 0),
     )
 }
 """The layouts by name."""

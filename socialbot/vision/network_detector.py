@@ -13,7 +13,7 @@ import numpy as np
 
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.vision.detector import Detections, select
-from socialbot.vision.network import LAYOUTS, Answers, Layout, Misfit, Network, View, band, fitting
+from socialbot.vision.network import LAYOUTS, LayoutMismatch, ModelOutput, OnnxModel, OutputLayout, View, band, fitting
 
 __all__ = ["NetworkDetector", "PIXELS", "SHA256", "Views", "nanodet", "weights"]
 
@@ -56,8 +56,8 @@ class NetworkDetector:
 
     def __init__(
         self,
-        network: Network,
-        layout: Layout,
+        network: OnnxModel,
+        layout: OutputLayout,
         views: Views,
         *,
         threshold: float,
@@ -101,20 +101,20 @@ class NetworkDetector:
         """Boxes (n, 4) in pixels of ``image`` and scores (n,) of the people in ``view``, unsuppressed."""
         picture = cv2.LUT(view.cut(image), table).transpose(2, 0, 1)
         arrays = self._network.run(picture[::-1] if self._red_first else picture)
-        answers = Answers(
+        answers = ModelOutput(
             arrays, self._network.outputs, view.width, view.height, self._person, self._classes, threshold
         )
         try:
             boxes, scores = self._layout.read(answers)
             if scores.max(initial=0.0) > _LARGEST_SCORE:
-                raise Misfit(f"scores from 0 to 1, not {scores.max():.3g}")
-        except Misfit as misfit:
+                raise LayoutMismatch(f"scores from 0 to 1, not {scores.max():.3g}")
+        except LayoutMismatch as misfit:
             raise self._misfit(arrays, misfit) from None
         boxes = view.back(boxes)
         trusted = view.trusted(boxes, image.shape[1], image.shape[0])
         return boxes[trusted], scores[trusted]
 
-    def _misfit(self, arrays: Sequence[np.ndarray], misfit: Misfit) -> ParameterError:
+    def _misfit(self, arrays: Sequence[np.ndarray], misfit: LayoutMismatch) -> ParameterError:
         said = "; ".join(
             f"{port.name} {' x '.join(map(str, array.shape))} {array.dtype}"
             for port, array in zip(self._network.outputs, arrays, strict=True)
@@ -169,7 +169,7 @@ def nanodet(threshold: float, *, threads: int = 1) -> NetworkDetector:
     """
     # Views side by side are faster than one view by several threads: 22 ms against 30 with two.
     side_by_side = min(threads, len(_WHOLES) + 1)
-    network = Network(weights(), threads=threads // side_by_side, where=f"socialbot/vision/models/{_FILE}")
+    network = OnnxModel(weights(), threads=threads // side_by_side, where=f"socialbot/vision/models/{_FILE}")
     return NetworkDetector(
         network,
         LAYOUTS["nanodet"],

@@ -15,7 +15,7 @@ from socialbot.graph.node import Context, Delivery, Input, Node, Output, Paramet
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
 from socialbot.vision.network import LAYOUTS
-from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, make_finder
+from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, make_pipeline
 
 __all__ = ["PersonDetector"]
 
@@ -87,7 +87,7 @@ class PersonDetector(Node):
         if self.model:
             path = Path(self.model).expanduser()
             settings["model"] = str(paths.in_workspace(path, where=f"{name}.model"))
-        self._finder = make_finder(
+        self._finder = make_pipeline(
             self._spec, self._spec.make(DetectorSettings(**settings)), tracker=self.tracker, bridge_s=self.bridge_s
         )
         for parameter in ("threshold", "person_height_m", "hide_still"):
@@ -105,7 +105,7 @@ class PersonDetector(Node):
 
     def on_parameter(self, name: str) -> None:
         if name == "threshold":
-            self._finder.believe(self._spec.sure if self.threshold < 0 else self.threshold, self._spec.weak)
+            self._finder.set_thresholds(self._spec.sure if self.threshold < 0 else self.threshold, self._spec.weak)
         elif name == "bridge_s" and self._finder.tracker is not None:
             self._finder.tracker.bridge_s = self.bridge_s
         elif name == "hide_still":

@@ -19,7 +19,7 @@ from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_dir
 from socialbot.vision.static_objects import StaticObjectFilter
 from socialbot.vision.tracking import Track, Tracker, cut_off
 
-__all__ = ["BRIDGE_S", "TRACKERS", "PersonFinder", "make_finder"]
+__all__ = ["BRIDGE_S", "TRACKERS", "PersonPipeline", "make_pipeline"]
 
 TRACKERS = ("kalman", "none")
 BRIDGE_S = 0.3
@@ -41,7 +41,7 @@ class TrackState:
     """When it was looked at last, ns."""
 
 
-class PersonFinder:
+class PersonPipeline:
     """Finds the people in the pictures of one camera.
 
     Without a ``tracker`` each picture is looked at by itself, and whoever scores ``sure`` is there. With one, the
@@ -68,9 +68,9 @@ class PersonFinder:
         self._detector = detector
         self._known: dict[str, TrackState] = {}
         self._stamp = 0
-        self.believe(sure, weak)
+        self.set_thresholds(sure, weak)
 
-    def believe(self, sure: float, weak: float) -> None:
+    def set_thresholds(self, sure: float, weak: float) -> None:
         """Sets the scores that count; may be called between two pictures."""
         weak = min(weak, sure)
         self._detector.threshold = sure
@@ -195,7 +195,7 @@ def _behind(box: np.ndarray, others: np.ndarray) -> bool:
     return bool((nearer & (shared > _HIDING * box[2])).any())
 
 
-def make_finder(
+def make_pipeline(
     spec: DetectorSpec,
     detector: Detector,
     *,
@@ -204,13 +204,13 @@ def make_finder(
     bridge_s: float = BRIDGE_S,
     person_height_m: float = 1.70,
     hide_still: bool = True,
-) -> PersonFinder:
+) -> PersonPipeline:
     """A finder with a ``detector`` that ``spec`` describes, and the ``tracker`` of that name (`TRACKERS`).
 
     ``threshold`` is the score from which a detection alone is believed, the spec's own when None.
     """
     sure = spec.sure if threshold is None else threshold
     follower = Tracker(sure, spec.weak, bridge_s=bridge_s) if tracker == "kalman" else None
-    return PersonFinder(
+    return PersonPipeline(
         detector, follower, sure=sure, weak=spec.weak, person_height_m=person_height_m, hide_still=hide_still
     )

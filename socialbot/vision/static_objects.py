@@ -71,7 +71,7 @@ _MARGIN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class _Snapshot:
     """A picture's shapes, (height, width), float32, and in it the boxes, (n, 4), of the tracks of these ``names``."""
 
     stamp: int
@@ -83,7 +83,7 @@ class _View:
         """The boxes of all tracks but that of this ``name``, (n, 4)."""
         return self.boxes[[each != name for each in self.names]]
 
-    def only(self, numbers: Sequence[int]) -> _View:
+    def only(self, numbers: Sequence[int]) -> _Snapshot:
         """The same picture with those of its tracks that have these ``numbers``."""
         return replace(self, boxes=self.boxes[list(numbers)], names=tuple(self.names[number] for number in numbers))
 
@@ -100,7 +100,7 @@ class _Background:
         self.shapes[free] = shapes[free]
         self.known |= free
 
-    def likeness(self, now: _View, box: np.ndarray, free: np.ndarray) -> float | None:
+    def likeness(self, now: _Snapshot, box: np.ndarray, free: np.ndarray) -> float | None:
         """How much ``box`` is like the background, where it is ``free`` of others or, if that is little, everywhere.
 
         Where its middle is more so, that counts: it is not where somebody stands, but a thing with somebody before it.
@@ -120,7 +120,7 @@ class StaticObjectFilter:
         self._forget((0, 0))
 
     def _forget(self, shape: tuple[int, ...]) -> None:
-        self._views: deque[_View] = deque()  # with people only
+        self._views: deque[_Snapshot] = deque()  # with people only
         self._background = _Background(shape)
         self._alive: dict[str, int] = {}  # when each track last showed life
         self._things: set[str] = set()  # the tracks that were things in the last picture
@@ -144,7 +144,9 @@ class StaticObjectFilter:
         self._keep(now.only(people), {track.id for track in tracks})
         return kept
 
-    def _is_person(self, name: str, number: int, now: _View, earlier: Sequence[_View], *, restless: bool) -> bool:
+    def _is_person(
+        self, name: str, number: int, now: _Snapshot, earlier: Sequence[_Snapshot], *, restless: bool
+    ) -> bool:
         box = now.boxes[number]
         free = ~_covered(now.shapes.shape, now.others(name), _MARGIN)
         familiar = self._background.likeness(now, box, free)
@@ -167,13 +169,13 @@ class StaticObjectFilter:
         life_s = _LIFE_UNKNOWN_S if familiar is None else _LIFE_S
         return name in self._alive and now.stamp - self._alive[name] <= life_s * SECOND
 
-    def _earlier(self, stamp_ns: int) -> list[_View]:
+    def _earlier(self, stamp_ns: int) -> list[_Snapshot]:
         """The pictures to compare with: the newest of those that are old enough, and what came after."""
         views = [view for view in self._views if stamp_ns - view.stamp >= _LEAST_LAG_S * SECOND]
         old = sum(stamp_ns - view.stamp >= _LAG_S * SECOND for view in views)
         return views[max(old - 1, 0) :]
 
-    def _keep(self, now: _View, names: set[str]) -> None:
+    def _keep(self, now: _Snapshot, names: set[str]) -> None:
         if not self._views or now.stamp - self._views[-1].stamp >= _STEP_S * SECOND:
             self._views.append(now)
         while len(self._views) > 1 and now.stamp - self._views[0].stamp >= _LEARN_S * SECOND:
@@ -184,18 +186,18 @@ class StaticObjectFilter:
         self._alive = {name: stamp for name, stamp in self._alive.items() if name in names or stamp >= limit}
 
 
-def _view(image: np.ndarray, stamp: int, tracks: Sequence[Track]) -> _View:
+def _view(image: np.ndarray, stamp: int, tracks: Sequence[Track]) -> _Snapshot:
     scale = min(1.0, _WIDTH / image.shape[1])
     size = (round(image.shape[1] * scale), max(1, round(image.shape[0] * scale)))
     grey = cv2.resize(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA).astype(np.float32)
     boxes = np.array([track.box for track in tracks], dtype=np.float64).reshape(-1, 4) * scale
     shapes = grey - cv2.GaussianBlur(grey, (0, 0), _LARGE_SIGMA)
     shapes /= np.sqrt(cv2.GaussianBlur(shapes * shapes, (0, 0), _LARGE_SIGMA)) + _FAINT
-    return _View(stamp, shapes, clip(boxes, *size), tuple(track.id for track in tracks))
+    return _Snapshot(stamp, shapes, clip(boxes, *size), tuple(track.id for track in tracks))
 
 
 def _since(
-    now: _View, earlier: Sequence[_View], name: str, box: np.ndarray, free: np.ndarray
+    now: _Snapshot, earlier: Sequence[_Snapshot], name: str, box: np.ndarray, free: np.ndarray
 ) -> tuple[float, float] | None:
     """How much ``box`` is like itself in the first of ``earlier`` that shows it, and how many seconds ago that was.
 
@@ -209,7 +211,7 @@ def _since(
     return None
 
 
-def _turned(now: _View, then: _View) -> bool:
+def _turned(now: _Snapshot, then: _Snapshot) -> bool:
     """Whether what is not taken up by people has changed."""
     rest = ~_covered(now.shapes.shape, np.vstack([now.boxes, then.boxes]), 2 * _MARGIN)
     if rest.mean() < _LEAST_REST:

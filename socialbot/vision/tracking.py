@@ -12,7 +12,7 @@ import numpy as np
 from socialbot.core.clock import SECOND
 from socialbot.vision.detector import clip, iou, same_head
 
-__all__ = ["Cut", "Motion", "Track", "Tracker", "assign", "cut_off"]
+__all__ = ["Cut", "BoxFilter", "Track", "Tracker", "assign", "cut_off"]
 
 
 def assign(costs: np.ndarray, limit: float) -> list[tuple[int, int]]:
@@ -61,7 +61,7 @@ def cut_off(box: np.ndarray, width: float, height: float) -> Cut:
     return Cut(bool(x <= across), bool(y <= down), bool(x + w >= width - across), bool(y + h >= height - down))
 
 
-class Motion:
+class BoxFilter:
     """Middle x, top y, height and width of a person's box (pixels), each with a speed that wears off.
 
     The four are independent Kalman filters of position and speed. All noise is relative to the height: a
@@ -188,7 +188,7 @@ class Track:
 class _Person:
     """A track from the inside; without ``id`` it is not confirmed yet."""
 
-    motion: Motion
+    motion: BoxFilter
     box: np.ndarray
     score: float
     cut: Cut
@@ -337,7 +337,7 @@ class Tracker:
         # Whoever the picture cuts off below is near, and too large to be seen within somebody: that is an arm.
         if same_head(box, others, _WITHIN).any() or (cut.bottom and within.any()):
             return
-        person = _Person(Motion(box), box, score, cut, usual_score=score, best=score)
+        person = _Person(BoxFilter(box), box, score, cut, usual_score=score, best=score)
         self._persons.append(person)
         if score >= self.sure and (self.confirm <= 1 or (at_once and not within.any())):
             self._confirm(person)
@@ -410,7 +410,7 @@ def _within(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
     return shared > _WITHIN * np.prod(boxes[:, None, 2:], axis=2)
 
 
-def _fit(motion: Motion, expected: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+def _fit(motion: BoxFilter, expected: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     """How well each of ``boxes`` (n, 4) fits the box ``expected`` (4,): 0 to 1, shape (n,).
 
     It is their IoU, both widened by the standard error of the prediction: the less is known of the speed, the

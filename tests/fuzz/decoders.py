@@ -67,7 +67,7 @@ from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.runtime.deployment import load_deployment
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.images import ENCODINGS, bgr_from_compressed, bgr_from_image
-from socialbot.vision.metrics.frames import load_pictures
+from socialbot.vision.metrics.frames import load_labels
 from socialbot.vision.metrics.truth import load_truth, truth_from_messages
 from tests.deliberation.office import Office, job
 from tests.fuzz.examples import example, structured
@@ -293,7 +293,7 @@ def _files() -> Iterator[Decoder]:
     yield Decoder("truth", _file(load_truth), (truth,))
     yield Decoder("truth-messages", lambda data: truth_from_messages(_text(data).split("\n\n"), "bag"), (frame,))
     pictures = b'[{"image": "a.jpg", "boxes": [{"x": 1, "y": 2, "w": 30, "h": 40}], "complete": false, "scene": "one"}]'
-    yield Decoder("pictures", _file(load_pictures), (pictures,))
+    yield Decoder("pictures", _file(load_labels), (pictures,))
     yield Decoder("private-key", _private_key, (_pem(),))
 
 

@@ -10,7 +10,7 @@ from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.runtime.deployment import Pictures, with_crossings
 from socialbot.vision.cameras import Camera
-from socialbot.vision.image_transport import PictureReceiver, PictureSender
+from socialbot.vision.image_transport import ImageReceiver, ImageSender
 from tests.runtime.deployments import deployment
 
 WALDO = load_graph("waldo")
@@ -71,8 +71,8 @@ def test_a_topic_may_go_to_several_machines_each_by_a_link_of_its_own():
         "eyes",
         (
             NodeConfig("camera", Camera),
-            NodeConfig("a", PictureSender),
-            NodeConfig("b", PictureSender, {}, {"ack": "/b"}),
+            NodeConfig("a", ImageSender),
+            NodeConfig("b", ImageSender, {}, {"ack": "/b"}),
         ),
         inputs=frozenset({"/camera/image_raw/link/ack", "/b"}),
     )
@@ -101,7 +101,7 @@ def test_wherever_nodes_run_no_raw_picture_leaves_a_machine(machines: list[str])
     assert {name: machine for name, machine in places.items() if name in NODES} == written
     assert {one.name for one in graph.placements} == places.keys()
     added = [one for one in graph.placements if one.name not in NODES]
-    assert {one.type for one in added} <= {PictureSender, PictureReceiver}
+    assert {one.type for one in added} <= {ImageSender, ImageReceiver}
     if len(set(machines)) == 1:
         assert graph == WALDO
 

@@ -12,7 +12,7 @@ from socialbot.core.errors import DeviceError, ParameterError
 from socialbot.core.messages import Message, SpeechStatus, Utterance
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
-from socialbot.speech.playback import OnEnd, Player, find_player
+from socialbot.speech.playback import AudioPlayer, OnEnd, find_player
 from socialbot.speech.speaker import Speaker, slug
 from socialbot.speech.synthesis import Sound, Synthesizer
 
@@ -245,9 +245,9 @@ class Deck:
         thread.join()
 
 
-def with_player(player: Player | None) -> type[Speaker]:
+def with_player(player: AudioPlayer | None) -> type[Speaker]:
     class Equipped(Speaker):
-        def find_player(self) -> Player | None:
+        def find_player(self) -> AudioPlayer | None:
             return player
 
     return Equipped
@@ -305,7 +305,7 @@ def test_without_a_device_auto_keeps_time_by_the_clock_and_required_refuses_to_s
 
 def test_with_playback_off_no_device_is_looked_for():
     class Proud(Speaker):
-        def find_player(self) -> Player | None:
+        def find_player(self) -> AudioPlayer | None:
             raise AssertionError("looked for a device")
 
     Stage(Proud, playback="off")

@@ -1,4 +1,4 @@
-"""A link in simulated time, and what becomes of a camera's pictures that a `PictureLink` gives to it."""
+"""A link in simulated time, and what becomes of a camera's pictures that a `ImageLink` gives to it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from socialbot.core.clock import SECOND
-from socialbot.vision.image_link import PictureLink, relative_size
+from socialbot.vision.image_link import ImageLink, relative_size
 from socialbot.vision.image_transport import LIFE_S
 
 PACKET = 1400
@@ -52,7 +52,7 @@ class Trial:
         self._random = random.Random(4)
         self._free = self._latest = 0.0
         self._last_stamp, self._said = 0, -1.0
-        self.link = PictureLink(best=80, least=30, most_hz=math.inf, now=0)
+        self.link = ImageLink(best=80, least=30, most_hz=math.inf, now=0)
         self._at(0.0, self._take)
         self._at(0.0, self._live)
         while self._events and self._events[0][0] < self.until_s:

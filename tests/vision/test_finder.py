@@ -9,7 +9,7 @@ from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSpec
 from socialbot.vision.distance import Stature, head_direction, measure
-from socialbot.vision.pipeline import PersonFinder, make_finder
+from socialbot.vision.pipeline import PersonPipeline, make_pipeline
 from socialbot.vision.tracking import cut_off
 from tests.vision.test_distance import box_of
 
@@ -41,7 +41,7 @@ class Rig:
 
     def __init__(self, *, hide_still: bool = False, **how) -> None:
         self.detector = Told()
-        self.finder = make_finder(SPEC, self.detector, hide_still=hide_still, **how)
+        self.finder = make_pipeline(SPEC, self.detector, hide_still=hide_still, **how)
         self.stamp = 0
 
     def find(self, *found, after_s: float = 0.1) -> tuple[PersonDetection, ...]:
@@ -186,7 +186,7 @@ def test_in_single_pictures_people_may_stand_anywhere():
 @pytest.mark.parametrize(("sure", "weak", "asked"), [(0.6, 0.3, 0.3), (0.1, 0.3, 0.1)])
 def test_what_is_believed_may_change(sure, weak, asked):
     rig = Rig()
-    rig.finder.believe(sure, weak)
+    rig.finder.set_thresholds(sure, weak)
     assert rig.detector.threshold == asked
     assert rig.finder.tracker is not None
     assert (rig.finder.tracker.sure, rig.finder.tracker.weak) == (sure, min(sure, weak))
@@ -233,7 +233,7 @@ def test_the_same_pictures_give_the_same_people():
 
 
 def test_a_finder_can_be_made_of_any_detector():
-    finder = PersonFinder(Told(), sure=0.5, weak=0.2)
+    finder = PersonPipeline(Told(), sure=0.5, weak=0.2)
     assert finder.find(BLANK, 1, CAMERA) == ()
 
 

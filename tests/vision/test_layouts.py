@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.network import LAYOUTS, Answers, Misfit, NetworkPort
+from socialbot.vision.network import LAYOUTS, LayoutMismatch, ModelOutput, TensorInfo
 
 WIDTH, HEIGHT = 96, 64
 CELLS = [
@@ -23,10 +23,10 @@ score = st.floats(0.01, 1)
 boxes = st.lists(st.tuples(number, number, number, number, score), max_size=6)
 
 
-def answers(*arrays: np.ndarray, names: str = "", **changes) -> Answers:
+def answers(*arrays: np.ndarray, names: str = "", **changes) -> ModelOutput:
     words = names.split() or [f"out{index}" for index in range(len(arrays))]
-    ports = [NetworkPort(name, array.shape, "") for name, array in zip(words, arrays, strict=True)]
-    return Answers(arrays, ports, WIDTH, HEIGHT, **changes)
+    ports = [TensorInfo(name, array.shape, "") for name, array in zip(words, arrays, strict=True)]
+    return ModelOutput(arrays, ports, WIDTH, HEIGHT, **changes)
 
 
 def read(layout: str, *arrays: np.ndarray, **changes) -> list[tuple[float, ...]]:
@@ -168,7 +168,7 @@ def table(*shape: int) -> np.ndarray:
     ],
 )
 def test_answers_of_another_layout_say_what_was_expected(layout, arrays, expected):
-    with pytest.raises(Misfit, match=expected):
+    with pytest.raises(LayoutMismatch, match=expected):
         LAYOUTS[layout].read(answers(*arrays))
 
 
@@ -177,5 +177,5 @@ def test_answers_of_another_layout_say_what_was_expected(layout, arrays, expecte
 )
 def test_people_have_to_be_among_the_classes(layout, shape):
     LAYOUTS[layout].read(answers(table(*shape), person=3))
-    with pytest.raises(Misfit):
+    with pytest.raises(LayoutMismatch):
         LAYOUTS[layout].read(answers(table(*shape), person=4))

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.vision.detector import clip
-from socialbot.vision.tracking import Cut, Motion, cut_off
+from socialbot.vision.tracking import BoxFilter, Cut, cut_off
 
 WIDTH, HEIGHT = 640, 480
 
@@ -15,7 +15,7 @@ def box(middle: float, top: float, height: float, width: float) -> np.ndarray:
     return np.array([middle - width / 2, top, width, height])
 
 
-def follow(motion: Motion, boxes: list[np.ndarray], seconds: float = 0.1) -> None:
+def follow(motion: BoxFilter, boxes: list[np.ndarray], seconds: float = 0.1) -> None:
     """Shows ``motion`` what the picture shows of ``boxes``."""
     for whole in boxes:
         motion.predict(seconds)
@@ -24,18 +24,18 @@ def follow(motion: Motion, boxes: list[np.ndarray], seconds: float = 0.1) -> Non
 
 
 def test_the_first_box_is_believed():
-    assert Motion(box(300, 100, 200, 80)).box == pytest.approx(box(300, 100, 200, 80))
+    assert BoxFilter(box(300, 100, 200, 80)).box == pytest.approx(box(300, 100, 200, 80))
 
 
 def test_a_steady_walk_is_predicted():
-    motion = Motion(box(100, 100, 200, 80))
+    motion = BoxFilter(box(100, 100, 200, 80))
     follow(motion, [box(100 + 10 * step, 100, 200, 80) for step in range(1, 15)])
     motion.predict(0.3)
     assert motion.box == pytest.approx(box(270, 100, 200, 80), abs=7)
 
 
 def test_a_speed_wears_off_where_nobody_is_seen():
-    motion = Motion(box(100, 100, 200, 80))
+    motion = BoxFilter(box(100, 100, 200, 80))
     follow(motion, [box(100 + 10 * step, 100, 200, 80) for step in range(1, 15)])
     motion.predict(60.0)
     assert 0 < abs(motion.value[0] - 240) < 200
@@ -43,7 +43,7 @@ def test_a_speed_wears_off_where_nobody_is_seen():
 
 
 def test_without_being_seen_one_becomes_less_sure():
-    motion = Motion(box(100, 100, 200, 80))
+    motion = BoxFilter(box(100, 100, 200, 80))
     spreads = [motion.spread()]
     for _ in range(5):
         motion.predict(0.2)
@@ -54,7 +54,7 @@ def test_without_being_seen_one_becomes_less_sure():
 
 
 def test_many_short_steps_come_to_the_same_as_a_long_one():
-    one, many = Motion(box(100, 100, 200, 80)), Motion(box(100, 100, 200, 80))
+    one, many = BoxFilter(box(100, 100, 200, 80)), BoxFilter(box(100, 100, 200, 80))
     for motion in (one, many):
         follow(motion, [box(100 + 10 * step, 100, 200, 80) for step in range(1, 15)])
     one.predict(0.5)
@@ -65,14 +65,14 @@ def test_many_short_steps_come_to_the_same_as_a_long_one():
 
 
 def test_the_noise_is_relative_to_the_height():
-    near, far = Motion(box(300, 50, 400, 160)), Motion(box(300, 100, 40, 16))
+    near, far = BoxFilter(box(300, 50, 400, 160)), BoxFilter(box(300, 100, 40, 16))
     for motion in (near, far):
         motion.predict(0.4)
     assert near.spread()[0] == pytest.approx(10 * far.spread()[0])
 
 
 def test_who_comes_close_keeps_their_legs_below_the_picture():
-    motion = Motion(box(300, 60, 300, 110))
+    motion = BoxFilter(box(300, 60, 300, 110))
     # Whole until 420 pixels high, then cut off by the lower edge.
     follow(motion, [box(300, 60, 300 + 15 * step, 110 + 5.5 * step) for step in range(1, 21)])
     assert motion.value[2] > 450
@@ -81,7 +81,7 @@ def test_who_comes_close_keeps_their_legs_below_the_picture():
 
 
 def test_who_leaves_to_the_left_keeps_their_width_and_moves_on():
-    motion = Motion(box(200, 100, 300, 110))
+    motion = BoxFilter(box(200, 100, 300, 110))
     follow(motion, [box(200 - 20 * step, 100, 300, 110) for step in range(1, 11)])
     assert motion.value[3] == pytest.approx(110, abs=8)
     assert motion.value[0] == pytest.approx(0, abs=12)
@@ -89,13 +89,13 @@ def test_who_leaves_to_the_left_keeps_their_width_and_moves_on():
 
 
 def test_who_enters_grows_to_their_width():
-    motion = Motion(box(20, 100, 300, 40))
+    motion = BoxFilter(box(20, 100, 300, 40))
     follow(motion, [box(-40 + 20 * step, 100, 300, 110) for step in range(1, 12)])
     assert motion.box == pytest.approx(box(180, 100, 300, 110), abs=12)
 
 
 def test_hidden_feet_leave_the_height():
-    motion = Motion(box(300, 100, 200, 80))
+    motion = BoxFilter(box(300, 100, 200, 80))
     follow(motion, [box(300, 100, 200, 80)] * 5)
     motion.predict(0.1)
     motion.correct(box(300, 100, 120, 80), Cut(), feet_hidden=True)
@@ -129,7 +129,7 @@ def test_edges_cut_boxes_off(seen, expected):
     )
 )  # fmt: skip
 def test_whatever_is_seen_the_state_stays_sound(steps):
-    motion = Motion(np.array([300.0, 100, 50, 120]))
+    motion = BoxFilter(np.array([300.0, 100, 50, 120]))
     for seconds, *whole in steps:
         motion.predict(seconds)
         seen = clip(np.array([whole]), WIDTH, HEIGHT)[0]

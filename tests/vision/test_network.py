@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from socialbot.core.errors import InstallationError, ParameterError
-from socialbot.vision.network import Network
+from socialbot.vision.network import OnnxModel
 from socialbot.vision.network_detector import weights
 from tests.vision.networks import echo_network, strict_network
 
@@ -22,7 +22,7 @@ def picture(width: int = 4, height: int = 3) -> np.ndarray:
 def test_a_network_is_read_from_a_file_or_from_memory(tmp_path):
     file = tmp_path / "echo.onnx"
     file.write_bytes(echo_network())
-    for network in (Network(file), Network(echo_network())):
+    for network in (OnnxModel(file), OnnxModel(echo_network())):
         (answer,) = network.run(picture())
         assert answer[0].tolist() == picture().tolist()
 
@@ -37,39 +37,39 @@ def test_a_network_is_read_from_a_file_or_from_memory(tmp_path):
     ],
 )
 def test_the_size_of_the_picture_is_that_of_the_model(shape, size):
-    assert Network(echo_network(shape=shape)).size == size
+    assert OnnxModel(echo_network(shape=shape)).size == size
 
 
 def test_channels_may_come_last_and_numbers_may_be_small():
-    network = Network(echo_network(shape=(1, "h", "w", 3), dtype="uint8"))
+    network = OnnxModel(echo_network(shape=(1, "h", "w", 3), dtype="uint8"))
     (answer,) = network.run(picture())
     assert answer.dtype == np.uint8
     assert answer[0].tolist() == picture().transpose(1, 2, 0).tolist()
-    (half,) = Network(echo_network(dtype="float16")).run(picture())
+    (half,) = OnnxModel(echo_network(dtype="float16")).run(picture())
     assert half.dtype == np.float16
 
 
 def test_no_such_file():
     with pytest.raises(ParameterError, match=r"nowhere\.onnx: no such file\n  remedy: name an ONNX file"):
-        Network(Path("nowhere.onnx"))
+        OnnxModel(Path("nowhere.onnx"))
 
 
 def test_a_file_that_is_no_network_is_named(tmp_path):
     file = tmp_path / "holiday.onnx"
     file.write_bytes(b"not a network")
     with pytest.raises(ParameterError, match=r"holiday\.onnx: not a network that onnxruntime [0-9.]+ can run"):
-        Network(file)
+        OnnxModel(file)
 
 
 @pytest.mark.parametrize("shape", [(1, 4), (2, 3, 8, 8), (1, 1, 8, 8), (1, 8, 8, 4)])
 def test_a_network_that_takes_something_else_than_a_picture_is_refused(shape):
     sizes = " x ".join(map(str, shape))
     with pytest.raises(ParameterError, match=f"the model takes picture {sizes} float, expected"):
-        Network(echo_network(shape=shape), where="model")
+        OnnxModel(echo_network(shape=shape), where="model")
 
 
 def test_a_picture_that_does_not_fit_says_what_would():
-    network = Network(strict_network(8, 6), where="strict")
+    network = OnnxModel(strict_network(8, 6), where="strict")
     with pytest.raises(ParameterError, match=r"strict: a picture of shape \(1, 3, 3, 4\) does not fit"):
         network.run(picture(4, 3))
     assert network.run(picture(8, 6))
@@ -78,7 +78,7 @@ def test_a_picture_that_does_not_fit_says_what_would():
 def test_without_onnxruntime_the_remedy_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(InstallationError, match="pip install onnxruntime, or choose the detector hog"):
-        Network(echo_network())
+        OnnxModel(echo_network())
 
 
 def test_importing_the_detectors_does_not_import_onnxruntime():
@@ -91,7 +91,7 @@ def test_threads_are_as_many_as_asked_for_and_sleep_between_pictures():
     data = np.zeros((3, 320, 416), np.float32)
     tasks = Path("/proc/self/task")
     before = {task.name for task in tasks.iterdir()}
-    network = Network(weights(), threads=3)
+    network = OnnxModel(weights(), threads=3)
     network.run(data)
     added = {task.name for task in tasks.iterdir()} - before
     # The thread that calls works as well.
@@ -104,5 +104,5 @@ def test_threads_are_as_many_as_asked_for_and_sleep_between_pictures():
 
 def test_answers_do_not_depend_on_the_number_of_threads():
     data = np.random.default_rng(0).normal(size=(3, 160, 224)).astype(np.float32)
-    answers = [Network(weights(), threads=threads).run(data)[0] for threads in (1, 2, 4)]
+    answers = [OnnxModel(weights(), threads=threads).run(data)[0] for threads in (1, 2, 4)]
     assert answers[0].tobytes() == answers[1].tobytes() == answers[2].tobytes()

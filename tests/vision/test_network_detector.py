@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialbot.core.errors import ParameterError
-from socialbot.vision.network import LAYOUTS, Answers, Layout, Network, fitting, whole
+from socialbot.vision.network import LAYOUTS, ModelOutput, OnnxModel, OutputLayout, fitting, whole
 from socialbot.vision.network_detector import PIXELS, NetworkDetector, _gain
 from tests.vision.networks import constant_network, echo_network, yolov8_rows
 
@@ -17,7 +17,7 @@ def all_of_it(width: int, height: int, horizon: float):
 
 
 def detector(*people, views=all_of_it, **changes) -> NetworkDetector:
-    network = Network(constant_network({"out": yolov8_rows(*people)}))
+    network = OnnxModel(constant_network({"out": yolov8_rows(*people)}))
     return NetworkDetector(network, LAYOUTS["yolov8"], views, **{"threshold": 0.3, **changes})
 
 
@@ -84,13 +84,13 @@ def test_views_are_put_together_and_what_they_cut_off_is_left_out():
 def test_the_network_gets_its_picture_as_it_wants_it(channels, pixels, expected):
     seen = []
 
-    def read(answers: Answers):
+    def read(answers: ModelOutput):
         seen.append(answers.arrays[0])
         return np.empty((0, 4)), np.empty(0)
 
-    layout = Layout("echo", read, "bgr", "0-255", True, 0)
+    layout = OutputLayout("echo", read, "bgr", "0-255", True, 0)
     finder = NetworkDetector(
-        Network(echo_network()), layout, all_of_it, threshold=0.5, channels=channels, pixels=pixels
+        OnnxModel(echo_network()), layout, all_of_it, threshold=0.5, channels=channels, pixels=pixels
     )
     finder.detect(np.full((480, 640, 3), (51, 102, 255), np.uint8))
     assert seen[-1].shape == (1, 3, *CANVAS[::-1])
@@ -106,7 +106,7 @@ def test_usual_pixels_and_channels_are_those_of_the_layout():
 
 
 def test_answers_of_another_layout_say_what_was_found_and_what_expected():
-    network = Network(constant_network({"out": yolov8_rows()}), where="my.onnx")
+    network = OnnxModel(constant_network({"out": yolov8_rows()}), where="my.onnx")
     with pytest.raises(ParameterError) as error:
         NetworkDetector(network, LAYOUTS["yolox"], all_of_it, threshold=0.5)
     assert str(error.value).startswith(
@@ -119,12 +119,12 @@ def test_answers_of_another_layout_say_what_was_found_and_what_expected():
 def test_a_dark_picture_is_made_brighter(value, expected):
     seen = []
 
-    def read(answers: Answers):
+    def read(answers: ModelOutput):
         seen.append(answers.arrays[0])
         return np.empty((0, 4)), np.empty(0)
 
-    layout = Layout("echo", read, "bgr", "0-255", True, 0)
-    finder = NetworkDetector(Network(echo_network()), layout, all_of_it, threshold=0.5)
+    layout = OutputLayout("echo", read, "bgr", "0-255", True, 0)
+    finder = NetworkDetector(OnnxModel(echo_network()), layout, all_of_it, threshold=0.5)
     finder.detect(np.full((480, 640, 3), value, np.uint8))
     np.testing.assert_allclose(seen[-1], expected, atol=0.01)
 

@@ -12,8 +12,8 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import CompressedImage, Image, Message, PictureAck
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
-from socialbot.vision.image_link import Backlog, PictureLink, relative_size
-from socialbot.vision.image_transport import LIFE_S, PictureReceiver, PictureSender
+from socialbot.vision.image_link import ImageLink, StaleImageFilter, relative_size
+from socialbot.vision.image_transport import LIFE_S, ImageReceiver, ImageSender
 from tests.vision.simulated_link import PICTURE, Phase, Trial
 
 RAW, LINK, ACK, RECEIVED = (f"/camera/image_raw{end}" for end in ("", "/link", "/link/ack", "/received"))
@@ -78,7 +78,7 @@ def test_pictures_that_grow_are_made_smaller_not_late() -> None:
 
 
 def test_the_rate_is_bounded() -> None:
-    link, sent = PictureLink(best=80, least=30, most_hz=10.0, now=0), 0
+    link, sent = ImageLink(best=80, least=30, most_hz=10.0, now=0), 0
     for number in range(300):
         now = number * SECOND // 30
         if link.takes(now):
@@ -89,7 +89,7 @@ def test_the_rate_is_bounded() -> None:
 
 
 def test_without_any_answer_it_falls_silent_after_a_few_pictures() -> None:
-    link, sent = PictureLink(best=80, least=30, most_hz=math.inf, now=0), 0
+    link, sent = ImageLink(best=80, least=30, most_hz=math.inf, now=0), 0
     for number in range(300):
         now = number * SECOND // 30
         if link.takes(now):
@@ -103,7 +103,7 @@ def test_without_any_answer_it_falls_silent_after_a_few_pictures() -> None:
 
 
 def test_a_clock_that_is_set_back_stops_nothing() -> None:
-    link = PictureLink(best=80, least=30, most_hz=math.inf, now=3600 * SECOND)
+    link = ImageLink(best=80, least=30, most_hz=math.inf, now=3600 * SECOND)
     for begin in (3600, 10):
         sent = 0
         for number in range(90):
@@ -119,7 +119,7 @@ def test_a_clock_that_is_set_back_stops_nothing() -> None:
 
 
 def test_an_answer_stands_for_all_pictures_before() -> None:
-    link = PictureLink(best=80, least=30, most_hz=math.inf, now=0)
+    link = ImageLink(best=80, least=30, most_hz=math.inf, now=0)
     now = itertools.count(0, 1000)
     for stamp in (1, 2, 3, 4):
         assert link.takes(next(now))
@@ -138,14 +138,14 @@ def test_an_answer_stands_for_all_pictures_before() -> None:
 
 
 def test_what_has_waited_for_the_link_is_told_from_what_is_new_whatever_the_clocks() -> None:
-    backlog, ahead = Backlog(), 3600 * SECOND
+    backlog, ahead = StaleImageFilter(), 3600 * SECOND
     assert not any(backlog.has_kept(stamp + ahead, stamp) for stamp in range(0, 3 * SECOND, SECOND // 30))
     assert backlog.has_kept(3 * SECOND + ahead, 8 * SECOND)
     assert not backlog.has_kept(8 * SECOND + ahead, 8 * SECOND)
 
 
 def test_a_clock_that_is_set_does_not_blind_for_long() -> None:
-    backlog = Backlog()
+    backlog = StaleImageFilter()
     assert not any(backlog.has_kept(stamp, stamp) for stamp in range(0, 3 * SECOND, SECOND // 30))
     late = [backlog.has_kept(stamp, stamp + 9 * SECOND) for stamp in range(3 * SECOND, 6 * SECOND, SECOND // 30)]
     assert sum(late) < 35
@@ -165,8 +165,8 @@ class Rig:
         graph = Graph(
             "g",
             (
-                NodeConfig("picture_sender", PictureSender, parameters, {"link": "/sent", "ack": "/acknowledged"}),
-                NodeConfig("picture_receiver", PictureReceiver),
+                NodeConfig("picture_sender", ImageSender, parameters, {"link": "/sent", "ack": "/acknowledged"}),
+                NodeConfig("picture_receiver", ImageReceiver),
             ),
             inputs=frozenset({RAW, LINK, "/acknowledged"}),
         )

@@ -28,10 +28,10 @@ from socialbot.core.messages import ActionRequest, Message, PersonDetection, Per
 from socialbot.graph.files import load_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
-from socialbot.vision.metrics.frames import Frame
+from socialbot.vision.metrics.frames import LabelledFrame
 from socialbot.vision.metrics.pipeline import FoundFrame
 
-__all__ = ["OUTCOMES", "Act", "Behaviour", "Visit", "behaviour", "visits"]
+__all__ = ["OUTCOMES", "Act", "Behaviour", "PersonVisit", "behaviour", "visits"]
 
 GREET_S = 1.0
 OFFER_S = 1.5
@@ -52,7 +52,7 @@ OUTCOMES: Mapping[Deed, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class Visit:
+class PersonVisit:
     """A person is there from ``begin`` to ``end`` (ns)."""
 
     person: str
@@ -77,7 +77,7 @@ class Behaviour:
     """What Waldo did in a recording, in the order of time, and the visits that there were."""
 
     acts: tuple[Act, ...]
-    visits: tuple[Visit, ...]
+    visits: tuple[PersonVisit, ...]
 
     def count(self, deed: Deed) -> dict[str, int]:
         """How often each outcome came about."""
@@ -86,7 +86,7 @@ class Behaviour:
 
 
 @dataclass(frozen=True)
-class _Manners:
+class _WaldoParameters:
     """What of Waldo's parameters is judged by."""
 
     range_m: float
@@ -94,7 +94,7 @@ class _Manners:
     help_after_s: float
 
     @classmethod
-    def of(cls, graph: Graph) -> _Manners:
+    def of(cls, graph: Graph) -> _WaldoParameters:
         node = graph.placements[0]
         declared = node.type.parameters()
         values = (float(node.parameters.get(name, declared[name].default)) for name in cls.__dataclass_fields__)  # type: ignore[arg-type]
@@ -114,10 +114,10 @@ class _Due:
     end: int
 
 
-def behaviour(frames: Sequence[Frame], found: Iterable[FoundFrame]) -> Behaviour:
+def behaviour(frames: Sequence[LabelledFrame], found: Iterable[FoundFrame]) -> Behaviour:
     """What Waldo does with what was ``found``, judged by the truth in ``frames`` of a recording."""
     graph = _waldo()
-    manners = _Manners.of(graph)
+    manners = _WaldoParameters.of(graph)
     seen = _acts(graph, (_message(each.stamp, each.width, each.height, each.persons) for each in found))
     due = _acts(graph, (_message(each.stamp, 1, 1, _ideal(each)) for each in frames))
     there = visits(frames, manners.range_m, manners.vanish_s)
@@ -129,10 +129,10 @@ def behaviour(frames: Sequence[Frame], found: Iterable[FoundFrame]) -> Behaviour
     return Behaviour(tuple(sorted(acts, key=lambda act: (act.time, act.deed))), tuple(there))
 
 
-def visits(frames: Iterable[Frame], range_m: float, gap_s: float) -> list[Visit]:
+def visits(frames: Iterable[LabelledFrame], range_m: float, gap_s: float) -> list[PersonVisit]:
     """Who was there, within ``range_m``, from when to when; absences shorter than ``gap_s`` are passed over."""
-    ended: list[Visit] = []
-    going: dict[str, Visit] = {}
+    ended: list[PersonVisit] = []
+    going: dict[str, PersonVisit] = {}
     for frame in frames:
         for person in frame.persons:
             if not person.counts or (person.distance_m is not None and person.distance_m > range_m):
@@ -142,7 +142,7 @@ def visits(frames: Iterable[Frame], range_m: float, gap_s: float) -> list[Visit]
                 ended.append(visit)
                 visit = None
             begin = frame.stamp if visit is None else visit.begin
-            going[person.id] = Visit(person.id, begin, frame.stamp)
+            going[person.id] = PersonVisit(person.id, begin, frame.stamp)
     return sorted([*ended, *going.values()], key=lambda visit: (visit.begin, visit.end, visit.person))
 
 
@@ -179,7 +179,7 @@ def _message(stamp: int, width: int, height: int, persons: tuple[PersonDetection
     return PersonDetections(stamp=stamp, frame_id="camera", width=width, height=height, persons=persons)
 
 
-def _ideal(frame: Frame) -> tuple[PersonDetection, ...]:
+def _ideal(frame: LabelledFrame) -> tuple[PersonDetection, ...]:
     """What a detector without fault would see."""
     return tuple(
         PersonDetection(
@@ -196,7 +196,7 @@ def _ideal(frame: Frame) -> tuple[PersonDetection, ...]:
     )
 
 
-def _due_greetings(times: Sequence[int], there: Sequence[Visit], near: Sequence[Visit]) -> list[_Due]:
+def _due_greetings(times: Sequence[int], there: Sequence[PersonVisit], near: Sequence[PersonVisit]) -> list[_Due]:
     result: list[_Due] = []
     previous = -1
     for time in times:
@@ -213,7 +213,7 @@ def _due_greetings(times: Sequence[int], there: Sequence[Visit], near: Sequence[
     return result
 
 
-def _due_offers(times: Sequence[int], there: Sequence[Visit]) -> list[_Due]:
+def _due_offers(times: Sequence[int], there: Sequence[PersonVisit]) -> list[_Due]:
     result = []
     for time in times:
         end = max([time, *(visit.end for visit in there if visit.begin <= time)])
@@ -222,7 +222,7 @@ def _due_offers(times: Sequence[int], there: Sequence[Visit]) -> list[_Due]:
 
 
 def _greetings(
-    times: Sequence[int], due: Sequence[_Due], near: Sequence[Visit], frames: Sequence[Frame]
+    times: Sequence[int], due: Sequence[_Due], near: Sequence[PersonVisit], frames: Sequence[LabelledFrame]
 ) -> Iterable[Act]:
     matched, rest = _matched("greeting", times, due)
     yield from matched
@@ -236,7 +236,11 @@ def _greetings(
 
 
 def _offers(
-    times: Sequence[int], due: Sequence[_Due], near: Sequence[Visit], frames: Sequence[Frame], manners: _Manners
+    times: Sequence[int],
+    due: Sequence[_Due],
+    near: Sequence[PersonVisit],
+    frames: Sequence[LabelledFrame],
+    manners: _WaldoParameters,
 ) -> Iterable[Act]:
     enough = nanoseconds(manners.help_after_s - HELP_SLACK_S)
     wrong: dict[int, str] = {}
@@ -268,6 +272,6 @@ def _matched(deed: Deed, times: Sequence[int], due: Sequence[_Due]) -> tuple[lis
     return acts, rest
 
 
-def _anybody(frames: Sequence[Frame], time: int) -> bool:
+def _anybody(frames: Sequence[LabelledFrame], time: int) -> bool:
     """Whether the truth has a person in the picture, however little is visible, in the second before ``time``."""
     return any(frame.persons for frame in frames if time - nanoseconds(RECENT_S) <= frame.stamp <= time)

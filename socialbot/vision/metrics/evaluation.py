@@ -9,22 +9,22 @@ from typing import Any
 
 from socialbot.core.errors import ImageError, SocialbotError, TruthError
 from socialbot.vision.metrics.behaviour import Behaviour, behaviour
-from socialbot.vision.metrics.frames import BagFootage, Frame, Source
-from socialbot.vision.metrics.matches import Rules, Verdict, judge
+from socialbot.vision.metrics.frames import BagImages, LabelledFrame, LabelledSource
+from socialbot.vision.metrics.matches import Match, Rules, judge
 from socialbot.vision.metrics.pipeline import Found, FoundFrame, Job, PipelineSettings, Speed, measure, run_job
-from socialbot.vision.metrics.scores import Judged, SceneScore, score_scene
+from socialbot.vision.metrics.scores import FrameMatches, SceneScore, score_scene
 from socialbot.vision.metrics.workers import run_in_processes, run_on_dask
 
 __all__ = [
     "ClipResult",
     "DetectorResult",
     "Evaluation",
-    "JudgedFrame",
-    "Plan",
+    "ScoredImage",
+    "EvaluationPlan",
     "SceneResult",
     "evaluate",
     "jobs_of",
-    "judged",
+    "scored",
     "scene_names",
 ]
 
@@ -42,14 +42,14 @@ _progress: Any = None
 
 
 @dataclass(frozen=True)
-class Plan:
+class EvaluationPlan:
     """What to evaluate, and how.
 
     ``pipelines`` are judged on all ``sources`` by ``rules``, in so many ``processes`` of this machine or on the Dask
     cluster at ``scheduler``. The speed is measured with ``threads``, or not at all with 0.
     """
 
-    sources: tuple[Source, ...]
+    sources: tuple[LabelledSource, ...]
     pipelines: tuple[PipelineSettings, ...]
     rules: Rules = field(default_factory=Rules)
     processes: int = 1
@@ -58,25 +58,25 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class JudgedFrame:
+class ScoredImage:
     """A frame, what was found in it, and the verdicts."""
 
-    frame: Frame
+    frame: LabelledFrame
     found: FoundFrame
-    verdicts: tuple[Verdict, ...]
+    matches: tuple[Match, ...]
 
     @property
     def errors(self) -> int:
         """False alarms and missed people."""
-        return sum(verdict.kind in ("false", "missed") for verdict in self.verdicts)
+        return sum(verdict.kind in ("false", "missed") for verdict in self.matches)
 
 
 @dataclass(frozen=True)
 class ClipResult:
     """What became of one source: its frames, what Waldo did, and how many frames of the truth had no picture."""
 
-    source: Source
-    frames: tuple[JudgedFrame, ...]
+    source: LabelledSource
+    frames: tuple[ScoredImage, ...]
     behaviour: Behaviour | None
     missing_frames: int
     damaged: int
@@ -104,7 +104,7 @@ class DetectorResult:
 class Evaluation:
     """The results by the name of the detector."""
 
-    plan: Plan
+    plan: EvaluationPlan
     detectors: Mapping[str, DetectorResult]
 
     @property
@@ -113,7 +113,7 @@ class Evaluation:
         return tuple(dict.fromkeys(scene_names(self.plan.sources)))
 
 
-def scene_names(sources: Sequence[Source]) -> list[str]:
+def scene_names(sources: Sequence[LabelledSource]) -> list[str]:
     """The scene of each source; with the split where a scene has sources of several, which must not be mixed."""
     splits: dict[str, set[str]] = {}
     for source in sources:
@@ -124,7 +124,7 @@ def scene_names(sources: Sequence[Source]) -> list[str]:
     ]
 
 
-def evaluate(plan: Plan, advance: Advance, say: Callable[[str], None]) -> Evaluation:
+def evaluate(plan: EvaluationPlan, advance: Advance, say: Callable[[str], None]) -> Evaluation:
     """Carries out ``plan``. ``advance`` hears how many frames of each job are done, ``say`` what is going on.
 
     Raises SocialbotError for sources or detectors that cannot be used.
@@ -141,10 +141,10 @@ def evaluate(plan: Plan, advance: Advance, say: Callable[[str], None]) -> Evalua
     say("looking for people")
     found = _run_jobs(jobs, plan, advance)
     say("judging")
-    return judged(plan, found, speeds)
+    return scored(plan, found, speeds)
 
 
-def _run_jobs(jobs: Sequence[Job], plan: Plan, advance: Advance) -> list[Found]:
+def _run_jobs(jobs: Sequence[Job], plan: EvaluationPlan, advance: Advance) -> list[Found]:
     def done(number: int, result: Found) -> None:
         advance(number, jobs[number].frames)
 
@@ -179,12 +179,12 @@ def _run_quietly(job: Job) -> Found:
     return run_job(job, lambda done: None)
 
 
-def jobs_of(plan: Plan) -> list[Job]:
+def jobs_of(plan: EvaluationPlan) -> list[Job]:
     """A job for each pipeline and source, all sources of the first pipeline first."""
     return [
         Job(
             name=f"{pipeline.detector}: {source.name}",
-            footage=source.footage,
+            images=source.images,
             pipeline=pipeline,
             frames=len(source.frames),
             outermost=_outermost(source),
@@ -194,7 +194,7 @@ def jobs_of(plan: Plan) -> list[Job]:
     ]
 
 
-def judged(plan: Plan, found: Sequence[Found], speeds: Sequence[Speed | None]) -> Evaluation:
+def scored(plan: EvaluationPlan, found: Sequence[Found], speeds: Sequence[Speed | None]) -> Evaluation:
     """What is to be said of what all `jobs_of` have ``found``, in their order; a speed for each pipeline.
 
     Raises ImageError or TruthError for a source of which nothing can be judged.
@@ -209,7 +209,7 @@ def judged(plan: Plan, found: Sequence[Found], speeds: Sequence[Speed | None]) -
     )
 
 
-def _outermost(source: Source) -> dict[int, tuple[float, float]]:
+def _outermost(source: LabelledSource) -> dict[int, tuple[float, float]]:
     outermost = {}
     for frame in source.frames:
         boxes = [*(person.box for person in frame.persons), *frame.ignore]
@@ -219,7 +219,7 @@ def _outermost(source: Source) -> dict[int, tuple[float, float]]:
 
 
 def _detector_result(
-    plan: Plan, pipeline: PipelineSettings, found: Sequence[Found], speed: Speed | None
+    plan: EvaluationPlan, pipeline: PipelineSettings, found: Sequence[Found], speed: Speed | None
 ) -> DetectorResult:
     clips: dict[str, list[ClipResult]] = {}
     for scene, source, result in zip(scene_names(plan.sources), plan.sources, found, strict=True):
@@ -228,7 +228,7 @@ def _detector_result(
     return DetectorResult(pipeline, scenes, speed)
 
 
-def _clip_result(rules: Rules, source: Source, found: Found) -> ClipResult:
+def _clip_result(rules: Rules, source: LabelledSource, found: Found) -> ClipResult:
     answers = {frame.stamp: frame for frame in found.frames}
     frames = []
     for frame in source.frames:
@@ -236,14 +236,14 @@ def _clip_result(rules: Rules, source: Source, found: Found) -> ClipResult:
         if answer is not None:
             # Some labels go on beyond the picture; detections cannot.
             inside = frame.clipped(answer.width, answer.height)
-            frames.append(JudgedFrame(inside, answer, judge(inside, answer.persons, rules)))
+            frames.append(ScoredImage(inside, answer, judge(inside, answer.persons, rules)))
     if source.frames and not frames:
         raise _nothing_judged(source, found)
-    acted = behaviour(source.frames, found.frames) if isinstance(source.footage, BagFootage) else None
+    acted = behaviour(source.frames, found.frames) if isinstance(source.images, BagImages) else None
     return ClipResult(source, tuple(frames), acted, len(source.frames) - len(frames), found.damaged, found.first_damage)
 
 
-def _nothing_judged(source: Source, found: Found) -> SocialbotError:
+def _nothing_judged(source: LabelledSource, found: Found) -> SocialbotError:
     if not found.frames:
         return ImageError(
             f"none of its pictures can be read; the first: {found.first_damage or 'there are none'}",
@@ -259,11 +259,11 @@ def _nothing_judged(source: Source, found: Found) -> SocialbotError:
 
 
 def _scene_result(rules: Rules, clips: Sequence[ClipResult]) -> SceneResult:
-    judged: list[Judged] = []
-    raw: list[Judged] = []
+    scored: list[FrameMatches] = []
+    raw: list[FrameMatches] = []
     for clip in clips:
         for each in clip.frames:
             block = (clip.source.name, each.frame.block)
-            judged.append(Judged(block, each.verdicts))
-            raw.append(Judged(block, judge(each.frame, each.found.raw, rules)))
-    return SceneResult(score_scene(judged, raw, rules.keys), tuple(clips))
+            scored.append(FrameMatches(block, each.matches))
+            raw.append(FrameMatches(block, judge(each.frame, each.found.raw, rules)))
+    return SceneResult(score_scene(scored, raw, rules.keys), tuple(clips))

@@ -21,8 +21,8 @@ from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.metrics.truth import (
     LEAST_VISIBLE,
     TRUTH_TOPIC,
+    GroundTruth,
     Split,
-    Truth,
     TruthObject,
     bag_name,
     load_truth,
@@ -32,22 +32,22 @@ from socialbot.vision.metrics.truth import (
 
 __all__ = [
     "BLOCK_S",
-    "BagFootage",
+    "BagImages",
     "Box",
-    "Encoded",
-    "Footage",
-    "Frame",
+    "EncodedImage",
+    "ImageSequence",
+    "LabelledFrame",
     "IgnoreBox",
-    "LabelledPicture",
-    "PICTURES_FILE",
+    "LabelledImage",
+    "LABELS_FILE",
     "Person",
     "PersonBox",
-    "PictureFootage",
-    "Source",
+    "FolderImages",
+    "LabelledSource",
     "bag_source",
-    "dump_pictures",
-    "load_pictures",
-    "picture_sources",
+    "dump_labels",
+    "load_labels",
+    "image_sources",
 ]
 
 
@@ -55,7 +55,7 @@ PICTURE_NS = SECOND
 """Pictures of a folder have nothing to do with each other; their stamps lie this far apart."""
 
 
-class Encoded(NamedTuple):
+class EncodedImage(NamedTuple):
     """A picture as it comes from the camera or file: stamp (ns), content, and the intrinsics that hold for it."""
 
     stamp: int
@@ -77,14 +77,14 @@ class Encoded(NamedTuple):
 
 
 @dataclass(frozen=True)
-class BagFootage:
+class BagImages:
     """The pictures on one topic of a bag. They follow each other, so that people can be tracked."""
 
     path: str
     image_topic: str
     consecutive = True
 
-    def pictures(self) -> Iterator[Encoded]:
+    def pictures(self) -> Iterator[EncodedImage]:
         """The pictures in the order of the bag. Raises BagError where it cannot be read."""
         info: CameraInfo | None = None
         with open_bag(self.path) as bag:
@@ -96,18 +96,18 @@ class BagFootage:
                 if isinstance(message, CameraInfo):
                     info = message
                 elif isinstance(message, (Image, CompressedImage)):
-                    yield Encoded(message.stamp, message, info)
+                    yield EncodedImage(message.stamp, message, info)
 
 
 @dataclass(frozen=True)
-class PictureFootage:
+class FolderImages:
     """Single pictures below a ``folder``; the stamp of each is its number times a second."""
 
     folder: str
     images: tuple[str, ...]
     consecutive = False
 
-    def pictures(self) -> Iterator[Encoded]:
+    def pictures(self) -> Iterator[EncodedImage]:
         """The pictures in the order of the list. Raises BagError for a file that cannot be read."""
         for number, image in enumerate(self.images):
             path = Path(self.folder) / image
@@ -117,13 +117,13 @@ class PictureFootage:
                 raise BagError(
                     error.strerror or str(error), where=str(path), remedy="check the folder given by --images"
                 ) from error
-            yield Encoded(number * PICTURE_NS, content, name=str(path))
+            yield EncodedImage(number * PICTURE_NS, content, name=str(path))
 
 
-Footage = BagFootage | PictureFootage
+ImageSequence = BagImages | FolderImages
 
 
-PICTURES_FILE = "persons.json"
+LABELS_FILE = "persons.json"
 
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
@@ -157,7 +157,7 @@ class IgnoreBox(msgspec.Struct, frozen=True, kw_only=True):
     h: Positive
 
 
-class LabelledPicture(msgspec.Struct, frozen=True, kw_only=True):
+class LabelledImage(msgspec.Struct, frozen=True, kw_only=True):
     """One picture: its path in the folder, its people, and whether these are all people in it."""
 
     image: str
@@ -167,7 +167,7 @@ class LabelledPicture(msgspec.Struct, frozen=True, kw_only=True):
     scene: str = ""
 
 
-def load_pictures(path: str | Path) -> tuple[LabelledPicture, ...]:
+def load_labels(path: str | Path) -> tuple[LabelledImage, ...]:
     """The entries of the file at ``path``. Raises TruthError, with file and entry, for the first that does not fit."""
     where = str(path)
     try:
@@ -191,14 +191,14 @@ def load_pictures(path: str | Path) -> tuple[LabelledPicture, ...]:
     return tuple(pictures)
 
 
-def dump_pictures(pictures: Sequence[LabelledPicture]) -> bytes:
-    """``pictures`` as the content of a file that `load_pictures` reads."""
+def dump_labels(pictures: Sequence[LabelledImage]) -> bytes:
+    """``pictures`` as the content of a file that `load_labels` reads."""
     return msgspec.json.format(msgspec.json.encode(pictures), indent=2) + b"\n"
 
 
-def _entry(number: int, entry: msgspec.Raw, where: str) -> LabelledPicture:
+def _entry(number: int, entry: msgspec.Raw, where: str) -> LabelledImage:
     try:
-        picture = msgspec.json.decode(entry, type=LabelledPicture)
+        picture = msgspec.json.decode(entry, type=LabelledImage)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise TruthError(f"{error}", where=f"{where}: {_name(number, entry)}", remedy=FITS) from error
     numbers = [value for box in (*picture.boxes, *picture.ignore) for value in (box.x, box.y, box.w, box.h)]
@@ -254,7 +254,7 @@ class Person:
 
 
 @dataclass(frozen=True)
-class Frame:
+class LabelledFrame:
     """What is true in one picture.
 
     ``stamp`` (ns) is the picture's and ``name`` what people call it. In a frame that is not ``complete`` there may be
@@ -272,7 +272,7 @@ class Frame:
     ranged: bool = True
     light: str = ""
 
-    def clipped(self, width: int, height: int) -> Frame:
+    def clipped(self, width: int, height: int) -> LabelledFrame:
         """This frame without what of its people lies beyond a picture of ``width`` x ``height`` pixels."""
         if not self.persons:
             return self
@@ -282,17 +282,17 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Source:
+class LabelledSource:
     """Footage and its truth: the ``frames`` by rising stamps. ``split`` is what it may be used for."""
 
     name: str
     scene: str
     split: Split
-    footage: Footage
-    frames: tuple[Frame, ...]
+    images: ImageSequence
+    frames: tuple[LabelledFrame, ...]
 
 
-def bag_source(path: Path) -> Source:
+def bag_source(path: Path) -> LabelledSource:
     """The bag at ``path`` with the truth that lies beside it, or else in it.
 
     Raises BagError for a bag that cannot be read and TruthError where there is no truth, or it does not fit the bag.
@@ -303,7 +303,7 @@ def bag_source(path: Path) -> Source:
     name = bag_name(path)
     start = truth.frames[0].stamp if truth.frames else 0
     frames = tuple(
-        Frame(
+        LabelledFrame(
             stamp=frame.stamp,
             name=f"{(frame.stamp - start) / SECOND:.1f} s",
             block=(frame.stamp - start) // nanoseconds(BLOCK_S),
@@ -316,10 +316,10 @@ def bag_source(path: Path) -> Source:
         )
         for frame in truth.frames
     )
-    return Source(name, truth.scene or name, truth.split, BagFootage(str(path), topic), frames)
+    return LabelledSource(name, truth.scene or name, truth.split, BagImages(str(path), topic), frames)
 
 
-def _truth_of(bag: Bag) -> Truth:
+def _truth_of(bag: Bag) -> GroundTruth:
     beside = truth_beside(bag.path)
     if beside.exists():
         return load_truth(beside)
@@ -337,16 +337,16 @@ def _truth_of(bag: Bag) -> Truth:
     return truth_from_messages((types.deserialize(cdr, _STRING).data for _, _, _, cdr in messages), str(bag.path))
 
 
-def picture_sources(folder: Path, truth: Path | None = None) -> list[Source]:
+def image_sources(folder: Path, truth: Path | None = None) -> list[LabelledSource]:
     """The labelled pictures below ``folder``, a source for each scene they name.
 
     ``truth``, a path from here or from the folder, is by default its persons.json. Raises TruthError for labels that
     do not fit and ImageError for images that are missing.
     """
-    path = truth or folder / PICTURES_FILE
+    path = truth or folder / LABELS_FILE
     if not path.exists() and (folder / path).exists():
         path = folder / path
-    pictures = load_pictures(path)
+    pictures = load_labels(path)
     missing = [picture.image for picture in pictures if not (folder / picture.image).is_file()]
     if missing:
         raise ImageError(
@@ -355,16 +355,16 @@ def picture_sources(folder: Path, truth: Path | None = None) -> list[Source]:
             remedy="give the folder that the paths in the list start from by --images",
         )
     own = folder.resolve().name
-    scenes: dict[str, list[LabelledPicture]] = {}
+    scenes: dict[str, list[LabelledImage]] = {}
     for picture in pictures:
         scenes.setdefault(picture.scene or own, []).append(picture)
     return [_picture_source(folder, scene, listed) for scene, listed in scenes.items()]
 
 
-def _picture_source(folder: Path, scene: str, pictures: Sequence[LabelledPicture]) -> Source:
+def _picture_source(folder: Path, scene: str, pictures: Sequence[LabelledImage]) -> LabelledSource:
     ranged = any(box.distance_m is not None for picture in pictures for box in picture.boxes)
     frames = tuple(
-        Frame(
+        LabelledFrame(
             stamp=number * PICTURE_NS,
             name=picture.image,
             block=number,
@@ -379,5 +379,5 @@ def _picture_source(folder: Path, scene: str, pictures: Sequence[LabelledPicture
         )
         for number, picture in enumerate(pictures)
     )
-    footage = PictureFootage(str(folder), tuple(picture.image for picture in pictures))
-    return Source(scene, scene, "", footage, frames)
+    images = FolderImages(str(folder), tuple(picture.image for picture in pictures))
+    return LabelledSource(scene, scene, "", images, frames)

@@ -21,10 +21,10 @@ import numpy as np
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import PersonDetection
 from socialbot.vision.detector import iou
-from socialbot.vision.metrics.frames import Box, Frame, Person
+from socialbot.vision.metrics.frames import Box, LabelledFrame, Person
 
 __all__ = [
-    "BANDS", "Band", "CAUSES", "FALSE", "OUTSIDE", "Rules", "SPARED", "UNKNOWN", "Verdict", "band_key", "judge", "pair",
+    "BANDS", "Band", "CAUSES", "FALSE", "OUTSIDE", "Rules", "SPARED", "UNKNOWN", "Match", "band_key", "judge", "pair",
     "parse_bands", "ranked",
 ]  # fmt: skip
 
@@ -78,7 +78,7 @@ class Rules:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Match:
     """One hit, false alarm or missed person, or a detection that is spared.
 
     ``score`` is the detection's, and ``person`` the true person's id where there is one. ``box`` is the detection's,
@@ -155,58 +155,60 @@ def ranked(found: Iterable[PersonDetection]) -> list[PersonDetection]:
     return sorted(found, key=key)
 
 
-def judge(frame: Frame, found: Iterable[PersonDetection], rules: Rules) -> tuple[Verdict, ...]:
+def judge(frame: LabelledFrame, found: Iterable[PersonDetection], rules: Rules) -> tuple[Match, ...]:
     """The verdicts on what was ``found`` in ``frame``, whatever its order."""
     return _by_presence(frame, ranked(found), rules) if rules.presence else _by_boxes(frame, ranked(found), rules)
 
 
-def _by_boxes(frame: Frame, found: Sequence[PersonDetection], rules: Rules) -> tuple[Verdict, ...]:
+def _by_boxes(frame: LabelledFrame, found: Sequence[PersonDetection], rules: Rules) -> tuple[Match, ...]:
     asked = [person for person in frame.persons if person.counts]
     hidden = [person for person in frame.persons if not person.counts]
     boxes = _array((each.x, each.y, each.w, each.h) for each in found)
     pairs = pair(boxes, _array(each.box for each in asked), _array(each.box for each in hidden), rules.least_iou)
     hit = {who for who in pairs if who >= 0}
-    verdicts = []
+    matches = []
     for detection, box, who in zip(found, boxes, pairs, strict=True):
         at = (detection.x, detection.y, detection.w, detection.h)
         if who >= 0:
             band = rules.key_of(asked[who].distance_m)
-            verdicts.append(Verdict("hit", band, at, detection.score, asked[who].id))
+            matches.append(Match("hit", band, at, detection.score, asked[who].id))
             continue
         band = rules.key_of(detection.distance_m if frame.ranged else None)
         false = who == FALSE and frame.complete and not _within(box, _array(frame.ignore))
         cause = _cause(box, frame, asked, hit, hidden) if false else ""
-        verdicts.append(Verdict("false" if false else "spared", band, at, detection.score, cause=cause))
+        matches.append(Match("false" if false else "spared", band, at, detection.score, cause=cause))
     for number, person in enumerate(asked):
         if number not in hit:
-            verdicts.append(Verdict("missed", rules.key_of(person.distance_m), person.box, person=person.id))
-    return tuple(verdicts)
+            matches.append(Match("missed", rules.key_of(person.distance_m), person.box, person=person.id))
+    return tuple(matches)
 
 
-def _by_presence(frame: Frame, found: Sequence[PersonDetection], rules: Rules) -> tuple[Verdict, ...]:
+def _by_presence(frame: LabelledFrame, found: Sequence[PersonDetection], rules: Rules) -> tuple[Match, ...]:
     """One verdict for each band where somebody is, or seems to be."""
     there, perhaps, seen = set[str](), set[str](), dict[str, float]()
     for person in frame.persons:
         (there if person.counts else perhaps).add(rules.key_of(person.distance_m))
     ignored = _array(frame.ignore)
-    judged = [each for each in found if not _within(np.array((each.x, each.y, each.w, each.h)), ignored)]
-    for detection in judged:
+    scored = [each for each in found if not _within(np.array((each.x, each.y, each.w, each.h)), ignored)]
+    for detection in scored:
         # The first of a band is its best.
         seen.setdefault(rules.key_of(detection.distance_m if frame.ranged else None), detection.score)
-    if UNKNOWN in there and judged:
+    if UNKNOWN in there and scored:
         # Somebody of unknown distance is found by whatever is found.
-        seen[UNKNOWN] = judged[0].score
-    verdicts = []
+        seen[UNKNOWN] = scored[0].score
+    matches = []
     for band in rules.keys:
         if band in there:
-            verdicts.append(Verdict("hit", band, score=seen[band]) if band in seen else Verdict("missed", band))
+            matches.append(Match("hit", band, score=seen[band]) if band in seen else Match("missed", band))
         elif band in seen:
             false = frame.complete and band not in perhaps
-            verdicts.append(Verdict("false" if false else "spared", band, score=seen[band]))
-    return tuple(verdicts)
+            matches.append(Match("false" if false else "spared", band, score=seen[band]))
+    return tuple(matches)
 
 
-def _cause(box: np.ndarray, frame: Frame, asked: Sequence[Person], hit: set[int], hidden: Sequence[Person]) -> str:
+def _cause(
+    box: np.ndarray, frame: LabelledFrame, asked: Sequence[Person], hit: set[int], hidden: Sequence[Person]
+) -> str:
     """Where a false alarm comes from: what it overlaps most of all that is known to be there."""
     causes = [
         *((DOUBLE if number in hit else POOR_BOX, person.box) for number, person in enumerate(asked)),

@@ -17,18 +17,18 @@ from socialbot.graph.node import check_parameters
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detections, Detector
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
-from socialbot.vision.metrics.frames import Encoded, Footage
+from socialbot.vision.metrics.frames import EncodedImage, ImageSequence
 from socialbot.vision.metrics.workers import run_in_processes
 from socialbot.vision.person_detector import PersonDetector
-from socialbot.vision.pipeline import PersonFinder, make_finder
+from socialbot.vision.pipeline import PersonPipeline, make_pipeline
 
 __all__ = [
     "Found",
     "FoundFrame",
     "Job",
-    "Pipeline",
+    "EvaluatedPipeline",
     "PipelineSettings",
-    "Recorder",
+    "RecordingDetector",
     "Speed",
     "Told",
     "measure",
@@ -114,7 +114,7 @@ def _value(name: str, text: str) -> Any:
     return declared[name].check(value, where=f"--set {name}")
 
 
-class Recorder:
+class RecordingDetector:
     """A detector that shows another's boxes, and keeps those that it holds back in ``seen``.
 
     ``threshold`` is what the pipeline asks for; the other detector is asked for everything above ``floor``. Greedy
@@ -139,10 +139,10 @@ class Recorder:
         return _above(self.seen, self.threshold)
 
 
-class _Again:
+class _ReplayDetector:
     """A detector that says again what a recorder saw in the last picture."""
 
-    def __init__(self, recorder: Recorder, floor: float) -> None:
+    def __init__(self, recorder: RecordingDetector, floor: float) -> None:
         self._recorder = recorder
         self.threshold = floor
         self.box_width_m = recorder.box_width_m
@@ -153,7 +153,7 @@ class _Again:
         return _above(self._recorder.seen, self.threshold)
 
 
-class Pipeline:
+class EvaluatedPipeline:
     """A detector with what follows it. With ``recording`` it also gives every box down to a low score."""
 
     def __init__(
@@ -168,11 +168,11 @@ class Pipeline:
         detector = spec.make(DetectorSettings(threads=threads, **own))
         tall = values["person_height_m"]
         self._values = values
-        self._all: PersonFinder | None = None
+        self._all: PersonPipeline | None = None
         if recording:
-            detector = Recorder(detector, floor)
-            self._all = PersonFinder(_Again(detector, floor), sure=floor, weak=floor, person_height_m=tall)
-        self._finder = make_finder(
+            detector = RecordingDetector(detector, floor)
+            self._all = PersonPipeline(_ReplayDetector(detector, floor), sure=floor, weak=floor, person_height_m=tall)
+        self._finder = make_pipeline(
             spec,
             detector,
             tracker=values["tracker"] if consecutive else "none",
@@ -218,7 +218,7 @@ class Job:
     """
 
     name: str
-    footage: Footage
+    images: ImageSequence
     pipeline: PipelineSettings
     frames: int
     outermost: dict[int, tuple[float, float]]
@@ -248,10 +248,10 @@ def run_job(job: Job, told: Told) -> Found:
     """Does ``job``. Raises SocialbotError for footage or a detector that cannot be used."""
     # Many jobs run side by side; one thread each is the fastest, and gives the same figures for any number.
     cv2.setNumThreads(1)
-    pipeline = Pipeline(job.pipeline, threads=1, consecutive=job.footage.consecutive)
+    pipeline = EvaluatedPipeline(job.pipeline, threads=1, consecutive=job.images.consecutive)
     frames: list[FoundFrame] = []
     damaged, first = 0, ""
-    for number, encoded in enumerate(job.footage.pictures(), 1):
+    for number, encoded in enumerate(job.images.pictures(), 1):
         try:
             image = encoded.bgr()
         except ImageError as error:
@@ -327,7 +327,7 @@ def _measure(jobs: Sequence[Job], threads: int) -> Speed | None:
 def _times(job: Job, threads: int, jobs: int) -> list[tuple[float, float]]:
     """Seconds for decoding and for all that follows, for each picture of a stretch of ``job``."""
     cv2.setNumThreads(threads)
-    pipeline = Pipeline(job.pipeline, threads=threads, consecutive=job.footage.consecutive, recording=False)
+    pipeline = EvaluatedPipeline(job.pipeline, threads=threads, consecutive=job.images.consecutive, recording=False)
     times: list[tuple[float, float]] = []
     for encoded in _stretch(job, max(1, FRAMES // jobs) + WARM_UP):
         begun = time.perf_counter()
@@ -341,7 +341,7 @@ def _times(job: Job, threads: int, jobs: int) -> list[tuple[float, float]]:
     return times[min(WARM_UP, len(times) // 2) :]
 
 
-def _stretch(job: Job, count: int) -> list[Encoded]:
+def _stretch(job: Job, count: int) -> list[EncodedImage]:
     """``count`` pictures from the middle of the job's footage, read beforehand."""
     begin = max(0, (job.frames - count) // 2)
-    return list(itertools.islice(job.footage.pictures(), begin, begin + count))
+    return list(itertools.islice(job.images.pictures(), begin, begin + count))

@@ -10,12 +10,12 @@ import msgspec
 import numpy as np
 
 from socialbot.core.messages import PersonDetection, PersonDetections
-from socialbot.vision.metrics.matches import BANDS, FALSE, OUTSIDE, UNKNOWN, Band, Verdict, pair, ranked
-from socialbot.vision.metrics.truth import LEAST_VISIBLE, Truth, TruthFrame, TruthPerson
+from socialbot.vision.metrics.matches import BANDS, FALSE, OUTSIDE, UNKNOWN, Band, Match, pair, ranked
+from socialbot.vision.metrics.truth import LEAST_VISIBLE, GroundTruth, TruthFrame, TruthPerson
 
 __all__ = [
-    "BandScore", "COVERAGE", "Curve", "DRAWS", "Interval", "Judged", "SceneScore", "Score", "ScoredFrame", "Scores",
-    "average_precision", "band_name", "score", "score_scene",
+    "COVERAGE", "DRAWS", "BandScore", "FrameMatches", "Interval", "PrecisionRecallCurve", "SceneScore", "Score",
+    "ScoredFrame", "Scores", "average_precision", "band_name", "score", "score_scene",
 ]  # fmt: skip
 
 
@@ -98,7 +98,7 @@ def band_name(band: Band) -> str:
     return f"{band[0]:g}-{band[1]:g} m"
 
 
-def score(truth: Truth, detections: Iterable[PersonDetections], bands: Sequence[Band] = BANDS) -> Scores:
+def score(truth: GroundTruth, detections: Iterable[PersonDetections], bands: Sequence[Band] = BANDS) -> Scores:
     """Judges ``detections`` by ``truth``. Of several messages with one stamp the last counts."""
     answers = {message.stamp: message for message in detections}
     result = Scores(bands={name: Score() for name in (*map(band_name, bands), OUTSIDE, UNKNOWN)})
@@ -158,15 +158,15 @@ Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Judged:
+class FrameMatches:
     """The verdicts on one frame; frames of one ``block`` belong together."""
 
     block: Hashable
-    verdicts: tuple[Verdict, ...]
+    matches: tuple[Match, ...]
 
 
 @dataclass(frozen=True)
-class Curve:
+class PrecisionRecallCurve:
     """Precision and recall for falling thresholds, each of shape (n,); ``scores`` are the thresholds."""
 
     recall: np.ndarray
@@ -185,7 +185,7 @@ class BandScore:
     score: Score
     intervals: Mapping[str, Interval] = field(default_factory=dict)
     ap: float | None = None
-    curve: Curve | None = None
+    curve: PrecisionRecallCurve | None = None
     causes: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -199,19 +199,19 @@ class SceneScore:
     blocks: int
 
 
-def score_scene(judged: Sequence[Judged], raw: Sequence[Judged], keys: Sequence[str]) -> SceneScore:
+def score_scene(scored: Sequence[FrameMatches], raw: Sequence[FrameMatches], keys: Sequence[str]) -> SceneScore:
     """The scores of a scene by bands named ``keys``.
 
     ``judged`` are the verdicts on what the pipeline says, ``raw`` those on every box of the detector down to low
     scores, of the same frames in the same order.
     """
-    names = list(dict.fromkeys(frame.block for frame in judged))
+    names = list(dict.fromkeys(frame.block for frame in scored))
     index = {name: number for number, name in enumerate(names)}
-    blocks = np.array([index[frame.block] for frame in judged], dtype=np.intp)
+    blocks = np.array([index[frame.block] for frame in scored], dtype=np.intp)
     draws = _draws(len(names))
-    bands = {key: _band_score(judged, raw, blocks, draws, {key}) for key in keys}
-    overall = _band_score(judged, raw, blocks, draws, set(keys))
-    return SceneScore(bands, overall, len(judged), len(names))
+    bands = {key: _band_score(scored, raw, blocks, draws, {key}) for key in keys}
+    overall = _band_score(scored, raw, blocks, draws, set(keys))
+    return SceneScore(bands, overall, len(scored), len(names))
 
 
 def average_precision(recall: np.ndarray, precision: np.ndarray) -> np.ndarray:
@@ -228,13 +228,13 @@ def _draws(blocks: int) -> np.ndarray:
 
 
 def _band_score(
-    judged: Sequence[Judged], raw: Sequence[Judged], blocks: np.ndarray, draws: np.ndarray, keys: set[str]
+    scored: Sequence[FrameMatches], raw: Sequence[FrameMatches], blocks: np.ndarray, draws: np.ndarray, keys: set[str]
 ) -> BandScore:
     counts = np.zeros((draws.shape[1], 3), dtype=np.int64)
     column = {"hit": 0, "false": 1, "missed": 2}
     causes: Counter[str] = Counter()
-    for block, frame in zip(blocks, judged, strict=True):
-        for verdict in frame.verdicts:
+    for block, frame in zip(blocks, scored, strict=True):
+        for verdict in frame.matches:
             if verdict.band in keys and verdict.kind in column:
                 counts[block, column[verdict.kind]] += 1
                 causes.update([verdict.cause] if verdict.cause else [])
@@ -273,13 +273,13 @@ def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
 
 
 def _curve(
-    raw: Sequence[Judged], blocks: np.ndarray, draws: np.ndarray, keys: set[str]
-) -> tuple[Curve | None, float | None, np.ndarray]:
+    raw: Sequence[FrameMatches], blocks: np.ndarray, draws: np.ndarray, keys: set[str]
+) -> tuple[PrecisionRecallCurve | None, float | None, np.ndarray]:
     """The curve of a band, its area, and the areas of all draws."""
     people = np.zeros(draws.shape[1], dtype=np.int64)
     found: list[tuple[float, bool, int]] = []
     for block, frame in zip(blocks, raw, strict=True):
-        for verdict in frame.verdicts:
+        for verdict in frame.matches:
             if verdict.band in keys:
                 people[block] += verdict.kind in ("hit", "missed")
                 if verdict.kind in ("hit", "false"):
@@ -294,7 +294,7 @@ def _curve(
     last = np.append(np.diff(scores) != 0, True)[: len(scores)]
     weights = np.vstack([np.ones(draws.shape[1], dtype=np.int64), draws])
     areas = np.full(len(weights), np.nan)
-    curve = Curve(np.empty(0), np.empty(0), np.empty(0))
+    curve = PrecisionRecallCurve(np.empty(0), np.empty(0), np.empty(0))
     for number, weight in enumerate(weights):
         drawn = weight[of_block]
         hits = np.cumsum(drawn * hit)[last]
@@ -306,5 +306,5 @@ def _curve(
         # Over the number of hits, and divided once, so that what is perfect is 1 and not a rounding error less.
         areas[number] = average_precision(hits, precision) / there
         if number == 0:
-            curve = Curve(hits / there, precision, scores[last])
+            curve = PrecisionRecallCurve(hits / there, precision, scores[last])
     return curve, float(areas[0]), areas[1:]

@@ -28,7 +28,7 @@ import msgspec
 from socialbot.core.errors import TruthError
 
 __all__ = [
-    "LEAST_VISIBLE", "TRUTH_TOPIC", "Split", "Truth", "TruthFrame", "TruthMessage", "TruthObject", "TruthPerson",
+    "LEAST_VISIBLE", "TRUTH_TOPIC", "Split", "GroundTruth", "TruthFrame", "TruthMessage", "TruthObject", "TruthPerson",
     "bag_name", "load_truth", "truth_beside", "truth_from_messages",
 ]  # fmt: skip
 
@@ -77,7 +77,7 @@ class TruthFrame(msgspec.Struct, frozen=True, kw_only=True):
     light: str = ""
 
 
-class Truth(msgspec.Struct, frozen=True, kw_only=True):
+class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
     """The people in every frame of a recording; ``objects`` are there in all of them."""
 
     schema: Literal["socialbot/truth"] = "socialbot/truth"
@@ -121,13 +121,13 @@ def truth_beside(bag: Path) -> Path:
     return bag.resolve().with_name(f"{bag_name(bag)}.truth.json")
 
 
-def load_truth(path: str | Path) -> Truth:
+def load_truth(path: str | Path) -> GroundTruth:
     """The ground truth in the file ``path``. Raises TruthError, with the file's name, when it does not fit."""
     where = str(path)
     try:
         data = Path(path).read_bytes()
         msgspec.json.decode(data, type=_Header)
-        truth = msgspec.json.decode(data, type=Truth)
+        truth = msgspec.json.decode(data, type=GroundTruth)
     except OSError as error:
         raise TruthError(error.strerror or str(error), where=where, remedy="check the path") from error
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
@@ -136,7 +136,7 @@ def load_truth(path: str | Path) -> Truth:
     return truth
 
 
-def truth_from_messages(texts: Iterable[str], where: str) -> Truth:
+def truth_from_messages(texts: Iterable[str], where: str) -> GroundTruth:
     """The truth of a bag from the ``texts`` on its topic; ``where`` names the bag in errors.
 
     Raises TruthError when there are none, one does not fit, or they speak of several image topics, scenes or splits.
@@ -159,7 +159,7 @@ def truth_from_messages(texts: Iterable[str], where: str) -> Truth:
         for message in messages
     )
     _check_order(frames, where)
-    return Truth(image_topic=first.image_topic, scene=first.scene, split=first.split, frames=frames)
+    return GroundTruth(image_topic=first.image_topic, scene=first.scene, split=first.split, frames=frames)
 
 
 def _truth_message(number: int, text: str, where: str) -> TruthMessage:

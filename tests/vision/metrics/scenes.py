@@ -14,8 +14,8 @@ from socialbot.bags.types import RosbagsTypes
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import CameraInfo, CompressedImage, PersonDetection
-from socialbot.vision.metrics.evaluation import DetectorResult, Evaluation, Plan, jobs_of, judged
-from socialbot.vision.metrics.frames import Frame, Person, Source
+from socialbot.vision.metrics.evaluation import DetectorResult, Evaluation, EvaluationPlan, jobs_of, scored
+from socialbot.vision.metrics.frames import LabelledFrame, LabelledSource, Person
 from socialbot.vision.metrics.matches import Rules
 from socialbot.vision.metrics.pipeline import FoundFrame, PipelineSettings, run_job
 from socialbot.vision.metrics.scores import BandScore
@@ -36,8 +36,8 @@ def seen(x=0.0, *, w=10.0, h=20.0, score=0.5, distance: float | None = 5.0, trac
     return PersonDetection(x=x, y=0, w=w, h=h, score=score, distance_m=distance, track_id=track)
 
 
-def frame(*persons: Person, number=0, **fields) -> Frame:
-    return Frame(stamp=START + number * TENTH, name=str(number), block=number // 30, persons=persons, **fields)
+def frame(*persons: Person, number=0, **fields) -> LabelledFrame:
+    return LabelledFrame(stamp=START + number * TENTH, name=str(number), block=number // 30, persons=persons, **fields)
 
 
 def found(*persons: PersonDetection, number=0, raw: Sequence[PersonDetection] = ()) -> FoundFrame:
@@ -98,11 +98,13 @@ def drawn_pictures(folder: Path, count: int = 3, *, distance: float | None = 4.0
     return folder
 
 
-def evaluated(sources: Iterable[Source], *pipelines: PipelineSettings, rules: Rules | None = None) -> Evaluation:
+def evaluated(
+    sources: Iterable[LabelledSource], *pipelines: PipelineSettings, rules: Rules | None = None
+) -> Evaluation:
     """An evaluation without processes of its own, and without speeds; of HOG, which needs nothing beyond OpenCV."""
-    plan = Plan(tuple(sources), pipelines or (PipelineSettings("hog"),), rules or Rules(), threads=0)
+    plan = EvaluationPlan(tuple(sources), pipelines or (PipelineSettings("hog"),), rules or Rules(), threads=0)
     found = [run_job(job, lambda done: None) for job in jobs_of(plan)]
-    return judged(plan, found, [None] * len(plan.pipelines))
+    return scored(plan, found, [None] * len(plan.pipelines))
 
 
 def with_band(result: DetectorResult, scene: str, band: str, score: BandScore) -> DetectorResult:

@@ -11,17 +11,17 @@ import pytest
 
 from socialbot.core.errors import ImageError, ParameterError, SocialbotError, TruthError
 from socialbot.runs.evaluation_figures import content
-from socialbot.vision.metrics.evaluation import Evaluation, Plan, evaluate, scene_names
-from socialbot.vision.metrics.frames import bag_source, picture_sources
+from socialbot.vision.metrics.evaluation import Evaluation, EvaluationPlan, evaluate, scene_names
+from socialbot.vision.metrics.frames import bag_source, image_sources
 from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
-from socialbot.vision.metrics.scores import Curve
+from socialbot.vision.metrics.scores import PrecisionRecallCurve
 from tests.vision.metrics.scenes import START, drawn_bag, drawn_pictures, evaluated, with_band
 
 HOG = PipelineSettings("hog")
 
 
 def carried_out(sources, **fields) -> Evaluation:
-    plan = Plan(tuple(sources), (HOG,), **{"threads": 0, **fields})
+    plan = EvaluationPlan(tuple(sources), (HOG,), **{"threads": 0, **fields})
     return evaluate(plan, lambda job, frames: None, lambda what: None)
 
 
@@ -49,7 +49,7 @@ def test_processes_do_not_change_the_figures(bag, tmp_path):
 
 def test_progress_is_told_up_to_the_last_frame(bag):
     told = []
-    plan = Plan((bag_source(bag),), (HOG,), processes=1)
+    plan = EvaluationPlan((bag_source(bag),), (HOG,), processes=1)
     evaluate(plan, lambda job, frames: told.append((job, frames)), lambda what: None)
     assert told[-1] == (0, 12)
     assert (0, 5) in told
@@ -79,14 +79,14 @@ def test_without_tracking_the_pipeline_finds_what_scores_enough(bag):
 
 
 def test_pictures(tmp_path):
-    result = evaluated(picture_sources(drawn_pictures(tmp_path / "room")))
+    result = evaluated(image_sources(drawn_pictures(tmp_path / "room")))
     scene = result.detectors["hog"].scenes["room"]
     assert scene.score.bands["2-10"].score.tp >= 2
     assert scene.clips[0].behaviour is None
 
 
 def test_pictures_are_not_tracked(tmp_path):
-    result = evaluated(picture_sources(drawn_pictures(tmp_path / "room")))
+    result = evaluated(image_sources(drawn_pictures(tmp_path / "room")))
     frames = result.detectors["hog"].scenes["room"].clips[0].frames
     assert not any(person.track_id for each in frames for person in each.found.persons)
 
@@ -98,7 +98,7 @@ def test_labels_that_do_not_fit_their_picture(tmp_path):
     entries[2]["boxes"][0]["x"] = 2000
     path.write_text(json.dumps(entries))
     with pytest.raises(TruthError, match=r"2\.png: a box begins at 2000, .*640x480"):
-        evaluated(picture_sources(folder))
+        evaluated(image_sources(folder))
 
 
 def test_labels_that_go_on_beyond_the_picture_are_cut_off(tmp_path):
@@ -107,8 +107,8 @@ def test_labels_that_go_on_beyond_the_picture_are_cut_off(tmp_path):
     entries = json.loads(path.read_text())
     entries[0]["boxes"].append({"x": 600, "y": -50, "w": 100, "h": 200})
     path.write_text(json.dumps(entries))
-    (judged,) = evaluated(picture_sources(folder)).detectors["hog"].scenes["room"].clips[0].frames
-    first, second = (each.box for each in judged.frame.persons)
+    (scored,) = evaluated(image_sources(folder)).detectors["hog"].scenes["room"].clips[0].frames
+    first, second = (each.box for each in scored.frame.persons)
     assert first == pytest.approx([entries[0]["boxes"][0][name] for name in "xywh"])
     assert second == (600, 0, 40, 150)
 
@@ -116,7 +116,7 @@ def test_labels_that_go_on_beyond_the_picture_are_cut_off(tmp_path):
 def test_damaged_pictures_are_counted_and_left_out(tmp_path):
     folder = drawn_pictures(tmp_path / "room")
     (folder / "1.png").write_bytes(b"no picture")
-    clip = evaluated(picture_sources(folder)).detectors["hog"].scenes["room"].clips[0]
+    clip = evaluated(image_sources(folder)).detectors["hog"].scenes["room"].clips[0]
     assert (len(clip.frames), clip.missing_frames, clip.damaged) == (2, 1, 1)
     assert "1.png" in clip.first_damage
 
@@ -125,7 +125,7 @@ def test_pictures_that_are_all_damaged(tmp_path):
     folder = drawn_pictures(tmp_path / "room", 1)
     (folder / "0.png").write_bytes(b"no picture")
     with pytest.raises(ImageError, match=r"none of its pictures can be read; the first: .*0\.png"):
-        evaluated(picture_sources(folder))
+        evaluated(image_sources(folder))
 
 
 def test_truth_of_another_time(tmp_path):
@@ -154,7 +154,7 @@ def test_the_speed_is_measured_when_asked_for(bag):
 
 
 def test_the_speed_of_a_few_pictures(tmp_path):
-    speed = carried_out(picture_sources(drawn_pictures(tmp_path / "room", 1)), threads=1).detectors["hog"].speed
+    speed = carried_out(image_sources(drawn_pictures(tmp_path / "room", 1)), threads=1).detectors["hog"].speed
     assert speed is not None
     assert speed.frames == 1
 
@@ -183,7 +183,7 @@ def test_curves_are_thinned_in_the_json_but_keep_their_ends(bag, points, kept):
     result = evaluated([bag_source(bag)])
     hog = result.detectors["hog"]
     recall = np.arange(points) / 1000
-    band = replace(hog.scenes["hall"].score.bands["2-10"], curve=Curve(recall, recall, recall))
+    band = replace(hog.scenes["hall"].score.bands["2-10"], curve=PrecisionRecallCurve(recall, recall, recall))
     said = content(replace(result, detectors={"hog": with_band(hog, "hall", "2-10", band)}))
     curve = said["detectors"]["hog"]["scenes"]["hall"]["bands"]["2-10"]["curve"]
     assert [len(set(column)) for column in curve.values()] == [len(column) for column in curve.values()] == [kept] * 3

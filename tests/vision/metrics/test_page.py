@@ -15,14 +15,14 @@ from socialbot.runs.evaluation_markdown import markdown, write_markdown
 from socialbot.runs.evaluation_page import page as page_of
 from socialbot.runs.evaluation_tables import show
 from socialbot.runs.report_page import STYLE
-from socialbot.vision.metrics.frames import bag_source, picture_sources
+from socialbot.vision.metrics.frames import bag_source, image_sources
 from socialbot.vision.metrics.matches import Rules
 from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
-from socialbot.vision.metrics.scores import BandScore, Curve, Score
+from socialbot.vision.metrics.scores import BandScore, PrecisionRecallCurve, Score
 from tests.runs.pages import headings
 from tests.vision.metrics.scenes import drawn_bag, drawn_pictures, evaluated, with_band
 
-CURVE = Curve(np.array([0.1, 0.5, 0.9]), np.array([1.0, 0.9, 0.6]), np.array([0.9, 0.5, 0.1]))
+CURVE = PrecisionRecallCurve(np.array([0.1, 0.5, 0.9]), np.array([1.0, 0.9, 0.6]), np.array([0.9, 0.5, 0.1]))
 BLIND = with_changes(PipelineSettings("hog"), ["threshold=9", "tracker=none"])
 
 
@@ -30,7 +30,7 @@ BLIND = with_changes(PipelineSettings("hog"), ["threshold=9", "tracker=none"])
 def evaluation(tmp_path_factory):
     folder = tmp_path_factory.mktemp("clips")
     bag = drawn_bag(folder, scene="scene1", frames=6)
-    pictures = picture_sources(drawn_pictures(folder / "<room>", 2))
+    pictures = image_sources(drawn_pictures(folder / "<room>", 2))
     # A threshold that nothing reaches in one of the scenes makes frames worth looking at.
     return evaluated([bag_source(bag), *pictures])
 
@@ -152,12 +152,12 @@ def test_it_says_where_people_were_tracked(evaluation, blind, tmp_path):
     assert "hog, without tracking" in page(blind)
     bag, pictures = drawn_bag(tmp_path, frames=1), drawn_pictures(tmp_path / "room", 1)
     assert "hog, with tracking<" in page(evaluated([bag_source(bag)]))
-    assert "hog, without tracking" in page(evaluated(picture_sources(pictures)))
+    assert "hog, without tracking" in page(evaluated(image_sources(pictures)))
 
 
 def test_errors_whose_pictures_are_gone_are_still_errors(tmp_path):
     folder = drawn_pictures(tmp_path / "room", 1)
-    result = evaluated(picture_sources(folder), BLIND)
+    result = evaluated(image_sources(folder), BLIND)
     (folder / "0.png").write_bytes(b"rubbish")
     text = page(result)
     assert "No errors." not in text

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from socialbot.core.errors import TruthError
-from socialbot.vision.metrics.frames import IgnoreBox, LabelledPicture, PersonBox, dump_pictures, load_pictures
+from socialbot.vision.metrics.frames import IgnoreBox, LabelledImage, PersonBox, dump_labels, load_labels
 
 BOX = {"x": 10, "y": 20.5, "w": 30, "h": 90, "distance_m": None, "truncated": False, "occluded": True}
 GOOD = {"image": "a.jpg", "complete": False, "boxes": [BOX], "ignore": [{"x": 0, "y": 0, "w": 50, "h": 5}]}
@@ -16,12 +16,12 @@ GOOD = {"image": "a.jpg", "complete": False, "boxes": [BOX], "ignore": [{"x": 0,
 def load(tmp_path, content):
     path = tmp_path / "persons.json"
     path.write_text(content if isinstance(content, str) else json.dumps(content), "utf-8")
-    return load_pictures(path)
+    return load_labels(path)
 
 
 def test_a_good_list(tmp_path):
     (picture,) = load(tmp_path, [GOOD])
-    assert picture == LabelledPicture(
+    assert picture == LabelledImage(
         image="a.jpg",
         complete=False,
         boxes=(PersonBox(x=10, y=20.5, w=30, h=90, occluded=True),),
@@ -65,7 +65,7 @@ def test_what_does_not_fit_is_an_error_that_names_the_entry(tmp_path, content, w
 
 def test_a_missing_file(tmp_path):
     with pytest.raises(TruthError, match=r"none\.json: No such file"):
-        load_pictures(tmp_path / "none.json")
+        load_labels(tmp_path / "none.json")
 
 
 pixels = st.floats(2, 5000)
@@ -81,7 +81,7 @@ people = st.builds(
 )
 lists = st.lists(
     st.builds(
-        LabelledPicture,
+        LabelledImage,
         image=st.text(min_size=1, max_size=9),
         complete=st.booleans(),
         boxes=st.lists(people, max_size=3).map(tuple),
@@ -96,8 +96,8 @@ lists = st.lists(
 @given(lists)
 def test_lists_come_back_as_they_were_written(tmp_path_factory, pictures):
     path = tmp_path_factory.mktemp("labels") / "persons.json"
-    path.write_bytes(dump_pictures(pictures))
-    assert load_pictures(path) == tuple(pictures)
+    path.write_bytes(dump_labels(pictures))
+    assert load_labels(path) == tuple(pictures)
 
 
 @pytest.mark.parametrize("content", ["[" * 10_000, "[" + '{"image":' * 10_000])
@@ -105,4 +105,4 @@ def test_json_that_is_nested_too_deeply_is_refused(tmp_path, content):
     path = tmp_path / "persons.json"
     path.write_text(content)
     with pytest.raises(TruthError):
-        load_pictures(path)
+        load_labels(path)

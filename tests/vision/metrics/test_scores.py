@@ -5,32 +5,32 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.metrics.matches import Verdict
-from socialbot.vision.metrics.scores import Judged, average_precision, score_scene
+from socialbot.vision.metrics.matches import Match
+from socialbot.vision.metrics.scores import FrameMatches, average_precision, score_scene
 
 KEYS = ("0-2", "2-10")
 
 
 def hit(score=0.5, band="2-10"):
-    return Verdict("hit", band, score=score)
+    return Match("hit", band, score=score)
 
 
 def false(score=0.5, band="2-10", cause="poster"):
-    return Verdict("false", band, score=score, cause=cause)
+    return Match("false", band, score=score, cause=cause)
 
 
 def missed(band="2-10"):
-    return Verdict("missed", band)
+    return Match("missed", band)
 
 
 def scored(*frames, raw=None):
     """The score of frames, each a list of verdicts and a block of its own."""
-    judged = [Judged(number, tuple(verdicts)) for number, verdicts in enumerate(frames)]
-    return score_scene(judged, judged if raw is None else [Judged(n, tuple(v)) for n, v in enumerate(raw)], KEYS)
+    scored = [FrameMatches(number, tuple(matches)) for number, matches in enumerate(frames)]
+    return score_scene(scored, scored if raw is None else [FrameMatches(n, tuple(v)) for n, v in enumerate(raw)], KEYS)
 
 
 def test_counts_by_band():
-    result = scored([hit(), false()], [missed(), hit(band="0-2")], [Verdict("spared", "2-10", score=0.9)])
+    result = scored([hit(), false()], [missed(), hit(band="0-2")], [Match("spared", "2-10", score=0.9)])
     score = result.bands["2-10"].score
     assert (score.tp, score.fp, score.fn) == (1, 1, 1)
     assert result.bands["0-2"].score.recall == 1.0
@@ -100,19 +100,19 @@ def test_frames_that_belong_together_give_a_wider_interval():
     frames = [[hit()] if n % 100 < 80 else [missed()] for n in range(400)]
 
     def width(together):
-        judged = [Judged(number // together, tuple(verdicts)) for number, verdicts in enumerate(frames)]
-        low, high = score_scene(judged, judged, KEYS).bands["2-10"].intervals["recall"]
+        scored = [FrameMatches(number // together, tuple(matches)) for number, matches in enumerate(frames)]
+        low, high = score_scene(scored, scored, KEYS).bands["2-10"].intervals["recall"]
         return high - low
 
     assert width(20) > 3 * width(1)
 
 
-verdicts = st.one_of(
+matches = st.one_of(
     st.builds(hit, st.floats(0, 1), st.sampled_from(KEYS)),
     st.builds(false, st.floats(0, 1), st.sampled_from(KEYS)),
     st.builds(missed, st.sampled_from(KEYS)),
 )
-scenes = st.lists(st.lists(verdicts, max_size=4), min_size=1, max_size=8)
+scenes = st.lists(st.lists(matches, max_size=4), min_size=1, max_size=8)
 
 
 @settings(deadline=None, max_examples=40)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from socialbot.core.messages import PersonDetection, PersonDetections
 from socialbot.vision.metrics.matches import FALSE, SPARED, pair
 from socialbot.vision.metrics.scores import Score, score
-from socialbot.vision.metrics.truth import Truth, TruthFrame, TruthPerson
+from socialbot.vision.metrics.truth import GroundTruth, TruthFrame, TruthPerson
 
 
 def true(x=0.0, *, w=10.0, h=20.0, distance=5.0, visible=1.0) -> TruthPerson:
@@ -24,8 +24,8 @@ def judge(truths, detections, **options):
     return score(truth_of([truths]), [answer(0, detections)], **options)
 
 
-def truth_of(frames) -> Truth:
-    return Truth(
+def truth_of(frames) -> GroundTruth:
+    return GroundTruth(
         image_topic="/i", frames=tuple(TruthFrame(stamp=n, persons=tuple(persons)) for n, persons in enumerate(frames))
     )
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from socialbot.core.errors import BagError, ImageError, TruthError
-from socialbot.vision.metrics.frames import bag_source, picture_sources
+from socialbot.vision.metrics.frames import bag_source, image_sources
 from tests.vision.metrics.scenes import START, drawn_bag, drawn_pictures
 
 
@@ -65,10 +65,10 @@ def test_truth_of_another_topic(tmp_path):
 
 
 def test_labelled_pictures(tmp_path):
-    (source,) = picture_sources(drawn_pictures(tmp_path / "hall"))
+    (source,) = image_sources(drawn_pictures(tmp_path / "hall"))
     assert (source.name, source.scene) == ("hall", "hall")
     assert [frame.name for frame in source.frames] == ["0.png", "1.png", "2.png"]
-    assert [frame.stamp for frame in source.frames] == [encoded.stamp for encoded in source.footage.pictures()]
+    assert [frame.stamp for frame in source.frames] == [encoded.stamp for encoded in source.images.pictures()]
     assert all(frame.ranged for frame in source.frames)
     assert len({frame.block for frame in source.frames}) == 3
 
@@ -78,11 +78,11 @@ def test_labels_may_name_scenes(tmp_path):
     entries = json.loads((folder / "persons.json").read_text())
     entries[1]["scene"] = "stairs"
     (folder / "persons.json").write_text(json.dumps(entries))
-    assert {source.scene: len(source.frames) for source in picture_sources(folder)} == {"hall": 2, "stairs": 1}
+    assert {source.scene: len(source.frames) for source in image_sources(folder)} == {"hall": 2, "stairs": 1}
 
 
 def test_where_no_distance_is_known_distances_mean_nothing(tmp_path):
-    (source,) = picture_sources(drawn_pictures(tmp_path / "hall", distance=None))
+    (source,) = image_sources(drawn_pictures(tmp_path / "hall", distance=None))
     assert not any(frame.ranged for frame in source.frames)
 
 
@@ -90,11 +90,11 @@ def test_images_that_are_missing(tmp_path):
     folder = drawn_pictures(tmp_path / "hall")
     (folder / "1.png").unlink()
     with pytest.raises(ImageError, match=r"1 of 3 images.*the first: 1\.png"):
-        picture_sources(folder)
+        image_sources(folder)
 
 
 def test_stamps_are_those_of_the_pictures(tmp_path):
     source = bag_source(drawn_bag(tmp_path, frames=3))
-    assert [encoded.stamp for encoded in source.footage.pictures()] == [frame.stamp for frame in source.frames]
+    assert [encoded.stamp for encoded in source.images.pictures()] == [frame.stamp for frame in source.frames]
     assert source.frames[0].stamp == START
     assert source.frames[2].name == "0.2 s"

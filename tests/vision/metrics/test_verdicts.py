@@ -15,12 +15,12 @@ RULES = Rules()
 PRESENCE = Rules(presence=True)
 
 
-def kinds(verdicts):
-    return sorted((verdict.kind, verdict.band) for verdict in verdicts)
+def kinds(matches):
+    return sorted((verdict.kind, verdict.band) for verdict in matches)
 
 
-def causes(verdicts):
-    return [verdict.cause for verdict in verdicts if verdict.kind == "false"]
+def causes(matches):
+    return [verdict.cause for verdict in matches if verdict.kind == "false"]
 
 
 def thing(kind, x=0.0, *, w=10.0, h=20.0):
@@ -39,13 +39,13 @@ def test_what_are_no_bands(text):
 
 
 def test_hits_and_misses_go_by_the_true_distance_and_false_alarms_by_the_detectors():
-    verdicts = judge(frame(person(0, distance=1.9), person(100, distance=15)), [seen(0, distance=7), seen(300)], RULES)
-    assert kinds(verdicts) == [("false", "2-10"), ("hit", "0-2"), ("missed", "10-20")]
+    matches = judge(frame(person(0, distance=1.9), person(100, distance=15)), [seen(0, distance=7), seen(300)], RULES)
+    assert kinds(matches) == [("false", "2-10"), ("hit", "0-2"), ("missed", "10-20")]
 
 
 def test_people_of_unknown_distance_have_a_row_of_their_own():
-    verdicts = judge(frame(person(0, distance=None), person(100, distance=None)), [seen(0)], RULES)
-    assert kinds(verdicts) == [("hit", "unknown"), ("missed", "unknown")]
+    matches = judge(frame(person(0, distance=None), person(100, distance=None)), [seen(0)], RULES)
+    assert kinds(matches) == [("hit", "unknown"), ("missed", "unknown")]
 
 
 def test_where_distances_mean_nothing_false_alarms_have_none():
@@ -59,17 +59,17 @@ def test_the_overlap_that_is_asked_for():
 
 
 def test_in_a_frame_that_is_not_complete_nothing_is_a_false_alarm():
-    verdicts = judge(frame(person(0), person(100), complete=False), [seen(0), seen(300)], RULES)
-    assert kinds(verdicts) == [("hit", "2-10"), ("missed", "2-10"), ("spared", "2-10")]
+    matches = judge(frame(person(0), person(100), complete=False), [seen(0), seen(300)], RULES)
+    assert kinds(matches) == [("hit", "2-10"), ("missed", "2-10"), ("spared", "2-10")]
 
 
 def test_ignored_boxes_absorb_what_lies_in_them():
     ignoring = frame(person(0), ignore=((200.0, 0.0, 100.0, 100.0),))
     detections = [seen(0), seen(210), seen(250), seen(194), seen(196)]
-    verdicts = judge(ignoring, detections, RULES)
+    matches = judge(ignoring, detections, RULES)
     # The one at 194 lies in it by 4 of its 10 pixels, that at 196 by 6.
-    assert [verdict.box[0] for verdict in verdicts if verdict.kind == "false"] == [194]
-    assert kinds(verdicts).count(("spared", "2-10")) == 3
+    assert [verdict.box[0] for verdict in matches if verdict.kind == "false"] == [194]
+    assert kinds(matches).count(("spared", "2-10")) == 3
 
 
 def test_people_in_an_ignored_box_who_have_a_label_are_asked_for():
@@ -93,9 +93,9 @@ def test_why_there_are_false_alarms():
 
 
 def test_a_poor_box_is_one_round_somebody_whom_nothing_else_finds():
-    verdicts = judge(frame(person(0)), [seen(5)], RULES)
-    assert causes(verdicts) == ["poor box"]
-    assert kinds(verdicts) == [("false", "2-10"), ("missed", "2-10")]
+    matches = judge(frame(person(0)), [seen(5)], RULES)
+    assert causes(matches) == ["poor box"]
+    assert kinds(matches) == [("false", "2-10"), ("missed", "2-10")]
 
 
 def test_a_person_in_front_of_a_thing_is_the_likelier_cause():
@@ -144,11 +144,11 @@ frames = st.builds(
 @settings(deadline=None)
 @given(frames, st.lists(detections, max_size=6))
 def test_everybody_who_counts_is_hit_or_missed_once_and_every_detection_judged_once(truth, found):
-    verdicts = judge(truth, found, RULES)
-    count = {kind: sum(verdict.kind == kind for verdict in verdicts) for kind in ("hit", "missed", "false", "spared")}
+    matches = judge(truth, found, RULES)
+    count = {kind: sum(verdict.kind == kind for verdict in matches) for kind in ("hit", "missed", "false", "spared")}
     assert count["hit"] + count["missed"] == sum(each.counts for each in truth.persons)
     assert count["hit"] + count["false"] + count["spared"] == len(found)
-    assert all(verdict.cause for verdict in verdicts if verdict.kind == "false")
+    assert all(verdict.cause for verdict in matches if verdict.kind == "false")
     assert truth.complete or not count["false"]
 
 
@@ -164,9 +164,9 @@ def test_the_order_of_detections_does_not_matter(truth, found, random, presence)
 @settings(deadline=None)
 @given(frames, st.lists(detections, max_size=6), st.floats(0, 1))
 def test_the_verdicts_on_surer_detections_do_not_depend_on_less_sure_ones(truth, found, threshold):
-    def of_detections(verdicts):
+    def of_detections(matches):
         # Why something is a false alarm may depend on who else is found.
-        return [replace(each, cause="") for each in verdicts if each.kind != "missed" and each.score >= threshold]
+        return [replace(each, cause="") for each in matches if each.kind != "missed" and each.score >= threshold]
 
     sure = judge(truth, [each for each in found if each.score >= threshold], RULES)
     assert of_detections(judge(truth, found, RULES)) == of_detections(sure)
