@@ -202,7 +202,7 @@ class Run:
         """Whether the gripper's desire has ended and nobody has anything to do."""
         nodes = self.runner.nodes.values()
         agents = [node.deliberator for node in nodes if isinstance(node, Deliberating)]
-        return bool(self.end) and all(not agent.desires and agent.director.idle for agent in agents)
+        return bool(self.end) and all(not agent.desires and agent.plan_executor.idle for agent in agents)
 
     def _take(self, topic: str, message: Message) -> None:
         assert isinstance(message, TraceRecord)

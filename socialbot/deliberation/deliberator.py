@@ -1,20 +1,18 @@
-"""The deliberator: it looks at what is believed and desired, has plans made, and has them carried out.
+"""The deliberator of an agent: it applies rules, ends fulfilled desires, and chooses the desire to plan for.
 
-It lives in the engine's thread. Whatever changes, beliefs, desires, a plan that ends, an answer of the planner, only
-notes that there is something to think about; then `Deliberator.think` goes through all of it, once, in a fixed order:
-rules, desires that are fulfilled, whose turn it is. What it decides goes on the trace:
+Changes of beliefs and desires, finished plans and planner answers schedule one pass, `Deliberator.think`, in the
+thread of the engine. Decisions go to the trace:
 
 | kind | meaning |
 |---|---|
-| `desire` | a desire was adopted, or has another priority or deadline from now on; detail: priority, deadline |
-| `desire_refused` | it was not; detail: reason |
-| `desire_fulfilled`, `desire_dropped` | it has ended; detail: reason |
+| `desire` | a desire was adopted or revised; detail: priority, deadline |
+| `desire_refused` | a desire was rejected; detail: reason |
+| `desire_fulfilled`, `desire_dropped` | a desire has ended; detail: reason |
 | `rule` | a rule has fired; detail: effect |
-| `planning` | a plan was made for a desire, or was not; detail: verdict, message, steps, makespan_s |
-| `silent`, `heard` | a sensor tells nothing any more, or again |
+| `planning` | the planner has answered; detail: verdict, message, steps, makespan_s |
+| `silent`, `heard` | a sensor has timed out, or has recovered |
 
-Each has what it follows from as its cause: a desire the rule, file or request, planning the desire or the end of the
-plan before. The plan and its steps follow, see `socialbot.deliberation.plan_executor`.
+The cause of a desire is a rule, file or request; that of a planning is the desire or the end of the plan before.
 """
 
 from __future__ import annotations
@@ -25,40 +23,40 @@ from typing import Protocol
 from socialbot.bdi import Engine
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.action_executor import Watched
+from socialbot.deliberation.action_executor import IsSensed
 from socialbot.deliberation.desires import (
     DesireBase,
     DesireState,
     End,
     Listener,
-    ending_with,
-    hindrances,
-    lacking,
     lifted,
+    missing_preparations,
     next_desire,
     prepares,
+    relatives_to_drop,
+    unpreparable,
 )
 from socialbot.deliberation.fact_index import like
 from socialbot.deliberation.facts import FactBase, out_of_range
 from socialbot.deliberation.matching import mismatch, unfit_condition
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
-from socialbot.deliberation.options import Options
-from socialbot.deliberation.plan_executor import DirectorOptions, PlanExecutor
-from socialbot.deliberation.pursuit import Aside, DesirePursuit
+from socialbot.deliberation.options import DeliberationOptions
+from socialbot.deliberation.plan_executor import PlanExecutor
+from socialbot.deliberation.pursuit import DesirePursuit, RunInBackground
 from socialbot.deliberation.rules import Reaction, ReactiveRule, RuleBook, conditions_in
-from socialbot.deliberation.wakeup import Alarm, SensorTimeouts
+from socialbot.deliberation.sensing import SensorTimeouts
+from socialbot.deliberation.wakeup import WakeupLoop
 from socialbot.planning.pddl.domain import PddlDomain
 from socialbot.planning.planners.planner import Planner
 
 NEARLY_DONE = 0.75
-"""A plan that has come this far is carried out to its end though its desire is fulfilled already."""
+"""Mean progress from which the plan of a fulfilled desire is completed rather than stopped."""
 
-ROUNDS = 100
-"""So many times rules may set off each other before that is taken for a circle."""
+MAX_RULE_ROUNDS = 100
 
 
 class Observer(Protocol):
-    """Hears of what changes, to show it to others."""
+    """Receiver of changes that an agent publishes."""
 
     def beliefs_changed(self) -> None: ...
     def desires_changed(self) -> None: ...
@@ -67,9 +65,11 @@ class Observer(Protocol):
 
 
 class Deliberator:
-    """Deliberates for one agent. All calls are for the engine's thread.
+    """Desires, rules and plans of one agent. Call all methods in the thread of the engine.
 
-    What is ``watched`` sensors tell of; the effects of actions on that are waited for rather than taken for granted.
+    Args:
+        run_in_background: Runs the planner beside the agent and calls back in the thread of the agent.
+        is_sensed: Whether sensors report a fact; the executor waits for such effects instead of believing them.
     """
 
     def __init__(
@@ -77,78 +77,84 @@ class Deliberator:
         engine: Engine,
         domain: PddlDomain,
         planner: Planner,
-        aside: Aside,
+        run_in_background: RunInBackground,
         *,
-        options: Options | None = None,
-        director_options: DirectorOptions | None = None,
-        watched: Watched = lambda name, objects: False,
+        options: DeliberationOptions | None = None,
+        is_sensed: IsSensed = lambda name, objects: False,
         observer: Observer | None = None,
     ) -> None:
         self.engine = engine
         self.domain = domain
-        self.options = options or Options()
+        self.options = options or DeliberationOptions()
         self.facts = FactBase(engine, domain)
         self.desires = DesireBase()
         self.rules = RuleBook(self.facts)
-        self.silence = SensorTimeouts(engine)
-        self.director = PlanExecutor(
+        self.sensor_timeouts = SensorTimeouts(engine)
+        self.plan_executor = PlanExecutor(
             engine,
             self.facts,
             domain,
-            director_options or DirectorOptions(rtc_deadline=self.options.rtc_deadline),
-            watched=watched,
-            ended=lambda outcome: self.pursuit.hear(outcome),
+            self.options,
+            is_sensed=is_sensed,
+            ended=lambda outcome: self.pursuit.on_plan_ended(outcome),
             changed=self._plan_changed,
         )
+        self._loop = WakeupLoop(engine, self.think)
+        self.wake = self._loop.wake
         self.pursuit = DesirePursuit(
-            engine, self.facts, self.director, planner, aside, self.options, end=self._end, wake=self.wake
+            engine,
+            self.facts,
+            self.plan_executor,
+            planner,
+            run_in_background,
+            self.options,
+            end=self._end,
+            wake=self.wake,
         )
         self._observer = observer
-        self._alarm = Alarm(engine, self.wake)
         self._changed: dict[tuple[int, str, tuple[str, ...]], Fact] = {}
-        self._new: list[DesireState] = []
+        self._unchecked: list[DesireState] = []
         self._pursued: DesireState | None = None
         self._rules_changed = True
-        self._posted = False
-        self._desires_shown = True
+        self._desires_published = True
         self._status = ("", "")
-        self.facts.watch(self._note)
+        self.facts.watch(self._on_fact)
         self.wake()
 
-    # What others may do
-
     def desire(self, desire: Desire, *, cause: str = "", listener: Listener | None = None) -> str:
-        """Adopts a desire. Returns why not, or an empty text; ``listener`` is told how it ended.
+        """Adopt a desire. A desire with the same name and goal only gets the new priority and deadline.
 
-        One of the same name that wants the same gets the new priority and deadline, and stays as it is in all else.
+        Args:
+            listener: Called with the end of the desire and its reason.
+
+        Returns:
+            The reason for a refusal, or an empty text.
         """
-        wish = self.desires.get(desire.name)
-        if wish is None:
+        state = self.desires.get(desire.name)
+        if state is None:
             reason = self.objection(desire)
-        elif wish.desire.wanted != desire.wanted:
+        elif state.desire.wanted != desire.wanted:
             reason = f"there is another desire called {desire.name}"
         else:
             reason = out_of_range(desire) or ""
         if reason:
             self.engine.record("desire_refused", desire.name, cause, reason=reason)
             return reason
-        if wish is None:
-            wish = self._adopt(desire, cause)
-        elif wish.rank[:2] != (-desire.priority, desire.deadline):
-            self._revise(wish, desire.priority, desire.deadline, cause)
+        if state is None:
+            state = self._adopt(desire, cause)
+        elif state.rank[:2] != (-desire.priority, desire.deadline):
+            self._revise(state, desire.priority, desire.deadline, cause)
         if listener is not None:
-            wish.listeners.append(listener)
+            state.listeners.append(listener)
         return ""
 
     def objection(self, desire: Desire) -> str:
-        """Why a desire can never be had in this domain, or an empty text. Objects may be unknown as yet."""
+        """Return why a desire can never be adopted in this domain, or an empty text. Unknown objects are allowed."""
         facts = self.facts
         if not desire.wanted:
             return "it wants nothing"
-        odd = out_of_range(desire)
-        if odd is not None:
-            return odd
         found = (
+            out_of_range(desire),
             *(mismatch(check) or facts.unfit(check.condition_to_check) for check in desire.wanted),
             *(unfit_condition(check, facts) for check in conditions_in(desire.precondition)),
             *(unfit_condition(check, facts) for check in conditions_in(desire.context)),
@@ -158,245 +164,227 @@ class Deliberator:
         return next(filter(None, found), "")
 
     def drop(self, name: str, reason: str = "deleted", *, cause: str = "") -> bool:
-        """Drops a desire, and the plan for it; False when there is none of that name."""
-        wish = self.desires.get(name)
-        if wish is None:
+        """Drop a desire and stop its plan; return False if there is none of that name."""
+        state = self.desires.get(name)
+        if state is None:
             return False
-        self._end(wish, "dropped", reason, cause)
+        self._end(state, "dropped", reason, cause)
         return True
 
     def add_rule(self, rule: ReactiveRule) -> None:
-        """Adds a rule, which fires for what holds already, too. Raises PlanningError as `RuleBook.add` does."""
+        """Add a rule, which also fires for current facts. Raises PlanningError as `RuleBook.add` does."""
         self.rules.add(rule)
         self._rules_changed = True
         self.wake()
 
     def remove_rule(self, name: str) -> bool:
-        """Removes a rule; what it has done stays done. False when there is none of that name."""
+        """Remove a rule but keep its effects; return False if there is none of that name."""
         return self.rules.remove(name)
 
     def expect_sensor(self, sensor: str) -> None:
-        """Begins nothing before a new sensor has told something. Raises PlanningError for one of the same name."""
-        self.silence.expect(sensor)
+        """Start no plan before the first percept of a sensor. Raises PlanningError if the name is taken."""
+        self.sensor_timeouts.expect(sensor)
         self.wake()
 
     def sensor_is_silent(self, sensor: str) -> None:
-        """Starts nothing new from now on: what the sensor told last may be wrong by now."""
-        if self.silence.begin(sensor):
+        """Start nothing new while a sensor times out."""
+        if self.sensor_timeouts.begin(sensor):
             self.wake()
 
     def sensor_is_back(self, sensor: str, cause: str = "") -> None:
-        """Goes on when no other sensor is silent; ``cause`` is the percept."""
-        if self.silence.end(sensor, cause):
+        """Continue if no other sensor times out; ``cause`` is the percept."""
+        if self.sensor_timeouts.end(sensor, cause):
             self.wake()
 
     def stop(self) -> None:
-        """Wants no answer of the planner any more."""
-        self.pursuit.withdraw()
-
-    def wake(self) -> None:
-        """Has `think` called soon."""
-        if not self._posted:
-            self._posted = True
-            self.engine.call(self.think)
-
-    # Thinking
+        """Cancel the planner."""
+        self.pursuit.cancel_request()
 
     def think(self) -> None:
-        """Goes through everything that has changed."""
-        self._alarm.begin()
+        """Process all changes since the last pass."""
         try:
             changed = self._apply_rules()
         finally:
-            self._posted = False
-        if self._pursued is not None and self._pursued is not self.pursuit.wish:
-            self._new.append(self._pursued)  # Whether it may be taken up again was of no interest until now.
-        self._look_at(changed)
+            self._loop.rearm()
+        if self._pursued is not None and self._pursued is not self.pursuit.current:
+            self._unchecked.append(self._pursued)  # its precondition was not checked during the pursuit
+        self._check_desires(changed)
         if changed and self._observer is not None:
             self._guarded(self._observer.beliefs_changed)
-        self._mind_silence()
+        self._check_sensor_timeouts()
         self._schedule()
-        self._pursued = self.pursuit.wish
-        self._tell()
-        self._alarm.end()
+        self._pursued = self.pursuit.current
+        self._publish()
 
-    def _note(self, fact: Fact, held: bool, cause: str) -> None:
+    def _on_fact(self, fact: Fact, held: bool, cause: str) -> None:
         self._changed[fact.identity] = fact
         self.wake()
 
     def _apply_rules(self) -> list[Fact]:
-        """Lets rules react until nothing changes any more; returns the facts that have changed."""
+        """Apply rules until nothing changes; return the changed facts."""
         seen: dict[tuple[int, str, tuple[str, ...]], Fact] = {}
-        for _ in range(ROUNDS):
+        for _ in range(MAX_RULE_ROUNDS):
             if not (self._changed or self._rules_changed):
                 return list(seen.values())
             seen.update(self._changed)
             self._changed.clear()
             self._rules_changed = False
             for reaction in self.rules.react():
-                self._carry_out(reaction)
-        message = f"rules set each other off {ROUNDS} times; they rest until something else changes"
+                self._apply(reaction)
+        message = f"rules set each other off {MAX_RULE_ROUNDS} times; they rest until something else changes"
         self.engine.record("failure", "rules", "", reason="circle", message=message)
         seen.update(self._changed)
         self._changed.clear()
         self.rules.react()
         return list(seen.values())
 
-    def _carry_out(self, reaction: Reaction) -> None:
+    def _apply(self, reaction: Reaction) -> None:
         cause = self.engine.record("rule", reaction.rule, reaction.cause, effect=str(reaction))
+        adds = reaction.operation == "ADD"
         try:
-            if reaction.desire is not None:
-                if reaction.operation == "ADD":
-                    self.desire(reaction.desire, cause=cause)
-                else:
-                    self._drop_like(reaction.desire.name, f"the rule {reaction.rule}", cause)
+            if reaction.desire is not None and adds:
+                self.desire(reaction.desire, cause=cause)
+            elif reaction.desire is not None:
+                fits = like(reaction.desire.name)
+                for state in self.desires:
+                    if fits(state.name):
+                        self.drop(state.name, f"the rule {reaction.rule}", cause=cause)
+            elif reaction.fact is not None and adds:
+                self.facts.add(reaction.fact, cause=cause)
             elif reaction.fact is not None:
-                if reaction.operation == "ADD":
-                    self.facts.add(reaction.fact, cause=cause)
-                else:
-                    self.facts.remove(reaction.fact, cause)
-        except PlanningError as problem:  # an effect before it may have taken away what it is about
+                self.facts.remove(reaction.fact, cause)
+        except PlanningError as problem:  # an earlier effect may have removed an object of this one
             self.engine.record_failure(f"rule {reaction.rule}", cause, problem)
 
-    def _drop_like(self, pattern: str, reason: str, cause: str) -> None:
-        fits = like(pattern)
-        for wish in self.desires:
-            if fits(wish.name):
-                self.drop(wish.name, reason, cause=cause)
+    def _check_desires(self, changed: Iterable[Fact]) -> None:
+        """End fulfilled desires, and update which desires are blocked."""
+        states = dict.fromkeys(state for fact in changed for state in self.desires.about(fact))
+        for state in states:
+            state.never_preempts.clear()
+        while states or self._unchecked:
+            states.update(dict.fromkeys(self._unchecked))
+            self._unchecked.clear()
+            for state in states:
+                if self.desires.get(state.name) is state:
+                    self._check_desire(state)
+            states.clear()  # preparing desires may have been adopted
 
-    def _look_at(self, changed: Iterable[Fact]) -> None:
-        """Ends desires that are fulfilled by now, and finds out which may be taken up."""
-        wishes = dict.fromkeys(wish for fact in changed for wish in self.desires.about(fact))
-        for wish in wishes:
-            wish.in_vain.clear()
-        while wishes or self._new:
-            wishes.update(dict.fromkeys(self._new))
-            self._new.clear()
-            for wish in wishes:
-                if self.desires.get(wish.name) is wish:
-                    self._judge(wish)
-            wishes.clear()  # what was desired meanwhile to prepare others
-
-    def _judge(self, wish: DesireState) -> None:
-        if wish.is_fulfilled() and not self._lets_finish(wish):
-            self._end(wish, "fulfilled", "")
+    def _check_desire(self, state: DesireState) -> None:
+        if state.is_fulfilled() and not self._is_plan_nearly_done(state):
+            self._end(state, "fulfilled", "")
             return
-        wish.blocked = not (wish.is_prepared() and wish.is_in_context())
-        if wish.blocked and wish is not self.pursuit.wish and not self.desires.children(wish.name):
-            for desire in lacking(wish, self.options):
+        state.blocked = not (state.precondition_holds() and state.context_holds())
+        if state.blocked and state is not self.pursuit.current and not self.desires.children(state.name):
+            for desire in missing_preparations(state, self.options):
                 if desire.name not in self.desires:
-                    self.desire(desire, cause=wish.record)
-            hindrance = hindrances(wish, self.options)
-            if hindrance is not None and hindrance[0] not in wish.told:
-                wish.told.append(hindrance[0])
-                self.engine.record("desire_refused", hindrance[0], wish.record, reason=hindrance[1])
+                    self.desire(desire, cause=state.record)
+            found = unpreparable(state, self.options)
+            if found is not None and found[0] not in state.reported:
+                state.reported.append(found[0])
+                self.engine.record("desire_refused", found[0], state.record, reason=found[1])
 
-    def _lets_finish(self, wish: DesireState) -> bool:
-        """Whether the plan for a desire that is fulfilled is nearly done, and had better be carried out to its end."""
-        if self.pursuit.wish is not wish or self.pursuit.problem:
+    def _is_plan_nearly_done(self, state: DesireState) -> bool:
+        if self.pursuit.current is not state or self.pursuit.problem:
             return False
-        steps = self.director.info.actions_exec_info
+        steps = self.plan_executor.info.actions_exec_info
         return bool(steps) and sum(step.progress for step in steps) / len(steps) >= NEARLY_DONE
 
-    def _mind_silence(self) -> None:
-        if not self.silence:
-            self.director.release()
+    def _check_sensor_timeouts(self) -> None:
+        timeouts, pursuit = self.sensor_timeouts, self.pursuit
+        if not timeouts:
+            self.plan_executor.release()
             return
-        if self.pursuit.wish is not None or self.pursuit.asked is not None:
-            self.director.hold(str(self.silence))
-        since, give_up_s = self.silence.since, self.options.give_up_silent_s
-        if self.pursuit.wish is not None and self._alarm.is_due(since + nanoseconds(give_up_s)):
-            seconds = (self.engine.clock.now() - since) / SECOND
-            self.pursuit.abort(f"{self.silence} for {seconds:.0f} s")
+        if pursuit.current is not None or pursuit.planning_for is not None:
+            self.plan_executor.hold(str(timeouts))
+        since = timeouts.since
+        if pursuit.current is not None and self._loop.is_due(since + nanoseconds(self.options.give_up_silent_s)):
+            pursuit.abort(f"{timeouts} for {(self.engine.clock.now() - since) / SECOND:.0f} s")
 
     def _schedule(self) -> None:
-        """Has a plan made for the desire whose turn it is."""
-        if self.silence or self.director.aborting:
+        """Request a plan for the next desire."""
+        if self.sensor_timeouts or self.plan_executor.aborting:
             return
-        pursued = self.pursuit.wish
-        wish = next_desire(self.desires.ranked, pursued, self.options.reschedule_policy, self._is_ready)
-        if wish is None and pursued is not None and self.pursuit.problem and self._alarm.is_due(pursued.not_before):
-            wish = pursued  # Its plan has failed, and nobody comes first.
-        if wish is not None:
-            self.pursuit.ask(wish)
+        pursued = self.pursuit.current
+        state = next_desire(self.desires.ranked, pursued, self.options.reschedule_policy, self._is_ready)
+        if state is None and pursued is not None and self.pursuit.problem and self._loop.is_due(pursued.not_before):
+            state = pursued  # repair its failed plan
+        if state is not None:
+            self.pursuit.request_plan(state)
 
-    def _is_ready(self, wish: DesireState) -> bool:
-        hopeless = wish.hopeless_at == self.facts.version and not self._alarm.is_due(wish.hopeless_until)
-        return not hopeless and self._alarm.is_due(wish.not_before)
-
-    # The begin and the end of a desire
+    def _is_ready(self, state: DesireState) -> bool:
+        unsolvable = state.unsolvable_version == self.facts.version and not self._loop.is_due(state.unsolvable_until)
+        return not unsolvable and self._loop.is_due(state.not_before)
 
     def _adopt(self, desire: Desire, cause: str) -> DesireState:
-        wish = self.desires.add(desire)
-        assert wish is not None
-        wish.is_fulfilled = self.facts.achieved(desire)
-        wish.is_prepared = self.facts.test(desire.precondition)
-        wish.is_in_context = self.facts.test(desire.context)
-        wish.blocked = True  # until it is looked at
-        wish.record = self.engine.record(
+        state = self.desires.add(desire)
+        assert state is not None
+        state.is_fulfilled = self.facts.achieved(desire)
+        state.precondition_holds = self.facts.test(desire.precondition)
+        state.context_holds = self.facts.test(desire.context)
+        state.blocked = True  # until it is checked
+        state.record = self.engine.record(
             "desire", desire.name, cause, priority=desire.priority, deadline=desire.deadline
         )
-        self._new.append(wish)
-        self._desires_shown = False
+        self._unchecked.append(state)
+        self._desires_published = False
         self.wake()
-        return wish
+        return state
 
-    def _revise(self, wish: DesireState, priority: float, deadline: float, cause: str) -> None:
-        self.desires.revise(wish, priority, deadline)
-        record = self.engine.record("desire", wish.name, cause, priority=priority, deadline=deadline)
-        self.pursuit.revise(wish)
-        for child in self.desires.children(wish.name):
-            if prepares(child.desire, wish.desire):
+    def _revise(self, state: DesireState, priority: float, deadline: float, cause: str) -> None:
+        self.desires.revise(state, priority, deadline)
+        record = self.engine.record("desire", state.name, cause, priority=priority, deadline=deadline)
+        self.pursuit.revise(state)
+        for child in self.desires.children(state.name):
+            if prepares(child.desire, state.desire):
                 self._revise(child, lifted(priority), deadline, record)
-        self._desires_shown = False
+        self._desires_published = False
         self.wake()
 
-    def _end(self, wish: DesireState, how: End, reason: str, cause: str = "") -> None:
-        if self.desires.get(wish.name) is not wish:
-            return  # its plan was still being stopped
-        record = self._take_out(wish, how, reason, cause)
-        for relative, why in ending_with(wish, how, reason, self.desires):
-            self._take_out(relative, "dropped", why, record)
+    def _end(self, state: DesireState, how: End, reason: str, cause: str = "") -> None:
+        if self.desires.get(state.name) is not state:
+            return  # it has ended while its plan was being stopped
+        record = self._remove(state, how, reason, cause)
+        for relative, why in relatives_to_drop(state, how, reason, self.desires):
+            self._remove(relative, "dropped", why, record)
 
-    def _take_out(self, wish: DesireState, how: End, reason: str, cause: str) -> str:
-        self.desires.remove(wish)
-        self._desires_shown = False
-        record = self.engine.record(f"desire_{how}", wish.name, cause or wish.record, reason=reason)
-        self.pursuit.forget(wish, how, reason or f"{wish.name} is {how}")
-        for listener in wish.listeners:
+    def _remove(self, state: DesireState, how: End, reason: str, cause: str) -> str:
+        self.desires.remove(state)
+        self._desires_published = False
+        record = self.engine.record(f"desire_{how}", state.name, cause or state.record, reason=reason)
+        self.pursuit.forget(state, how, reason or f"{state.name} is {how}")
+        for listener in state.listeners:
             self._guarded(lambda listener=listener: listener(how, reason))
         self.wake()
         return record
 
-    # Showing
-
     def _plan_changed(self) -> None:
         if self._observer is not None:
-            self._observer.plan_changed(self.director.info)
+            self._observer.plan_changed(self.plan_executor.info)
 
-    def _tell(self) -> None:
-        if self._observer is None:
+    def _publish(self) -> None:
+        observer = self._observer
+        if observer is None:
             return
-        if not self._desires_shown:
-            self._desires_shown = True
-            self._guarded(self._observer.desires_changed)
-        if self._status_now() != self._status:
-            self._status = status, reason = self._status_now()
-            self._guarded(lambda: self._observer and self._observer.status_changed(status, reason))
+        if not self._desires_published:
+            self._desires_published = True
+            self._guarded(observer.desires_changed)
+        if self._current_status() != self._status:
+            self._status = status, reason = self._current_status()
+            self._guarded(lambda: observer.status_changed(status, reason))
 
-    def _status_now(self) -> tuple[str, str]:
-        if self.silence:
-            return "BOOTING" if self.silence.is_first else "PAUSED", str(self.silence)
-        if self.director.aborting:
+    def _current_status(self) -> tuple[str, str]:
+        if self.sensor_timeouts:
+            return "BOOTING" if self.sensor_timeouts.is_first else "PAUSED", str(self.sensor_timeouts)
+        if self.plan_executor.aborting:
             return "ABORTING", ""
-        if self.pursuit.wish is not None and not self.pursuit.problem:
-            return "EXECUTING", self.pursuit.wish.name
-        if self.pursuit.asked is not None:
-            return "PLANNING", self.pursuit.asked.name
+        if self.pursuit.current is not None and not self.pursuit.problem:
+            return "EXECUTING", self.pursuit.current.name
+        if self.pursuit.planning_for is not None:
+            return "PLANNING", self.pursuit.planning_for.name
         return "SCHEDULING", ""
 
     def _guarded(self, callback: Callable[[], object]) -> None:
         try:
             callback()
-        except Exception as problem:  # noqa: BLE001 - whoever listens never stops the agent
+        except Exception as problem:  # noqa: BLE001 - callbacks never stop the agent
             self.engine.record_failure("deliberator", "", problem)

@@ -1,4 +1,4 @@
-"""The execution state of a plan: its steps as tasks, predicted facts, and merging of a repaired plan."""
+"""Execution state of a plan: its steps as tasks, predicted facts, and merging of a repaired plan."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Projection:
-    """A world after some changes, with what is derived then; the world itself stays as it is."""
+    """View of a world after some changes, including its derived predicates; the world itself is not changed."""
 
     def __init__(self, world: PddlWorld, domain: PddlDomain, changes: Iterable[GroundChange] = ()) -> None:
         self._world = world
@@ -42,7 +42,7 @@ class Projection:
                     self._values[fluent] = value
 
     def after(self, changes: Iterable[GroundChange]) -> Projection:
-        """This world after some more changes."""
+        """Return a view of this world after more changes."""
         return Projection(self, self._domain, changes)
 
     def holds(self, predicate: Predicate) -> bool:
@@ -62,26 +62,27 @@ class Projection:
 
 
 Phase = Literal["waiting", "acting", "ending", "settling", "over"]
-"""A task waits for its turn; its action goes on; that is done, but what has to hold at the end does not yet; the
-sensors have not yet seen the effects; it is over."""
+"""Phases of a task: before its start; action runs; end conditions do not hold yet; sensed effects missing; ended."""
 
 NEARLY = 0.99
-"""The progress of an action that lasts longer than planned, and does not tell how far it is."""
+"""Progress of an action that reports none and takes longer than planned."""
 
 
 @dataclass(eq=False)
 class PlanTask:
-    """A step that is carried out. ``before_start`` and ``before_end`` are the happenings that it has to wait for.
+    """A step of a plan during its execution. An instantaneous action has all its effects at its end.
 
-    All of an instantaneous action happens at its end, when it has been carried out. ``since`` (ns) is when the phase
-    began, ``unmet_since`` when a condition stopped holding. ``expected`` are the effects that sensors have to see,
-    and ``starting_values`` the numbers among them as they were when it had begun.
+    Attributes:
+        before_start, before_end: Events that must happen before the task may start or end.
+        since, unmet_since: Times (ns) at which the phase began and a condition stopped holding.
+        expected: Effects that sensors have to report.
+        starting_values: Sensed fluents that the end effects change, with their values after the start.
     """
 
     step: PlanStep
     action: GroundAction
-    before_start: tuple[Happening, ...] = ()
-    before_end: tuple[Happening, ...] = ()
+    before_start: tuple[TaskEvent, ...] = ()
+    before_end: tuple[TaskEvent, ...] = ()
     phase: Phase = "waiting"
     status: ActionStatus = "WAITING"
     record: str = ""
@@ -98,88 +99,85 @@ class PlanTask:
 
     @property
     def active(self) -> bool:
-        """Whether it has begun and is not over."""
+        """Whether it has started and not ended."""
         return self.phase in ("acting", "ending", "settling")
 
     def effects(self, when: Literal["start", "end"]) -> tuple[Effect, ...]:
-        """What it changes then."""
+        """Return its effects at the start or end."""
         if self.action.duration is None:
             return () if when == "start" else self.action.effects_at("start")
         return self.action.effects_at(when)
 
     def changes(self, when: Literal["start", "end"], world: PddlWorld) -> list[GroundChange]:
-        """What that comes down to in a world. Raises PlanningError for numbers that have no value."""
+        """Return its effects in a world. Raises PlanningError for fluents without a value."""
         return changes(self.effects(when), world, duration=self.step.duration_s)
 
     def as_when_begun(self, world: PddlWorld, domain: PddlDomain) -> Projection:
-        """A world with the numbers that sensors tell as they were when it had begun.
-
-        A sensor may have seen already by how much the task has changed them.
-        """
+        """Return a world with `starting_values`, as sensors may have reported some of the task's effect already."""
         values = self.starting_values.items()
         return Projection(world, domain, (SetValue(fluent, value) for fluent, value in values if value is not None))
 
     def first_unseen(self, world: PddlWorld) -> GroundChange | None:
-        """The first of the effects that sensors have to see which they have not seen; None when there is none."""
+        """Return the first expected effect that sensors have not reported; None if there is none."""
         return next((change for change in self.expected if not self.is_seen(change, world)), None)
 
     def is_seen(self, change: GroundChange, world: PddlWorld) -> bool:
-        """Whether an effect is what a world shows; numbers may have gone further, as others change them, too."""
+        """Return whether a world shows an effect; numbers may be beyond it, as other tasks change them too."""
         match change:
             case Add(predicate):
                 return world.holds(predicate)
             case Delete(predicate):
                 return not world.holds(predicate)
             case SetValue(fluent, value):
-                return _has_come(self.starting_values.get(fluent), world.value(fluent), value)
+                return _is_reached(self.starting_values.get(fluent), world.value(fluent), value)
 
     def has_happened(self, what: Literal["start", "end"]) -> bool:
-        """Whether it has begun, or ended well."""
+        """Return whether it has started, or ended successfully."""
         if what == "start" and self.action.duration is not None:
             return self.started is not None
         return self.status == "SUCCESSFUL"
 
     def enter(self, phase: Phase, now: int) -> None:
-        """Begins another phase."""
+        """Begin another phase."""
         self.phase, self.since, self.unmet_since = phase, now, None
 
     def lasted_s(self, now: int) -> float:
-        """How long it has gone on, s."""
+        """Return the time (s) since its start."""
         if self.started is None:
             return 0.0
         return ((now if self.ended is None else self.ended) - self.started) / SECOND
 
     def progress(self, now: int) -> float:
-        """How far it is, 0 to 1: as the action says, or else by the time that has passed."""
+        """Return its progress, 0 to 1: that of the action, or estimated from the time."""
         if self.phase == "acting":
-            told = self._told()
+            reported = self._reported_progress()
             spent = self.lasted_s(now) / self.step.duration_s if self.step.duration_s > 0 else NEARLY
-            self._progress = min(spent, NEARLY) if told is None else told
+            self._progress = min(spent, NEARLY) if reported is None else reported
         elif self.active or self.status == "SUCCESSFUL":
             self._progress = 1.0
         return self._progress
 
     def length_s(self, now: int) -> float:
-        """How long it lasts in all, s: as it has, at its pace so far, or as planned."""
+        """Return its total duration (s): actual, extrapolated or planned."""
         if self.started is None:
             return self.step.duration_s
         lasted = self.lasted_s(now)
         if self.phase != "acting":
             return lasted
-        told = self._told()
-        return lasted / told if told else max(lasted, self.step.duration_s)
+        reported = self._reported_progress()
+        return lasted / reported if reported else max(lasted, self.step.duration_s)
 
-    def _told(self) -> float | None:
+    def _reported_progress(self) -> float | None:
         return None if self.intention is None else progress_of(self.intention)
 
 
-Happening = tuple[PlanTask, Literal["start", "end"]]
-"""The start or the end of a task."""
+TaskEvent = tuple[PlanTask, Literal["start", "end"]]
+"""Start or end of a task."""
 
 
 @dataclass(eq=False)
 class PlanExecution:
-    """A plan that is carried out for a desire; ``number`` counts the plans of the agent. Times are ns."""
+    """Execution of a plan for a desire; ``number`` counts the plans of the agent. Times are in ns."""
 
     number: int
     desire: Desire
@@ -193,19 +191,19 @@ class PlanExecution:
     reason: str = ""
 
     def active(self) -> Iterator[PlanTask]:
-        """The tasks that have begun and are not over, in the order of the plan."""
+        """Return the running tasks in the order of the plan."""
         return (task for task in self.tasks if task.active)
 
     def released(self) -> Iterator[PlanTask]:
-        """The tasks that wait only for their conditions, in the order of the plan."""
+        """Return the tasks that wait only for their conditions, in the order of the plan."""
         return (task for task in self.tasks if task.phase == "waiting" and have_happened(task.before_start))
 
     def state(self) -> str:
-        """A text that changes with the status of the plan or of a step."""
+        """Return a text that differs if the status of the plan or of a step does."""
         return " ".join((str(self.number), self.status, *(f"{task.status} {task.message}" for task in self.tasks)))
 
     def info(self, agent_id: str, now: int) -> PlanExecutionInfo:
-        """How it fares."""
+        """Return its state as a message."""
         numbers = {task: number for number, task in enumerate(self.tasks)}
         return PlanExecutionInfo(
             stamp=now,
@@ -221,11 +219,11 @@ class PlanExecution:
         )
 
     def seconds(self, time: int) -> float:
-        """A time as s from the start of the plan."""
+        """Return a time as seconds from the start of the plan."""
         return (time - self.began) / SECOND
 
     def estimated_end_s(self, now: int) -> float:
-        """When all will be over as it looks now, s from the start of the plan."""
+        """Return the estimated end, s from the start of the plan."""
         earliest = self.seconds(now)
         starts: dict[PlanTask, float] = {}
         ends: dict[PlanTask, float] = {}
@@ -244,7 +242,7 @@ class PlanExecution:
             index=numbers[task],
             name=task.step.action,
             args=task.step.args,
-            # One that has begun may have waited for steps of an earlier plan.
+            # A running task may have waited for steps of an earlier plan.
             wait_action_indexes=tuple(sorted({numbers[other] for other, _ in task.before_start if other in numbers})),
             planned_start=task.step.start_s,
             actual_start=None if task.started is None else self.seconds(task.started),
@@ -256,12 +254,12 @@ class PlanExecution:
         )
 
 
-def have_happened(happenings: Iterable[Happening]) -> bool:
-    """Whether all of some happenings have occurred."""
-    return all(task.has_happened(what) for task, what in happenings)
+def have_happened(events: Iterable[TaskEvent]) -> bool:
+    """Return whether all of some events have happened."""
+    return all(task.has_happened(what) for task, what in events)
 
 
-def _has_come(start: float | None, now: float | None, end: float) -> bool:
+def _is_reached(start: float | None, now: float | None, end: float) -> bool:
     if now is None:
         return False
     close = abs(now - end) <= TOLERANCE * max(1.0, abs(end))
@@ -271,55 +269,55 @@ def _has_come(start: float | None, now: float | None, end: float) -> bool:
 
 
 def projected(facts: FactBase, domain: PddlDomain, running: Iterable[PlanTask], goal: Formula | None) -> PddlProblem:
-    """What will be believed when the running tasks have ended as planned."""
+    """Return the predicted facts after the end of the running tasks."""
     state = PddlState.of(facts.problem(goal), domain)
     for task in sorted(running, key=_end):
-        _see(state, task)
-        _end_in(state, task)
+        _apply_unseen(state, task)
+        _apply_end(state, task)
     return state.problem(goal)
 
 
 def merged(
     domain: PddlDomain, facts: FactBase, plan: PddlPlan, goal: Formula, running: tuple[PlanTask, ...], now: int
 ) -> tuple[PlanTask, ...]:
-    """The tasks for a plan that starts from what is `projected`, after those that are running.
+    """Return the running tasks followed by those of a plan that starts from the `projected` facts.
 
-    Raises PlanningError when the plan does not do what it shall, as things are believed now.
+    Raises PlanningError if the plan is not valid for current beliefs.
     """
     ending = tuple(task for task in running if task.phase == "settling" or task.action.duration is None)
-    going_on = tuple(task for task in running if task not in ending)
+    continuing = tuple(task for task in running if task not in ending)
     state = PddlState.of(facts.problem(goal), domain)
     for task in sorted(ending, key=_end):
-        _see(state, task)
-        _end_in(state, task)
-    for task in sorted(going_on, key=_end):
-        _see(state, task)
+        _apply_unseen(state, task)
+        _apply_end(state, task)
+    for task in sorted(continuing, key=_end):
+        _apply_unseen(state, task)
         state.apply(SetValue(fluent, value) for fluent, value in task.starting_values.items() if value is not None)
     problem = state.problem(goal)
-    steps = [replace(task.step, start_s=((task.started or 0) - now) / SECOND) for task in going_on]
+    steps = [replace(task.step, start_s=((task.started or 0) - now) / SECOND) for task in continuing]
     whole = PddlPlan((*steps, *plan.steps))
-    before = range(len(going_on))
+    before = range(len(continuing))
     wrong = validate_plan(domain, problem, whole, before)
     if wrong:
         raise PlanningError(f"the plan does not fit what is believed now: {wrong[0]}")
     order = causal_order(domain, problem, whole, before)
-    for task, step in zip(going_on, steps, strict=True):
+    for task, step in zip(continuing, steps, strict=True):
         task.step = step
     new = tuple(PlanTask(step, ground(domain.actions[step.action], step.args)) for step in plan.steps)
-    tasks = (*going_on, *new)
+    tasks = (*continuing, *new)
     for number, task in enumerate(tasks):
-        task.before_end = _happenings(order.before_end[number], tasks)
+        task.before_end = _task_events(order.before_end[number], tasks)
         if number not in before:
             task.before_start = (
                 *((other, "end") for other in ending),
-                *((other, "end") for other in _same_before(number, tasks, len(going_on))),
-                *_happenings(order.before_start[number], tasks),
+                *((other, "end") for other in _same_before(number, tasks, len(continuing))),
+                *_task_events(order.before_start[number], tasks),
             )
     return (*ending, *tasks)
 
 
 def _same_before(number: int, tasks: tuple[PlanTask, ...], running: int) -> tuple[PlanTask, ...]:
-    """Earlier tasks that do the very same: nobody does that twice at once, though PDDL has nothing against it."""
+    """Return earlier tasks with the same call: PDDL allows them at once, but actions do not."""
     task = tasks[number]
     return tuple(
         other
@@ -328,7 +326,7 @@ def _same_before(number: int, tasks: tuple[PlanTask, ...], running: int) -> tupl
     )
 
 
-def _happenings(numbered: Collection[PlanEvent], tasks: tuple[PlanTask, ...]) -> tuple[Happening, ...]:
+def _task_events(numbered: Collection[PlanEvent], tasks: tuple[PlanTask, ...]) -> tuple[TaskEvent, ...]:
     return tuple((tasks[number], edge) for number, edge in sorted(numbered))
 
 
@@ -336,13 +334,13 @@ def _end(task: PlanTask) -> float:
     return (task.started or 0) / SECOND + task.step.duration_s
 
 
-def _see(state: PddlState, task: PlanTask) -> None:
-    """Has happen what sensors will see of a task, and have not yet seen."""
+def _apply_unseen(state: PddlState, task: PlanTask) -> None:
+    """Apply the expected effects of a task that sensors have not reported."""
     state.apply([change for change in task.expected if not task.is_seen(change, state)])
 
 
-def _end_in(state: PddlState, task: PlanTask) -> None:
-    """Has a task end. Numbers that sensors tell may have changed already by as much as they shall."""
+def _apply_end(state: PddlState, task: PlanTask) -> None:
+    """Apply the end effects of a task; sensed fluents may show them already."""
     state.apply(
         [
             change

@@ -1,4 +1,4 @@
-"""Files of what an agent believes, desires, and concludes: the YAML of ROS2-BDI.
+"""Files of beliefs, desires and rules, in the YAML of ROS2-BDI; and the mind file of an agent, in JSON.
 
 Beliefs, a list of::
 
@@ -27,20 +27,21 @@ Rules, a list of::
       reactive_rules:
         - {set: belief, operation: ADD, value: {name: clear, pddl_type: 2, params: ["{x}"]}}
 
-ROS2-BDI knows neither the ``conditions`` of desires, for what ``value`` cannot say, nor the names of rules. Its older
-files give the type of an instance as its only parameter, which will do, too. Names of the domain are made lower case,
-and a list that is left out is empty. Everything is checked against the domain: mistakes are PlanningErrors with file
-and line.
+ROS2-BDI has neither ``conditions`` of desires nor names of rules. In its older files the type of an instance is the
+only parameter. Names of the domain are converted to lower case; missing lists are empty. All entries are checked
+against the domain: mistakes are PlanningErrors with file and line.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar, get_args
 
+import msgspec
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
@@ -49,6 +50,7 @@ from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
 from socialbot.core.yaml import line_of, load_yaml
+from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.fact_index import FactIndex, near
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.matching import mismatch, unfit_condition
@@ -73,23 +75,23 @@ Source = str | PathLike[str]
 
 
 def load_beliefs(path: Source, domain: PddlDomain) -> tuple[Fact, ...]:
-    """The facts of a file, instances first. Raises PlanningError with file and line."""
-    found = [(node, _fact(node)) for node in _page(path).items()]
+    """Read the facts of a file, instances first. Raises PlanningError with file and line."""
+    found = [(node, _fact(node)) for node in _document(path).items()]
     found.sort(key=lambda item: item[1].pddl_type != INSTANCE)
-    believed = FactBase(Engine("file", ManualClock()), domain)
+    facts = FactBase(Engine("file", ManualClock()), domain)
     for node, fact in found:
-        _refuse(node, believed.unfit(fact))
-        before = believed.current(fact)
+        _check(node, facts.unfit(fact))
+        before = facts.current(fact)
         if before is not None and before.value != fact.value:
             node.fail(f"{before} was given before", "give one value")
-        believed.add(fact)
+        facts.add(fact)
     return tuple(fact for _, fact in found)
 
 
 def load_desires(path: Source, domain: PddlDomain) -> tuple[Desire, ...]:
-    """The desires of a file. Raises PlanningError with file and line."""
+    """Read the desires of a file. Raises PlanningError with file and line."""
     index, found = FactIndex(domain), {}
-    for node in _page(path).items():
+    for node in _document(path).items():
         desire = _desire(node, index, index.unfit)
         if desire.name in found:
             node.fail(f"there is another desire called {desire.name!r}", "choose another name", at="name")
@@ -98,9 +100,9 @@ def load_desires(path: Source, domain: PddlDomain) -> tuple[Desire, ...]:
 
 
 def load_rules(path: Source, domain: PddlDomain) -> tuple[ReactiveRule, ...]:
-    """The rules of a file. Raises PlanningError with file and line."""
+    """Read the rules of a file. Raises PlanningError with file and line."""
     index, found = FactIndex(domain), {}
-    for number, node in enumerate(_page(path).items(), 1):
+    for number, node in enumerate(_document(path).items(), 1):
         node.only("name", "condition", "reactive_rules")
         if "condition" not in node.value:
             node.fail("a rule without condition", "for one that always holds write condition: {clauses: []}")
@@ -110,7 +112,7 @@ def load_rules(path: Source, domain: PddlDomain) -> tuple[ReactiveRule, ...]:
         if not effects:
             node.fail("a rule without effects", "give it reactive_rules", at="reactive_rules")
         rule = ReactiveRule(name, condition, effects)
-        _refuse(node, misfit(rule, index))
+        _check(node, misfit(rule, index))
         if name in found:
             node.fail(f"there is another rule called {name!r}", "choose another name", at="name")
         found[name] = rule
@@ -118,7 +120,7 @@ def load_rules(path: Source, domain: PddlDomain) -> tuple[ReactiveRule, ...]:
 
 
 class _Node:
-    """A part of a file that knows where it stands."""
+    """A part of a file with its position."""
 
     def __init__(self, value: Any, file: str, line: int) -> None:
         self.value = value
@@ -126,60 +128,55 @@ class _Node:
         self.line = line
 
     def fail(self, what: str, remedy: str | None = None, *, at: str = "") -> NoReturn:
-        """Raises PlanningError for the part, or for the one of it called ``at``."""
+        """Raise PlanningError with the line of the part, or of its key ``at``."""
         line = self.line
         if isinstance(self.value, CommentedMap) and at in self.value:
             line = line_of(self.value, at, line)
         raise PlanningError(what, where=f"{self.file}:{line}", remedy=remedy)
 
     def items(self) -> Iterator[_Node]:
-        """The parts of a list; nothing is a list without any."""
         if self.value is None:
             return
         if not isinstance(self.value, CommentedSeq):
-            self.fail(f"expected a list, got {_shown(self.value)}")
+            self.fail(f"expected a list, got {_described(self.value)}")
         for number, item in enumerate(self.value):
             yield _Node(item, self.file, line_of(self.value, number, self.line))
 
     def at(self, key: str) -> _Node:
-        """A part by name; nothing when it is not there."""
         return _Node(self.value.get(key), self.file, line_of(self.value, key, self.line, value=True))
 
     def only(self, *known: str) -> None:
-        """Refuses anything but named parts with these names."""
+        """Raise PlanningError unless it is a mapping with these keys."""
         if not isinstance(self.value, CommentedMap):
-            self.fail(f"expected names with values, got {_shown(self.value)}", f"there may be {', '.join(known)}")
+            self.fail(f"expected names with values, got {_described(self.value)}", f"there may be {', '.join(known)}")
         for key in self.value:
             if key not in known:
                 self.fail(f"unknown key {key!r}", near(str(key), known), at=key)
 
     def text(self, key: str, default: str | None = None) -> str:
-        """A text that is not empty."""
         value = self.value.get(key, default)
         if value is None:
             self.fail(f"{key!r} is missing")
         if not isinstance(value, str) or not value:
-            self.fail(f"{key!r} has to be a text, got {_shown(value)}", 'write "{x}" in quotes', at=key)
+            self.fail(f"{key!r} has to be a text, got {_described(value)}", 'write "{x}" in quotes', at=key)
         return str(value)
 
     def number(self, key: str, default: float) -> float:
-        """A number."""
         value = self.value.get(key, default)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            self.fail(f"{key!r} has to be a number, got {_shown(value)}", at=key)
+            self.fail(f"{key!r} has to be a number, got {_described(value)}", at=key)
         return float(value)
 
     def one_of(self, key: str, known: Mapping[Any, T]) -> T:
-        """What one of some words or numbers stands for."""
         value = self.value.get(key)
         if value is None:
             self.fail(f"{key!r} is missing", f"it is one of {', '.join(map(str, known))}")
         if isinstance(value, bool) or not isinstance(value, (str, int)) or value not in known:
-            self.fail(f"{key!r} has to be one of {', '.join(map(str, known))}, got {_shown(value)}", at=key)
+            self.fail(f"{key!r} has to be one of {', '.join(map(str, known))}, got {_described(value)}", at=key)
         return known[value]
 
 
-def _page(path: Source) -> _Node:
+def _document(path: Source) -> _Node:
     try:
         text = Path(path).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -216,12 +213,11 @@ def _fact(node: _Node) -> Fact:
 
 def _param(node: _Node) -> str:
     if not isinstance(node.value, str):
-        node.fail(f"expected the name of an object, got {_shown(node.value)}", 'write "{x}" in quotes')
+        node.fail(f"expected the name of an object, got {_described(node.value)}", 'write "{x}" in quotes')
     return _lower(node.value)
 
 
 def _desire(node: _Node, index: FactIndex, objection: Callable[[Fact], str | None]) -> Desire:
-    """A desire; ``objection`` tells what is wrong with a fact that it names."""
     node.only(
         "name", "value", "conditions", "priority", "deadline", "precondition", "context", "rollback_belief_add",
         "rollback_belief_del", "parent",
@@ -235,7 +231,7 @@ def _desire(node: _Node, index: FactIndex, objection: Callable[[Fact], str | Non
     conditions = []
     for item in node.at("conditions").items():
         condition = _condition(item)
-        _refuse(item, mismatch(condition) or objection(condition.condition_to_check))
+        _check(item, mismatch(condition) or objection(condition.condition_to_check))
         conditions.append(condition)
     return Desire(
         name=node.text("name"),
@@ -255,7 +251,7 @@ def _facts(node: _Node, objection: Callable[[Fact], str | None]) -> tuple[Fact, 
     found = []
     for item in node.items():
         fact = _fact(item)
-        _refuse(item, objection(fact))
+        _check(item, objection(fact))
         found.append(fact)
     return tuple(found)
 
@@ -272,7 +268,7 @@ def _conjunction(node: _Node, index: FactIndex) -> FactConjunction:
     literals = []
     for item in node.at("literals").items():
         literals.append(_condition(item))
-        _refuse(item, unfit_condition(literals[-1], index))
+        _check(item, unfit_condition(literals[-1], index))
     return FactConjunction(literals=tuple(literals))
 
 
@@ -289,24 +285,86 @@ def _effect(node: _Node, index: FactIndex) -> RuleEffect:
         effect = RuleEffect(operation=operation, desire=_desire(value, index, index.unfit_pattern))
     else:
         effect = RuleEffect(operation=operation, fact=_fact(value))
-    _refuse(value, unfit_effect(effect, index))
+    _check(value, unfit_effect(effect, index))
     return effect
 
 
-def _refuse(node: _Node, reason: str | None) -> None:
-    """Raises PlanningError when there is a reason to; what may have been meant is its remedy."""
+def _check(node: _Node, reason: str | None) -> None:
+    """Raise PlanningError for a reason that is not None; the part after its ``;`` is the remedy."""
     if reason is not None:
         what, _, hint = reason.partition("; ")
-        node.fail(what, hint or "mend the file, or the domain")
+        node.fail(what, hint or "correct the file or the domain")
 
 
 def _lower(name: str) -> str:
-    """A name as PDDL has it, but for variables."""
     parts = re.split(r"(\{\w+\})", name)
     return "".join(part if part.startswith("{") else part.lower() for part in parts)
 
 
-def _shown(value: object) -> str:
+def _described(value: object) -> str:
     if isinstance(value, Mapping):
         return "names with values"
     return "a list" if isinstance(value, list) else "nothing" if value is None else repr(value)
+
+
+class SavedDesire(msgspec.Struct, frozen=True, kw_only=True):
+    """A desire with its failures."""
+
+    desire: Desire
+    failed_planning: int = 0
+    failed_execution: int = 0
+
+
+class SavedMind(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema", tag="socialbot/Kept/1"):
+    """Content of a mind file: beliefs and desires, from which an agent continues after a restart."""
+
+    domain: str
+    facts: tuple[Fact, ...]
+    desires: tuple[SavedDesire, ...]
+
+
+def save_mind(deliberator: Deliberator, path: Path) -> None:
+    """Write the beliefs and desires of an agent atomically. A running plan is saved as if it had been aborted."""
+    saved = SavedMind(
+        domain=deliberator.domain.name,
+        facts=deliberator.plan_executor.beliefs_if_aborted(),
+        desires=tuple(
+            SavedDesire(
+                desire=state.desire, failed_planning=state.failed_planning, failed_execution=state.failed_execution
+            )
+            for state in deliberator.desires
+        ),
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_name(f"{path.name}.new")
+    new.write_bytes(msgspec.json.encode(saved))
+    os.replace(new, path)
+
+
+def restore_mind(deliberator: Deliberator, path: Path) -> bool:
+    """Restore the beliefs and desires of an agent; return False if there is no file.
+
+    Raises PlanningError, without a change, for an invalid file or one that does not fit the domain.
+    """
+    remedy = "delete the file to begin anew"
+    try:
+        saved = msgspec.json.decode(path.read_bytes(), type=SavedMind)
+    except FileNotFoundError:
+        return False
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise PlanningError(f"no kept mind: {error}", where=str(path), remedy=remedy) from error
+    if saved.domain != deliberator.domain.name:
+        raise PlanningError(f"it was kept by an agent of the domain {saved.domain}", where=str(path), remedy=remedy)
+    index = FactIndex(deliberator.domain, (fact for fact in saved.facts if fact.pddl_type == INSTANCE))
+    for fact in saved.facts:
+        reason = index.unknown(fact)
+        if reason is not None:
+            raise PlanningError(f"the domain is not what it was: {reason}", where=str(path), remedy=remedy)
+    for fact in saved.facts:
+        deliberator.facts.add(fact, cause="kept")
+    for item in saved.desires:
+        deliberator.desire(item.desire, cause="kept")
+        state = deliberator.desires.get(item.desire.name)
+        if state is not None:
+            state.failed_planning, state.failed_execution = item.failed_planning, item.failed_execution
+    return True

@@ -1,61 +1,68 @@
-"""Options of a deliberating agent, named as in ROS2-BDI."""
+"""Options of a deliberating agent, named as in ROS2-BDI; each is declared once, with its meaning and range."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from typing import Annotated, Literal, get_type_hints
 
 from socialbot.core.errors import PlanningError
+from socialbot.deliberation.messages import LONGEST_S
 from socialbot.planning.planners.planner import PlannerLimits
 
 Policy = Literal["NO_PREEMPT", "PREEMPT"]
 
 
-@dataclass(frozen=True)
-class Options:
-    """The settings of a deliberator.
+@dataclass(frozen=True, slots=True)
+class OptionInfo:
+    """Meaning and range of an option; without a meaning it is no parameter of nodes."""
 
-    ``rtc_deadline`` times the deadline of a desire is how long it may be pursued before its plan is aborted. A
-    desire is dropped after ``comp_plan_tries`` fruitless plannings or ``exec_plan_tries`` aborted executions; between
-    two tries ``retry_s`` pass. ``autosub_prec`` and ``autosub_context`` have the agent desire what the precondition or
-    context of a desire lacks. ``limits`` are those of the planner. An agent whose sensor stays silent longer than
-    ``give_up_silent_s`` aborts what it does.
-    """
-
-    reschedule_policy: Policy = "NO_PREEMPT"
-    rtc_deadline: float = 2.0
-    comp_plan_tries: int = 8
-    exec_plan_tries: int = 8
-    autosub_prec: bool = False
-    autosub_context: bool = False
-    retry_s: float = 1.0
-    give_up_silent_s: float = 30.0
-    limits: PlannerLimits = field(default_factory=PlannerLimits)
-
-
-_LEAST = {"overrun_factor": 1.0, "rtc_deadline": 1.0, "report_s": 0.01}
+    doc: str
+    minimum: float | None = None
+    maximum: float | None = LONGEST_S
+    choices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
-class DirectorOptions:
-    """What a director puts up with; all in s but the factors. Raises PlanningError for what is too small.
+class DeliberationOptions:
+    """Settings of a deliberator and its plan executor. Raises PlanningError for a value out of range."""
 
-    ``patience_s``: a condition that shall hold at the start, an effect that sensors shall see. ``tolerance_s``: a
-    condition that stops holding, as sensors flicker. ``overrun_factor`` and ``overrun_s``: a step may last so many
-    times its planned duration and so much longer. ``rtc_deadline``: so many times its deadline a desire may be
-    pursued. ``stop_s``: an action that was asked to stop. ``report_s``: how often to report while a plan runs.
-    """
-
-    patience_s: float = 2.0
-    tolerance_s: float = 0.5
-    overrun_factor: float = 5.0
-    overrun_s: float = 5.0
-    rtc_deadline: float = 2.0
-    stop_s: float = 5.0
-    report_s: float = 0.2
+    planning_timeout_s: Annotated[float, OptionInfo("processor time of one planner call (s)", 0.05, 600.0)] = 5.0
+    planning_memory_mb: Annotated[int, OptionInfo("memory limit of the planner (MB)", 32, None)] = 512
+    reschedule_policy: Annotated[
+        Policy, OptionInfo("may desires interrupt others?", maximum=None, choices=("NO_PREEMPT", "PREEMPT"))
+    ] = "NO_PREEMPT"
+    rtc_deadline: Annotated[float, OptionInfo("multiple of its deadline until a plan is aborted", 1.0, 1000.0)] = 2.0
+    patience_s: Annotated[float, OptionInfo("wait for a start condition, or for a sensed effect (s)", 0.0)] = 2.0
+    tolerance_s: Annotated[float, OptionInfo("time for which a condition may stop holding (s)", 0.0)] = 0.5
+    overrun_factor: Annotated[float, OptionInfo("multiple of its duration that a step may take", 1.0, 1000.0)] = 5.0
+    overrun_s: Annotated[float, OptionInfo("additional time that a step may take (s)", 0.0)] = 5.0
+    stop_s: Annotated[float, OptionInfo("time that an action may take to stop (s)", 0.0)] = 5.0
+    retry_s: Annotated[float, OptionInfo("minimum time between two attempts for one desire (s)", 0.0)] = 1.0
+    comp_plan_tries: Annotated[int, OptionInfo("failed plannings before a desire is dropped", 1, None)] = 8
+    exec_plan_tries: Annotated[int, OptionInfo("failed executions before a desire is dropped", 1, None)] = 8
+    autosub_prec: Annotated[bool, OptionInfo("adopt desires for a missing precondition", maximum=None)] = False
+    autosub_context: Annotated[bool, OptionInfo("adopt desires for a missing context", maximum=None)] = False
+    give_up_silent_s: Annotated[float, OptionInfo("sensor timeout after which a plan is aborted (s)", 0.0)] = 30.0
+    report_s: Annotated[float, OptionInfo("", 0.01)] = 0.2
 
     def __post_init__(self) -> None:
-        for option in fields(self):
-            value, least = getattr(self, option.name), _LEAST.get(option.name, 0.0)
-            if not value >= least:
-                raise PlanningError(f"{option.name} is {value}", remedy=f"give at least {least:g}")
+        for name, info in option_infos().items():
+            value = getattr(self, name)
+            if info.minimum is not None and not value >= info.minimum:
+                raise PlanningError(f"option {name!r} must be >= {info.minimum:g} (got {value:g})")
+            if info.maximum is not None and not value <= info.maximum:
+                raise PlanningError(f"option {name!r} must be <= {info.maximum:g} (got {value:g})")
+
+    @property
+    def limits(self) -> PlannerLimits:
+        """Limits of the planner process."""
+        return PlannerLimits(timeout_s=self.planning_timeout_s, memory_mb=self.planning_memory_mb)
+
+
+@cache
+def option_infos() -> Mapping[str, OptionInfo]:
+    """Return the meanings and ranges of all options by name."""
+    hints = get_type_hints(DeliberationOptions, include_extras=True)
+    return {option.name: hints[option.name].__metadata__[0] for option in fields(DeliberationOptions)}

@@ -1,18 +1,17 @@
-"""The director: carries out plans, step by step, against what is believed.
+"""The plan executor: it runs the steps of a plan, and checks their conditions and effects against beliefs.
 
-A step starts as soon as all that has to happen before it has happened and its conditions are believed; time stamps of
-the plan only say in which order to look. It is carried out by the goal of the engine that has the name of its action.
-What the director decides goes on the trace:
+A step starts when its predecessors in the causal order have happened and its conditions hold; time stamps of the plan
+only order the checks. An engine goal with the name of the action performs it. Decisions go to the trace:
 
 | kind | meaning |
 |---|---|
-| `plan_start` | a plan for a desire is carried out; detail: plan (its number), steps, makespan_s |
-| `step` | a step of it has begun; detail: action, args, planned_start, conditions (those that were checked) |
-| `step_end` | it is over, or could not even begin; detail: outcome (successful, failed, cancelled), message |
-| `plan_end` | the plan is over; detail: plan, outcome (succeeded, failed, aborted), reason |
-| `hold`, `release` | nothing new is started for a while; detail: reason |
+| `plan_start` | a plan for a desire starts; detail: plan (its number), steps, makespan_s |
+| `step` | a step starts; detail: action, args, planned_start, conditions (those that were checked) |
+| `step_end` | a step has ended, or could not start; detail: outcome (successful, failed, cancelled), message |
+| `plan_end` | the plan has ended; detail: plan, outcome (succeeded, failed, aborted), reason |
+| `hold`, `release` | no step starts for a while; detail: reason |
 
-Each has what it follows from as its cause: a desire, its plan, the step, its goal and actions.
+The cause of a plan is its planning; that of a step is its plan.
 """
 
 from __future__ import annotations
@@ -24,27 +23,27 @@ from typing import Literal
 from socialbot.bdi import Engine
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.action_executor import ActionExecutor, Watched, fact_of
+from socialbot.deliberation.action_executor import ActionExecutor, IsSensed, fact_of
 from socialbot.deliberation.execution import PlanExecution, PlanTask, merged, projected
 from socialbot.deliberation.fact_index import FactIndex
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.matching import fitting
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
-from socialbot.deliberation.options import DirectorOptions
-from socialbot.deliberation.wakeup import Alarm
+from socialbot.deliberation.options import DeliberationOptions
+from socialbot.deliberation.wakeup import WakeupLoop
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.formulas import Formula
 
-__all__ = ["PlanExecutor", "DirectorOptions", "PlanOutcome"]
-
 How = Literal["succeeded", "failed", "aborted"]
+
+_TRACE_NAME = "director"
 
 
 @dataclass(frozen=True)
 class PlanOutcome:
-    """How a plan ended, and the step that ended it, if one did; ``record`` is that of its end in the trace.
+    """End of a plan, the step that caused it if any, and its ``record`` in the trace.
 
-    A plan that has ``failed`` may have steps that are still right, and go on: see `PlanExecutor.running`.
+    A failed plan may have steps that continue, see `PlanExecutor.running`.
     """
 
     how: How
@@ -55,13 +54,17 @@ class PlanOutcome:
 
 
 class PlanExecutor:
-    """Carries out one plan at a time. All calls are for the engine's thread; callbacks come in it, one by one.
+    """Executes one plan at a time. Call all methods in the thread of the engine.
 
-    Effects on what is ``watched`` are left to the sensors, and waited for; others are believed when
-    the step begins and ends. When a step fails or is cancelled, what it changed at its start is taken back, and nothing
-    new is started: whoever hears of it, by ``ended``, calls `execute` with a plan that starts from `projected`, or
-    `abort`. A step that goes on may fail, too: that is told as well. The plan aborts by itself when the context of its
-    desire no longer holds, or when its time is over. ``changed`` is called when `info` has changed.
+    Sensed effects are waited for; others are believed when the step starts and ends. A failed or cancelled step rolls
+    its start effects back, and no new step starts. The receiver of ``ended`` then calls `execute` with a plan that
+    starts from `projected`, or `abort`. The plan aborts by itself when the context of its desire no longer holds, or
+    when its time is over.
+
+    Args:
+        is_sensed: Whether sensors report a fact.
+        ended: Called with the outcome of each plan, and of each further failed step.
+        changed: Called when `info` has changed.
     """
 
     def __init__(
@@ -69,71 +72,66 @@ class PlanExecutor:
         engine: Engine,
         facts: FactBase,
         domain: PddlDomain,
-        options: DirectorOptions | None = None,
+        options: DeliberationOptions | None = None,
         *,
-        watched: Watched = lambda name, objects: False,
+        is_sensed: IsSensed = lambda name, objects: False,
         ended: Callable[[PlanOutcome], object] = lambda outcome: None,
         changed: Callable[[], object] = lambda: None,
     ) -> None:
         self.domain = domain
-        self.options = options or DirectorOptions()
+        self.options = options or DeliberationOptions()
         self._engine = engine
         self._facts = facts
         self._ended = ended
         self._changed = changed
-        self._alarm = Alarm(engine, self._wake)
-        self._performer = ActionExecutor(
-            engine, facts, self.options, watched, self._alarm, self._wake, self._step_failed
-        )
+        self._loop = WakeupLoop(engine, self._check)
+        self._actions = ActionExecutor(engine, facts, self.options, is_sensed, self._loop, self._on_step_failed)
         self._execution: PlanExecution | None = None
         self._plans = 0
-        self._thens: list[Callable[[], object]] | None = None
+        self._after_abort: list[Callable[[], object]] | None = None
         self._outcomes: list[PlanOutcome] = []
-        self._quiet = False
-        self._held = ""
-        self._posted = False
-        self._told = ""
+        self._keep_effects = False
+        self._hold_reason = ""
+        self._published = ""
         self._report_due = 0
-        facts.watch(lambda fact, held, cause: None if self.idle else self._wake())
-
-    # What there is to know
+        facts.watch(lambda fact, held, cause: None if self.idle else self._loop.wake())
 
     @property
     def idle(self) -> bool:
-        """Whether there is nothing to do: no plan, and no action that still has to stop."""
-        return self._execution is None and not self._performer.stopping
+        """Whether there is neither a plan nor an action that still has to stop."""
+        return self._execution is None and not self._actions.stopping
 
     @property
     def aborting(self) -> bool:
-        """Whether a plan is being stopped; no other can be executed before it has."""
-        return self._thens is not None
+        """Whether a plan is being stopped; `execute` is not allowed until then."""
+        return self._after_abort is not None
 
     @property
     def running(self) -> tuple[PlanTask, ...]:
-        """The steps that have begun and are not over; also after their plan has failed."""
+        """Steps that have started and not ended; also after their plan has failed."""
         return () if self._execution is None else tuple(self._execution.active())
 
     @property
     def info(self) -> PlanExecutionInfo:
-        """How the plan fares; without a target when there is none."""
+        """State of the plan; without a target if there is none."""
         now = self._engine.clock.now()
         if self._execution is None:
             return PlanExecutionInfo(stamp=now, agent_id=self._engine.name, plan=self._plans)
         return self._execution.info(self._engine.name, now)
 
     def projected(self, goal: Formula | None = None) -> PddlProblem:
-        """What will be believed when the steps that run now have ended as planned: where a new plan starts from."""
+        """Return the predicted facts after the running steps, from which a repaired plan starts."""
         return projected(self._facts, self.domain, self.running, goal)
 
     def beliefs_if_aborted(self) -> tuple[Fact, ...]:
-        """What would be believed if the plan were given up now, in order."""
+        """Return the predicted facts after an abort, in order."""
         held = {fact.identity: fact for fact in self._facts.facts()}
-        for key, value in self._performer.ledger.undone().items():
+        for key, value in self._actions.rollback_log.undone().items():
             fact = fact_of(key, value)
             held.pop(fact.identity, None)
             if value is not None and value is not False:
                 held[fact.identity] = fact
-        if self._execution is not None and not self._quiet:
+        if self._execution is not None and not self._keep_effects:
             desire = self._execution.desire
             index = FactIndex(self.domain, held.values())
             for pattern in desire.rollback_belief_del:
@@ -142,30 +140,32 @@ class PlanExecutor:
             held.update((fact.identity, fact) for fact in desire.rollback_belief_add)
         return tuple(sorted(held.values(), key=lambda fact: fact.identity))
 
-    # What to do
-
     def execute(
         self, plan: PddlPlan, desire: Desire, cause: str, *, began: int | None = None, domain: PddlDomain | None = None
     ) -> None:
-        """Carries out a plan; steps that run already go on, as part of it, and the plan before is over.
+        """Execute a plan; running steps continue as part of it. A plan that does not fit current beliefs fails.
 
-        ``cause`` is the record that it follows from, ``began`` (ns) when the pursuit of the desire began, ``domain``
-        that for which the plan was made. A plan that does not fit what is believed now fails before anything begins.
-        Raises PlanningError while another plan is being aborted.
+        Args:
+            cause: Trace record that the plan follows from.
+            began: Start (ns) of the pursuit of the desire.
+            domain: The domain that the plan was made for.
+
+        Raises:
+            PlanningError: Another plan is being aborted.
         """
         if self.aborting:
             raise PlanningError("another plan is still being stopped", remedy="wait until abort() has called back")
-        now, going_on = self._engine.clock.now(), self.running
+        now, running = self._engine.clock.now(), self.running
         self._plans += 1
         if self._execution is not None and self._execution.status == "RUNNING":
             self._end_plan(self._execution, "aborted", f"plan {self._plans} takes its place")
-            self._tell()
-        tasks, problem = going_on, ""
+            self._publish()
+        tasks, problem = running, ""
         try:
             if domain is not None and domain != self.domain:
                 raise PlanningError("the domain has changed since the plan was made")
             goal = self._facts.goal(desire.wanted)
-            tasks = merged(self.domain, self._facts, plan, goal, going_on, now)
+            tasks = merged(self.domain, self._facts, plan, goal, running, now)
         except PlanningError as error:
             problem = error.what
         pursued_since = now if began is None else began
@@ -181,150 +181,136 @@ class PlanExecutor:
         self._execution = execution
         if problem:
             self._fail_plan(execution, problem)
-        self._wake()
+        self._loop.wake()
 
     def abort(self, reason: str, then: Callable[[], object] = lambda: None) -> None:
-        """Stops all; calls ``then`` when every action has stopped and the rollback of the desire is done."""
-        self._stop_all(reason, then)
-
-    def finish(self, reason: str, then: Callable[[], object] = lambda: None) -> None:
-        """Stops all, as `abort` does, but without the rollback: what the plan was for has come true."""
-        if self._thens is None:
-            self._quiet = True
-        self._stop_all(reason, then)
-
-    def revise(self, desire: Desire) -> None:
-        """The desire that is pursued has another deadline or priority from now on."""
-        if self._execution is not None and self._execution.desire.name == desire.name:
-            self._execution.desire = desire
-            self._wake()
-
-    def _stop_all(self, reason: str, then: Callable[[], object]) -> None:
-        if self._thens is not None:
-            self._thens.append(then)
+        """Stop all steps; call ``then`` when every action has stopped and the desire's rollback is done."""
+        if self._after_abort is not None:
+            self._after_abort.append(then)
             return
-        self._thens = [then]
+        self._after_abort = [then]
         if self._execution is not None:
             if self._execution.status == "RUNNING":
                 self._end_plan(self._execution, "aborted", reason)
             for task in self.running:
-                self._guarded(lambda task=task: self._performer.give_up(task, "CANCELLED", reason))
-        self._wake()
+                self._guarded(lambda task=task: self._actions.give_up(task, "CANCELLED", reason))
+        self._loop.wake()
+
+    def finish(self, reason: str, then: Callable[[], object] = lambda: None) -> None:
+        """Stop all steps without the desire's rollback, as the desire is fulfilled."""
+        if self._after_abort is None:
+            self._keep_effects = True
+        self.abort(reason, then)
+
+    def revise(self, desire: Desire) -> None:
+        """Apply a new deadline or priority of the pursued desire."""
+        if self._execution is not None and self._execution.desire.name == desire.name:
+            self._execution.desire = desire
+            self._loop.wake()
 
     def hold(self, reason: str) -> None:
-        """Starts nothing new from now on, as sensors are silent; what runs goes on, and has time to be seen."""
-        if not self._held:
-            self._held = reason
-            self._note("hold", reason)
+        """Start no new step, because of a sensor timeout; running steps continue and their effects may come late."""
+        if not self._hold_reason:
+            self._hold_reason = reason
+            self._record_hold("hold", reason)
 
     def release(self) -> None:
-        """Goes on after `hold`."""
-        if self._held:
-            reason, self._held = self._held, ""
-            self._note("release", reason)
+        """Continue after `hold`."""
+        if self._hold_reason:
+            reason, self._hold_reason = self._hold_reason, ""
+            self._record_hold("release", reason)
 
-    def _note(self, kind: str, reason: str) -> None:
+    def _record_hold(self, kind: str, reason: str) -> None:
         execution = self._execution
-        cause = "" if execution is None else execution.record
-        self._performer.blind = bool(self._held)
-        self._engine.record(kind, "plan" if execution is None else execution.desire.name, cause, reason=reason)
-        self._wake()
+        self._actions.sensors_timed_out = bool(self._hold_reason)
+        what = "plan" if execution is None else execution.desire.name
+        self._engine.record(kind, what, self._plan_record, reason=reason)
+        self._loop.wake()
 
-    # Thinking: whatever happens only asks for it; then everything is looked at, in a fixed order
+    @property
+    def _plan_record(self) -> str:
+        return "" if self._execution is None else self._execution.record
 
-    def _wake(self) -> None:
-        if not self._posted:
-            self._posted = True
-            self._engine.call(self._think)
-
-    def _think(self) -> None:
-        self._posted = False
-        self._alarm.begin()
+    def _check(self) -> None:
+        """Check desire, steps and stopping actions in a fixed order."""
+        self._loop.rearm()
         try:
-            self._look_at_all()
-        except Exception as problem:  # noqa: BLE001 - whatever is wrong with a plan, the agent does not stay with it
-            self._break_off(problem)
+            self._check_plan()
+        except Exception as problem:  # noqa: BLE001 - an error in a plan aborts it and not the agent
+            execution = self._execution
+            self._engine.record_failure(_TRACE_NAME, self._plan_record, problem)
+            if execution is not None:
+                self._abort_from_inside(execution, f"{type(problem).__name__}: {problem}")
+                self._publish()
         self._finish_abort()
-        self._hand_out()
-        self._report_regularly()
-        self._alarm.end()
+        outcomes, self._outcomes = self._outcomes, []
+        for outcome in outcomes:
+            self._guarded(lambda outcome=outcome: self._ended(outcome))
+        if self._execution is not None and self._execution.status == "RUNNING" and self._loop.is_due(self._report_due):
+            self._report()
+            self._loop.is_due(self._report_due)
 
-    def _look_at_all(self) -> None:
+    def _check_plan(self) -> None:
         execution = self._execution
         if execution is not None and execution.status == "RUNNING":
-            self._look_at_desire(execution)
+            self._check_desire(execution)
         for task in self.running:
-            self._performer.look_at(task)
-        self._performer.look_at_stopping()
+            self._actions.check(task)
+        self._actions.check_stopping()
         if execution is not None and execution.status == "RUNNING":
-            self._begin_steps(execution)
+            self._start_steps(execution)
             if all(task.status == "SUCCESSFUL" for task in execution.tasks):
                 self._end_plan(execution, "succeeded")
                 self._outcomes.append(PlanOutcome("succeeded", execution.number, record=execution.end_record))
-        self._tell()
+        self._publish()
         if execution is not None and execution.status == "SUCCESSFUL":
             self._execution = None
-            self._tell()
+            self._publish()
 
-    def _break_off(self, problem: Exception) -> None:
-        execution = self._execution
-        self._engine.record_failure("director", "" if execution is None else execution.record, problem)
-        if execution is not None:
-            self._abort_itself(execution, f"{type(problem).__name__}: {problem}")
-            self._tell()
-
-    def _look_at_desire(self, execution: PlanExecution) -> None:
-        """Aborts the plan when it is of no use any more."""
+    def _check_desire(self, execution: PlanExecution) -> None:
         factor, desire = self.options.rtc_deadline, execution.desire
         limit_s = factor * desire.deadline
         if not self._facts.satisfied(desire.context):
-            reason = "the context of the desire no longer holds"
-        elif self._alarm.is_due(execution.pursued_since + nanoseconds(limit_s)):
-            reason = f"not achieved in {limit_s:g} s, {factor:g} times the deadline"
-        else:
-            return
-        self._abort_itself(execution, reason)
+            self._abort_from_inside(execution, "the context of the desire no longer holds")
+        elif self._loop.is_due(execution.pursued_since + nanoseconds(limit_s)):
+            self._abort_from_inside(execution, f"not achieved in {limit_s:g} s, {factor:g} times the deadline")
 
-    def _abort_itself(self, execution: PlanExecution, reason: str) -> None:
+    def _abort_from_inside(self, execution: PlanExecution, reason: str) -> None:
         def aborted() -> None:
             self._outcomes.append(PlanOutcome("aborted", execution.number, reason, record=execution.end_record))
 
         self.abort(reason, aborted)
 
-    def _begin_steps(self, execution: PlanExecution) -> None:
-        if self._held or self._performer.stopping:
+    def _start_steps(self, execution: PlanExecution) -> None:
+        if self._hold_reason or self._actions.stopping:
             for task in execution.released():
-                task.unmet_since = None  # its patience begins anew
+                task.unmet_since = None
             return
         for task in list(execution.released()):
-            # One that fails at once ends the plan.
-            if execution.status == "RUNNING":
-                self._performer.begin_if_possible(task, execution.record)
+            if execution.status == "RUNNING":  # a step that fails at once ends the plan
+                self._actions.start_if_possible(task, execution.record)
 
     def _finish_abort(self) -> None:
-        """Ends an abort when everything has stopped."""
-        if self._thens is None or self._performer.stopping:
+        if self._after_abort is None or self._actions.stopping:
             return
-        thens, execution, quiet = self._thens, self._execution, self._quiet
-        self._thens = self._execution = None
-        self._quiet = False
+        callbacks, execution, keep_effects = self._after_abort, self._execution, self._keep_effects
+        self._after_abort = self._execution = None
+        self._keep_effects = False
         if execution is not None:
-            if not quiet:
+            if not keep_effects:
                 self._roll_back(execution)
-            self._tell()
-        for then in thens:
-            self._guarded(then)
+            self._publish()
+        for callback in callbacks:
+            self._guarded(callback)
 
     def _roll_back(self, execution: PlanExecution) -> None:
-        """Forgets first, as an effect in PDDL does, so that one list may put right what a pattern of the other took."""
+        # Deletions come first, as in PDDL, so that additions can restore facts that a pattern has deleted.
         for fact in execution.desire.rollback_belief_del:
             self._guarded(lambda fact=fact: self._facts.remove(fact, execution.end_record))
         for fact in execution.desire.rollback_belief_add:
             self._guarded(lambda fact=fact: self._facts.add(fact, cause=execution.end_record))
 
-    # How a plan ends
-
-    def _step_failed(self, task: PlanTask, record: str) -> None:
+    def _on_step_failed(self, task: PlanTask, record: str) -> None:
         if self._execution is not None:
             self._fail_plan(self._execution, f"{task.step.call}: {task.message}", task.step, record)
 
@@ -345,28 +331,13 @@ class PlanExecutor:
             reason=reason,
         )
 
-    # Telling
-
-    def _hand_out(self) -> None:
-        """Tells how plans have ended; who hears of it may call anything."""
-        outcomes, self._outcomes = self._outcomes, []
-        for outcome in outcomes:
-            self._guarded(lambda outcome=outcome: self._ended(outcome))
-
-    def _tell(self) -> None:
-        """Tells that the status of something has changed, if it has."""
-        execution = self._execution
-        state = f"{self._plans} {self._held} " if execution is None else execution.state() + self._held
-        if state != self._told:
-            self._told = state
+    def _publish(self) -> None:
+        """Report the plan if a status has changed."""
+        execution, hold = self._execution, self._hold_reason
+        state = f"{self._plans} {hold} " if execution is None else execution.state() + hold
+        if state != self._published:
+            self._published = state
             self._report()
-
-    def _report_regularly(self) -> None:
-        if self._execution is None or self._execution.status != "RUNNING":
-            return
-        if self._alarm.is_due(self._report_due):
-            self._report()
-            self._alarm.is_due(self._report_due)
 
     def _report(self) -> None:
         self._report_due = self._engine.clock.now() + nanoseconds(self.options.report_s)
@@ -375,5 +346,5 @@ class PlanExecutor:
     def _guarded(self, callback: Callable[[], object]) -> None:
         try:
             callback()
-        except Exception as problem:  # noqa: BLE001 - what others do with it never stops the plan
-            self._engine.record_failure("director", "" if self._execution is None else self._execution.record, problem)
+        except Exception as problem:  # noqa: BLE001 - callbacks never stop the plan
+            self._engine.record_failure(_TRACE_NAME, self._plan_record, problem)

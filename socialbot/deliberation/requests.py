@@ -1,4 +1,4 @@
-"""Requests between agents: who may ask for what, requests received, and requests sent."""
+"""Requests between agents: access policies, the server for received requests, and the client for sent ones."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.desires import End
 from socialbot.deliberation.messages import AgentReply, AgentRequest, Desire, Fact, Operation
 
-_DEEDS: Mapping[str, str] = {"check": "check", "add": "add", "del": "delete"}
+_VERBS: Mapping[str, str] = {"check": "check", "add": "add", "del": "delete"}
 
 
 @dataclass(frozen=True, slots=True)
 class Permission:
-    """Whether a request is granted, or the reason why not; and which priority a desire may have at most."""
+    """Result of a policy check: granted or the reason for the refusal, and the highest priority of a desire."""
 
     granted: bool
     reason: str = ""
@@ -30,10 +30,9 @@ class Permission:
 
 @dataclass(frozen=True)
 class Policies:
-    """The groups of agents that may check (``ck``) or write (``w``) beliefs and desires.
+    """Groups of agents that may check (``ck``) or write (``w``) beliefs and desires.
 
-    ``desire_pr`` is the highest priority, 0 to 1, that each group of ``desire_w`` may give, in the same order; it is
-    0 for those that it does not reach.
+    ``desire_pr`` is the highest priority, 0 to 1, for each group of ``desire_w`` in the same order; 0 if missing.
     """
 
     belief_ck: tuple[str, ...] = ()
@@ -53,10 +52,7 @@ class Policies:
         desire_pr: str = "",
         where: str = "policies",
     ) -> Policies:
-        """Policies from lists separated by commas, as parameters have them.
-
-        Raises ParameterError for a priority that is none, and for more priorities than groups.
-        """
+        """Parse lists separated by commas. Raises ParameterError for wrong priorities, or more of them than groups."""
         writers = _words(desire_w)
         priorities = tuple(_priority(word, where) for word in _words(desire_pr))
         if len(priorities) > len(writers):
@@ -68,7 +64,7 @@ class Policies:
         return cls(_words(belief_ck), _words(belief_w), _words(desire_ck), writers, priorities)
 
     def may(self, request: AgentRequest) -> Permission:
-        """Whether the sender's group may have this done."""
+        """Check whether the group of the sender may make a request."""
         kind = "belief" if request.belief is not None else "desire"
         checks = request.operation == "check"
         if kind == "belief":
@@ -77,7 +73,7 @@ class Policies:
             groups = self.desire_ck if checks else self.desire_w
         if request.group not in groups:
             allowed = f"these may: {', '.join(groups)}" if groups else "nobody may"
-            return Permission(False, f"group {request.group!r} may not {_DEEDS[request.operation]} {kind}s; {allowed}")
+            return Permission(False, f"group {request.group!r} may not {_VERBS[request.operation]} {kind}s; {allowed}")
         if kind == "belief" or checks:
             return Permission(True)
         number = self.desire_w.index(request.group)
@@ -98,25 +94,27 @@ def _priority(word: str, where: str) -> float:
     return value
 
 
-REMEMBERED = 1000
-"""So many answers are kept, for requests that come twice."""
+MAX_REMEMBERED = 1000
+"""Number of answers and closed requests that are kept to detect duplicates."""
 
 REPEAT_S = 0.5
-"""A request without an answer is sent again after so long; who gets it twice carries it out once."""
+"""Period (s) of sending a request without an answer; the receiver executes it once."""
 
 MONITOR_S = 5.0
-"""How often a request is sent again while a desire is monitored: who was started anew meanwhile answers anew."""
+"""Period (s) of sending the request of a monitored desire, for a receiver that has restarted."""
 
 AnswerState = Literal["waiting", "done", "refused", "fulfilled", "dropped", "timeout"]
 
 
 @dataclass(eq=False)
 class SentRequest:
-    """A request that was sent, and what has come of it so far; actions look at it each time they advance.
+    """A request and its answer so far.
 
-    ``state`` is ``waiting`` until the answer comes, or ``timeout`` when none came in time; ``found`` and ``priority``
-    are those of the answer. That of a monitored desire becomes ``fulfilled`` or ``dropped`` later, or ``refused`` by a
-    receiver that was started anew.
+    Attributes:
+        state: ``waiting`` before the answer, ``timeout`` without one. A monitored desire later becomes ``fulfilled``
+            or ``dropped``, or ``refused`` by a receiver that has restarted.
+        found: Whether a checked item exists, or a deleted one existed.
+        priority: Priority of the desire at the receiver.
     """
 
     request: AgentRequest
@@ -127,13 +125,13 @@ class SentRequest:
 
     @property
     def accepted(self) -> bool:
-        """Whether the other agent did what it was asked to, or has begun to."""
+        """Whether the receiver has executed the request, or adopted the desire."""
         return self.state in ("done", "fulfilled", "dropped")
 
 
 @dataclass(eq=False)
 class RequestClient:
-    """The requests that an agent of a ``group`` has sent by ``send``; a reply that nobody waits for is refused."""
+    """Sends the requests of an agent by ``send``, and handles replies; ``refused`` counts unexpected replies."""
 
     engine: Engine
     group: str
@@ -156,12 +154,12 @@ class RequestClient:
         monitor: bool = False,
         cause: str = "",
     ) -> SentRequest:
-        """Asks another agent to check, add or delete a belief or a desire."""
+        """Ask another agent to check, add or delete a belief or a desire."""
         self._count += 1
         now = self.engine.clock.now()
         request = AgentRequest(
             stamp=now,
-            # The time tells it from requests before a restart.
+            # The time makes it unique after a restart.
             id=f"{self.engine.name}-{now}-{self._count}",
             sender=self.engine.name,
             group=self.group,
@@ -171,73 +169,72 @@ class RequestClient:
             desire=desire,
             monitor=monitor,
         )
-        asked = SentRequest(request)
-        self._open[request.id] = asked
+        sent = SentRequest(request)
+        self._open[request.id] = sent
         self.engine.record("request", text_of(request), cause, id=request.id)
-        self._repeat(asked, now + nanoseconds(self.timeout_s))
-        return asked
+        self._repeat(sent, now + nanoseconds(self.timeout_s))
+        return sent
 
-    def take(self, reply: AgentReply) -> bool:
-        """Takes an answer; False when nobody waits for it. One that comes twice is left alone the second time."""
-        asked = self._open.get(reply.id)
-        if asked is None or reply.sender != asked.request.receiver:
-            if asked is not None or reply.id not in self._closed:
+    def handle(self, reply: AgentReply) -> bool:
+        """Process a reply; return False for an unknown request. Duplicates have no effect."""
+        sent = self._open.get(reply.id)
+        if sent is None or reply.sender != sent.request.receiver:
+            if sent is not None or reply.id not in self._closed:
                 self.refused += 1
                 reason = "nobody waits for it"
                 self.engine.record("refused", f"the reply {reply.id} of {reply.sender}", reply.id, reason=reason)
             return False
-        before = asked.state, asked.found, asked.reason
-        asked.state = reply.state if reply.accepted else "refused"
-        asked.found, asked.priority, asked.reason = reply.found, reply.priority, reply.reason
-        if not (asked.request.monitor and reply.accepted and reply.state == "done"):
-            self._close(asked)
-        if (asked.state, asked.found, asked.reason) != before:
-            self.engine.record("reply", f"{reply.sender}: {asked.state}", reply.id, reason=reply.reason)
+        before = sent.state, sent.found, sent.reason
+        sent.state = reply.state if reply.accepted else "refused"
+        sent.found, sent.priority, sent.reason = reply.found, reply.priority, reply.reason
+        if not (sent.request.monitor and reply.accepted and reply.state == "done"):
+            self._close(sent)
+        if (sent.state, sent.found, sent.reason) != before:
+            self.engine.record("reply", f"{reply.sender}: {sent.state}", reply.id, reason=reply.reason)
         return True
 
-    def forget(self, asked: SentRequest) -> None:
-        """Waits no longer for what becomes of a request."""
-        self._close(asked)
+    def forget(self, sent: SentRequest) -> None:
+        """Stop waiting for the reply to a request."""
+        self._close(sent)
 
-    def _close(self, asked: SentRequest) -> None:
-        self._open.pop(asked.request.id, None)
-        self._closed[asked.request.id] = None
-        if len(self._closed) > REMEMBERED:
+    def _close(self, sent: SentRequest) -> None:
+        self._open.pop(sent.request.id, None)
+        self._closed[sent.request.id] = None
+        if len(self._closed) > MAX_REMEMBERED:
             self._closed.popitem(last=False)
 
-    def _repeat(self, asked: SentRequest, deadline: int) -> None:
-        """Sends a request, and again while no answer comes: the receiver may be just starting."""
-        if self._open.get(asked.request.id) is not asked:
+    def _repeat(self, sent: SentRequest, deadline: int) -> None:
+        """Send a request repeatedly until its answer or the deadline (ns): the receiver may be starting."""
+        if self._open.get(sent.request.id) is not sent:
             return
-        if asked.state != "waiting":
-            self.engine.at_in(MONITOR_S, lambda: self._remind(asked))
+        if sent.state != "waiting":
+            self.engine.at_in(MONITOR_S, lambda: self._remind(sent))
             return
         now = self.engine.clock.now()
         if now < deadline:
-            self.send(asked.request)
-            self.engine.at(min(now + nanoseconds(REPEAT_S), deadline), lambda: self._repeat(asked, deadline))
+            self.send(sent.request)
+            self.engine.at(min(now + nanoseconds(REPEAT_S), deadline), lambda: self._repeat(sent, deadline))
             return
-        asked.state = "timeout"
-        asked.reason = f"no answer from {asked.request.receiver} in {self.timeout_s:g} s"
-        self._close(asked)
-        self.engine.record("reply", f"{asked.request.receiver}: timeout", asked.request.id, reason=asked.reason)
+        sent.state = "timeout"
+        sent.reason = f"no answer from {sent.request.receiver} in {self.timeout_s:g} s"
+        self._close(sent)
+        self.engine.record("reply", f"{sent.request.receiver}: timeout", sent.request.id, reason=sent.reason)
 
-    def _remind(self, asked: SentRequest) -> None:
-        """Sends the request of a monitored desire again as long as its end is waited for."""
-        if self._open.get(asked.request.id) is asked:
-            self.send(asked.request)
-            self.engine.at_in(MONITOR_S, lambda: self._remind(asked))
+    def _remind(self, sent: SentRequest) -> None:
+        if self._open.get(sent.request.id) is sent:
+            self.send(sent.request)
+            self.engine.at_in(MONITOR_S, lambda: self._remind(sent))
 
 
 def text_of(request: AgentRequest) -> str:
-    """A request as the trace shows it."""
+    """Return a request as text for the trace."""
     about = request.belief if request.belief is not None else request.desire and request.desire.name
     kind = "belief" if request.belief is not None else "desire"
     return f"{request.sender} asks {request.receiver} to {request.operation} {kind} {about}"
 
 
 class RequestServer:
-    """Answers requests to an agent, each once, by ``send``; one that comes again gets the same answer again."""
+    """Answers requests to an agent by ``send``; duplicates get the same answer without being executed again."""
 
     def __init__(self, deliberator: Deliberator, policies: Policies, send: Callable[[AgentReply], object]) -> None:
         self._deliberator = deliberator
@@ -245,8 +242,8 @@ class RequestServer:
         self._send = send
         self._answers: OrderedDict[tuple[str, str], AgentReply] = OrderedDict()
 
-    def take(self, request: AgentRequest) -> None:
-        """Answers a request that is for this agent; others are left alone."""
+    def handle(self, request: AgentRequest) -> None:
+        """Answer a request if this agent is its receiver."""
         engine = self._deliberator.engine
         if request.receiver != engine.name:
             return
@@ -263,15 +260,15 @@ class RequestServer:
     def _remember(self, key: tuple[str, str], answer: AgentReply) -> None:
         self._answers[key] = answer
         self._answers.move_to_end(key)
-        if len(self._answers) > REMEMBERED:
+        if len(self._answers) > MAX_REMEMBERED:
             self._answers.popitem(last=False)
 
     def _answer(self, request: AgentRequest) -> AgentReply:
         if (request.belief is None) == (request.desire is None):
-            return self._refusal(request, "it has to name a belief or a desire")
+            return self._refuse(request, "it has to name a belief or a desire")
         permission = self._policies.may(request)
         if not permission.granted:
-            return self._refusal(request, permission.reason)
+            return self._refuse(request, permission.reason)
         if request.belief is not None:
             return self._about_belief(request, request.belief)
         assert request.desire is not None
@@ -281,7 +278,7 @@ class RequestServer:
         facts = self._deliberator.facts
         misfit = facts.unfit(belief)
         if misfit:
-            return self._refusal(request, misfit)
+            return self._refuse(request, misfit)
         if request.operation == "check":
             return self._reply(request, found=facts.current(belief) == belief)
         if request.operation == "add":
@@ -290,7 +287,7 @@ class RequestServer:
             return self._reply(request, found=bool(facts.remove(belief, request.id)))
         return self._reply(request, found=True)
 
-    def _about_desire(self, request: AgentRequest, desire: Desire, most: float) -> AgentReply:
+    def _about_desire(self, request: AgentRequest, desire: Desire, max_priority: float) -> AgentReply:
         deliberator = self._deliberator
         if request.operation == "check":
             return self._reply(request, found=desire.name in deliberator.desires)
@@ -300,8 +297,8 @@ class RequestServer:
             )
         reason = deliberator.objection(desire)
         if reason:
-            return self._refusal(request, reason)
-        priority = min(desire.priority, most)
+            return self._refuse(request, reason)
+        priority = min(desire.priority, max_priority)
         if deliberator.facts.fulfilled(desire):
             return self._reply(request, state="fulfilled", found=True, priority=priority)
         reason = deliberator.desire(
@@ -309,19 +306,19 @@ class RequestServer:
             cause=request.id,
             listener=self._monitor(request) if request.monitor else None,
         )
-        return self._refusal(request, reason) if reason else self._reply(request, found=True, priority=priority)
+        return self._refuse(request, reason) if reason else self._reply(request, found=True, priority=priority)
 
     def _monitor(self, request: AgentRequest) -> Callable[[End, str], None]:
-        """Tells the sender what becomes of a desire, now and when the request comes again."""
+        """Return a listener that sends the end of a desire, now and for duplicates of the request."""
 
-        def tell(how: End, reason: str) -> None:
+        def listener(how: End, reason: str) -> None:
             answer = self._reply(request, state=how, found=how == "fulfilled", reason=reason)
             self._remember((request.sender, request.id), answer)
             self._send(answer)
 
-        return tell
+        return listener
 
-    def _refusal(self, request: AgentRequest, reason: str) -> AgentReply:
+    def _refuse(self, request: AgentRequest, reason: str) -> AgentReply:
         return self._reply(request, accepted=False, state="refused", reason=reason)
 
     def _reply(self, request: AgentRequest, *, accepted: bool = True, **more: Any) -> AgentReply:

@@ -1,4 +1,4 @@
-"""Sensors of deliberating agents: percepts in, facts out.
+"""Sensors of deliberating agents, which turn percepts into facts, and their timeouts.
 
 >>> class Position(FactSensor):
 ...     prototypes = (predicate("in", "*", "*"),)
@@ -11,13 +11,15 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from socialbot.bdi import Engine
 from socialbot.bdi.sensors import Sensor
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.action_executor import Watched
+from socialbot.deliberation.action_executor import IsSensed
 from socialbot.deliberation.fact_index import signature_of
 from socialbot.deliberation.matching import fitting
 from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Fact
@@ -28,110 +30,110 @@ if TYPE_CHECKING:
 
 
 def predicate(name: str, *params: str) -> Fact:
-    """The fact that a predicate is true."""
+    """Return the fact that a predicate is true."""
     return Fact(name=name, pddl_type=PREDICATE, params=params)
 
 
 def fluent(name: str, *params: str, value: float = 0.0) -> Fact:
-    """The fact that a function has a value."""
+    """Return the fact that a function has a value."""
     return Fact(name=name, pddl_type=FLUENT, params=params, value=value)
 
 
 def instance(name: str, kind: str) -> Fact:
-    """The fact that there is an object of a type."""
+    """Return the fact that an object of a type exists."""
     return Fact(name=name, pddl_type=INSTANCE, type=kind)
 
 
 class FactSensor(Sensor):
-    """Tells which facts hold: override `tell`. It may have a period, or be shown percepts by `push`, as any `Sensor`.
+    """Sensor that reports facts: override `tell`. Like any `Sensor` it has a period, or gets percepts from `push`.
 
-    ``prototypes`` say what it may tell of; ``*`` stands for any object, or any name of an instance. What it does
-    not tell of these does not hold: a percept says all. The effects of actions on them are left to it. With
-    ``deadline_s`` it is taken to be silent before its first percept, and when none comes for so long; then the agent
-    begins nothing new. A fact that does not fit the domain is left out; that goes on the trace.
+    A percept is complete: facts of the prototypes that it does not report stop holding. Effects of actions on these
+    facts are left to the sensor. A fact that does not fit the domain is ignored, with a record in the trace.
+
+    Attributes:
+        prototypes: Facts that it may report; ``*`` stands for any object, or for any name of an instance.
+        deadline_s: Longest time between percepts; after it, and before the first one, the agent starts nothing new.
     """
 
     prototypes: ClassVar[tuple[Fact, ...]] = ()
     deadline_s: ClassVar[float | None] = None
 
     deliberator: Deliberator
-    _heard_at = 0
-    _told: tuple[Fact, ...] | None = None
+    _percept_at = 0
+    _last_facts: tuple[Fact, ...] | None = None
     _version = -1
-    _complaints: tuple[str, ...] = ()
+    _problems: tuple[str, ...] = ()
 
     def tell(self, percept: Any) -> Iterable[Fact] | None:
-        """The facts that hold by this percept; None when it says nothing. ``percept`` is None when a period is up."""
+        """Return the facts of a percept, or None for no change. The percept is None when called by the period."""
         raise PlanningError(f"the sensor {self.name} tells nothing", remedy="override tell()")
 
     @property
     def name(self) -> str:
-        """What the trace calls it."""
+        """Name in the trace."""
         return type(self).__name__
 
     def join(self, deliberator: Deliberator) -> None:
-        """Becomes a sensor of an agent. Raises PlanningError for a prototype that does not fit the agent's domain."""
+        """Add the sensor to an agent. Raises PlanningError for a prototype that does not fit the domain."""
         self.deliberator = deliberator
         for prototype in self.prototypes:
             reason = _misfit(prototype, deliberator.domain)
             if reason:
-                raise PlanningError(reason, where=f"sensor {self.name}", remedy="mend the prototype, or the domain")
-        self._heard_at = deliberator.engine.clock.now()
+                raise PlanningError(reason, where=f"sensor {self.name}", remedy="correct the prototype or the domain")
+        self._percept_at = deliberator.engine.clock.now()
         deliberator.engine.add_sensor(self)
         if self.deadline_s is not None:
             deliberator.expect_sensor(self.name)
-            deliberator.engine.call(self._expect)
+            deliberator.engine.call(self._check_deadline)
 
     def sense(self, percept: Any) -> None:
-        """Believes what `tell` says of a percept, and no longer what it said before."""
+        """Replace the believed facts of the prototypes by those of a percept."""
         found = self.tell(percept)
         if found is None:
             return
-        told, facts = tuple(found), self.deliberator.facts
-        self._heard_at = self.deliberator.engine.clock.now()
-        cause = getattr(percept, "id", "") or f"{self.name}-{getattr(percept, 'stamp', self._heard_at)}"
-        if told != self._told or facts.version != self._version:
-            self._believe({fact.identity: fact for fact in told}, cause)
-            self._told, self._version = told, facts.version
+        facts_of_percept, facts = tuple(found), self.deliberator.facts
+        self._percept_at = self.deliberator.engine.clock.now()
+        cause = getattr(percept, "id", "") or f"{self.name}-{getattr(percept, 'stamp', self._percept_at)}"
+        if facts_of_percept != self._last_facts or facts.version != self._version:
+            self._believe({fact.identity: fact for fact in facts_of_percept}, cause)
+            self._last_facts, self._version = facts_of_percept, facts.version
         self.deliberator.sensor_is_back(self.name, cause)
 
-    def _believe(self, told: dict[tuple[int, str, tuple[str, ...]], Fact], cause: str) -> None:
-        """Believes what was told, and nothing else of its kind."""
-        facts, complaints = self.deliberator.facts, []
+    def _believe(self, facts_of_percept: dict[tuple[int, str, tuple[str, ...]], Fact], cause: str) -> None:
+        facts, problems = self.deliberator.facts, []
         for prototype in self.prototypes:
             for held in list(fitting(prototype, facts)):
-                if held.identity not in told:
+                if held.identity not in facts_of_percept:
                     facts.remove(held, cause)
-        for fact in told.values():
+        for fact in facts_of_percept.values():
             try:
                 if not any(fits(fact, prototype) for prototype in self.prototypes):
                     raise PlanningError(f"it has no prototype for {fact}")
                 facts.add(fact, source="percept", cause=cause)
             except PlanningError as problem:
-                complaints.append(problem)
-        texts = tuple(problem.what for problem in complaints)
-        if texts != self._complaints:
-            self._complaints = texts
-            for problem in complaints:
+                problems.append(problem)
+        texts = tuple(problem.what for problem in problems)
+        if texts != self._problems:
+            self._problems = texts
+            for problem in problems:
                 self.deliberator.engine.record_failure(f"sensor {self.name}", cause, problem)
 
-    def _expect(self) -> None:
-        """Looks, when the time is up, whether something was heard."""
+    def _check_deadline(self) -> None:
         assert self.deadline_s is not None
         engine = self.deliberator.engine
-        due = self._heard_at + nanoseconds(self.deadline_s)
+        due = self._percept_at + nanoseconds(self.deadline_s)
         if engine.clock.now() >= due:
             self.deliberator.sensor_is_silent(self.name)
             due = engine.clock.now() + nanoseconds(self.deadline_s)
-        engine.at(due, self._expect)
+        engine.at(due, self._check_deadline)
 
 
-def watched_by(sensors: Sequence[FactSensor]) -> Watched:
-    """What these sensors tell of."""
+def sensed_by(sensors: Sequence[FactSensor]) -> IsSensed:
+    """Return a function that tells whether these sensors report a predicate or function."""
     prototypes = [fact for sensor in sensors for fact in sensor.prototypes if fact.pddl_type != INSTANCE]
 
     @functools.cache
-    def watched(name: str, objects: tuple[str, ...]) -> bool:
+    def is_sensed(name: str, objects: tuple[str, ...]) -> bool:
         return any(
             prototype.name == name
             and len(prototype.params) == len(objects)
@@ -139,11 +141,11 @@ def watched_by(sensors: Sequence[FactSensor]) -> Watched:
             for prototype in prototypes
         )
 
-    return watched
+    return is_sensed
 
 
 def fits(fact: Fact, prototype: Fact) -> bool:
-    """Whether a sensor with this prototype may tell of a fact."""
+    """Return whether a fact matches a prototype."""
     if fact.pddl_type != prototype.pddl_type:
         return False
     if fact.pddl_type == INSTANCE:
@@ -153,8 +155,62 @@ def fits(fact: Fact, prototype: Fact) -> bool:
 
 
 def _misfit(prototype: Fact, domain: PddlDomain) -> str:
-    """Why a domain has nothing like that, or an empty text."""
     if prototype.pddl_type == INSTANCE:
         return "" if prototype.type in domain.types else f"there is no type {prototype.type!r}"
     signature, reason = signature_of(domain, prototype)
     return "" if signature is not None else reason or "unknown"
+
+
+@dataclass(slots=True)
+class _Timeout:
+    since: int
+    first: bool
+    overdue: bool = False
+
+
+class SensorTimeouts:
+    """Sensors without a recent percept, in the order of their timeouts."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._timeouts: dict[str, _Timeout] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._timeouts)
+
+    def expect(self, sensor: str) -> None:
+        """Add a new sensor that has no percept yet. Raises PlanningError if the name is taken."""
+        if sensor in self._timeouts:
+            raise PlanningError(
+                "there is another sensor of this name", where=f"sensor {sensor}", remedy="override its name"
+            )
+        self._timeouts[sensor] = _Timeout(self._engine.clock.now(), True)
+
+    def begin(self, sensor: str) -> bool:
+        """Record that a sensor timed out; return False if that is known."""
+        timeout = self._timeouts.setdefault(sensor, _Timeout(self._engine.clock.now(), False))
+        if timeout.overdue:
+            return False
+        timeout.overdue = True
+        self._engine.record("silent", sensor, "")
+        return True
+
+    def end(self, sensor: str, cause: str) -> bool:
+        """Record a percept with the id ``cause``; return False if the sensor had not timed out."""
+        timeout = self._timeouts.pop(sensor, None)
+        if timeout is not None and timeout.overdue:
+            self._engine.record("heard", sensor, cause)
+        return timeout is not None
+
+    @property
+    def is_first(self) -> bool:
+        """Whether a sensor has never had a percept."""
+        return any(timeout.first for timeout in self._timeouts.values())
+
+    @property
+    def since(self) -> int:
+        """Start (ns) of the longest timeout; only while there is one."""
+        return min(timeout.since for timeout in self._timeouts.values())
+
+    def __str__(self) -> str:
+        return ", ".join(f"sensor {sensor} is silent" for sensor in self._timeouts)

@@ -297,7 +297,7 @@ def test_the_patience_of_the_director_is_set_by_parameters(files):
     }
     hall = Hall(worker(files, **given))
     deliberator = hall.node("worker").deliberator
-    options = deliberator.director.options
+    options = deliberator.plan_executor.options
     assert {name: getattr(options, name) for name in given if name != "retry_s"} == {
         name: value for name, value in given.items() if name != "retry_s"
     }
@@ -332,9 +332,11 @@ def test_who_has_forgotten_a_monitored_desire_is_reminded_of_it(files):
     hall.until(1)
     assert asked.state == "done"
     forgetful = hall.node("worker")
-    forgetful._reception = RequestServer(forgetful.deliberator, forgetful._policies(), forgetful.replies_out.publish)
-    for wish in forgetful.deliberator.desires:
-        wish.listeners.clear()
+    forgetful._request_server = RequestServer(
+        forgetful.deliberator, forgetful._policies(), forgetful.replies_out.publish
+    )
+    for state in forgetful.deliberator.desires:
+        state.listeners.clear()
     hall.until(8)
     assert asked.state == "fulfilled"
 

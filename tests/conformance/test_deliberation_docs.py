@@ -14,7 +14,7 @@ import pytest
 import socialbot.deliberation
 from socialbot.agents.base.deliberating import Deliberating
 from socialbot.deliberation.messages import AgentReply, Desire, Fact, FactCondition, LifecycleStatus
-from socialbot.deliberation.plan_executor import DirectorOptions
+from socialbot.deliberation.options import DeliberationOptions
 from socialbot.deliberation.requests import SentRequest
 from socialbot.deliberation.rules import ReactiveRule
 from socialbot.graph.node import Delivery
@@ -51,7 +51,7 @@ def recorded() -> Iterator[str]:
     """The kinds of all records that deliberation makes."""
     for path in FOLDER.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith((".record", "._note")) and node.args:
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith((".record", "_hold")) and node.args:
                 kind = node.args[0]
                 if isinstance(kind, ast.Constant) and isinstance(kind.value, str):
                     yield kind.value
@@ -99,10 +99,9 @@ def test_every_check_is_told(check):
     assert f"`{check}`" in section("Desires")
 
 
-def test_every_option_of_the_director_stands_there_with_its_default():
-    table = rows(section("Carrying out"))
-    for option in fields(DirectorOptions):
-        assert str(option.default) in table[option.name], option.name
+def test_every_option_of_the_plan_executor_stands_there_with_its_default():
+    for name, default in rows(section("Carrying out")).items():
+        assert str(getattr(DeliberationOptions, name)) in default, name
 
 
 def test_the_keys_of_files_are_those_of_what_they_make():

@@ -11,7 +11,7 @@ from socialbot.bdi.literals import Change, Event, literal
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
-from socialbot.deliberation.options import Options
+from socialbot.deliberation.options import DeliberationOptions
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.formulas import And, Predicate
 from socialbot.planning.pddl.reader import read_domain
@@ -112,7 +112,7 @@ class Office:
             domain,
             planner or self.clerk,
             self._later if slow else self._aside,
-            options=Options(**options),
+            options=DeliberationOptions(**options),
             observer=observer,
         )
         self.facts = self.deliberator.facts
@@ -174,12 +174,12 @@ class Office:
 
     @property
     def wants(self) -> list[str]:
-        return [wish.name for wish in self.deliberator.desires]
+        return [state.name for state in self.deliberator.desires]
 
     @property
     def pursued(self) -> str | None:
-        wish = self.deliberator.pursuit.wish
-        return None if wish is None else wish.name
+        state = self.deliberator.pursuit.current
+        return None if state is None else state.name
 
     def begun(self) -> list[tuple[float, str]]:
         """What was begun, and when."""

@@ -10,7 +10,8 @@ from socialbot.bdi.literals import Change, Event, literal
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import FLUENT, INSTANCE, Desire, Fact, PlanExecutionInfo
-from socialbot.deliberation.plan_executor import DirectorOptions, PlanExecutor, PlanOutcome
+from socialbot.deliberation.options import DeliberationOptions
+from socialbot.deliberation.plan_executor import PlanExecutor, PlanOutcome
 from socialbot.planning.pddl.domain import PddlDomain, parse_plan
 from socialbot.planning.pddl.reader import read_domain
 
@@ -127,7 +128,7 @@ class Perform(LongAction):
 
 
 class Stage:
-    """Where a director is watched; ``timeline`` is what the actions did, with the seconds at which."""
+    """Where a plan_executor is watched; ``timeline`` is what the actions did, with the seconds at which."""
 
     def __init__(
         self,
@@ -135,7 +136,7 @@ class Stage:
         watched: set[str] | None = None,
         domain: PddlDomain = WORKSHOP,
         beliefs: str = FACTS,
-        options: DirectorOptions | None = None,
+        options: DeliberationOptions | None = None,
     ) -> None:
         self.clock = ManualClock()
         self.trace = Trace()
@@ -155,14 +156,14 @@ class Stage:
             self.engine.add_rules(wanted >> [Perform(Atom(name), *parameters)])
         for known in facts(beliefs):
             self.facts.add(known)
-        self.director = PlanExecutor(
+        self.plan_executor = PlanExecutor(
             self.engine,
             self.facts,
             domain,
             options,
-            watched=lambda name, objects: name in (watched or ()),
+            is_sensed=lambda name, objects: name in (watched or ()),
             ended=self.outcomes.append,
-            changed=lambda: self.infos.append(self.director.info),
+            changed=lambda: self.infos.append(self.plan_executor.info),
         )
 
     def log(self, what: str, call: str) -> None:
@@ -174,7 +175,7 @@ class Stage:
 
     def execute(self, plan: str, **about: Any) -> None:
         """Has a plan executed; ``wanted`` are the facts of the desire, ``about`` what else there is to it."""
-        self.run(lambda: self.director.execute(parse_plan(plan), desire(**about), "desire-1"))
+        self.run(lambda: self.plan_executor.execute(parse_plan(plan), desire(**about), "desire-1"))
 
     def run(self, call: Any) -> None:
         self.engine.call(call)

@@ -187,7 +187,7 @@ def test_a_rate_has_to_be_above_zero():
     class frozen(PlanAction):
         rate_hz = 0.0
 
-    assert "give more than 0" in failing(frozen).message
+    assert "must be > 0" in failing(frozen).message
 
 
 def test_one_that_says_itself_that_it_is_done_advances_no_more():

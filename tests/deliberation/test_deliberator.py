@@ -308,8 +308,8 @@ def effect(operation, name: str) -> RuleEffect:
 def test_rules_may_come_and_go_and_bring_desires():
     office = Office()
     office.believe("level a = 3")
-    wish = job("do_{x}", value=(p("done", "{x}"),))
-    rule = ReactiveRule("busy", dnf([("GR", n("level", "{x}", value=2))]), (RuleEffect(operation="ADD", desire=wish),))
+    state = job("do_{x}", value=(p("done", "{x}"),))
+    rule = ReactiveRule("busy", dnf([("GR", n("level", "{x}", value=2))]), (RuleEffect(operation="ADD", desire=state),))
     office.run(lambda: office.deliberator.add_rule(rule))
     assert office.wants == ["do_a"], "it fires for what holds already"
     (record,) = office.found("desire", "do_a")
@@ -345,7 +345,7 @@ def test_a_desire_that_is_asked_for_again_has_the_new_priority_and_deadline():
     office = Office(slow=True)
     assert office.want(job("a", 0.2, 50), job("b", 0.5), job("a", 0.9, 20)) == ["", "", ""]
     assert office.wants == ["a", "b"]
-    assert office.deliberator.pursuit.asked is office.deliberator.desires.get("a")
+    assert office.deliberator.pursuit.planning_for is office.deliberator.desires.get("a")
     assert [record.detail["priority"] for record in office.found("desire", "a")] == [0.2, 0.9]
     office.want(job("a", 0.9, 20))
     assert len(office.found("desire", "a")) == 2, "the same again is nothing new"
@@ -414,8 +414,8 @@ def test_a_plan_whose_desire_comes_true_early_is_stopped_without_its_rollback():
 
 def test_the_chain_of_causes_is_told_in_sentences():
     office = Office()
-    wish = job("do_{x}", value=(p("done", "{x}"),))
-    rule = ReactiveRule("busy", dnf([("GR", n("level", "{x}", value=2))]), (RuleEffect(operation="ADD", desire=wish),))
+    state = job("do_{x}", value=(p("done", "{x}"),))
+    rule = ReactiveRule("busy", dnf([("GR", n("level", "{x}", value=2))]), (RuleEffect(operation="ADD", desire=state),))
     office.run(lambda: office.deliberator.add_rule(rule))
     office.behaviour["(do a)"] = Behaviour(lasts_s=2.0, fails="slipped")
     office.believe("level a = 3")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from socialbot.deliberation.desires import LIFT
 from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import dnf, i, n, p
 from tests.deliberation.office import Office, job
@@ -28,9 +27,9 @@ def test_nothing_is_desired_by_itself_without_autosub():
 def test_each_clause_of_a_precondition_is_desired_a_little_more_than_what_it_is_for():
     office = Office(autosub_prec=True, slow=True)
     office.want(job("a", 0.5, 33.0, precondition=READY_OR_QUIET))
-    first, second, parent = (wish.desire for wish in office.deliberator.desires)
+    first, second, parent = (state.desire for state in office.deliberator.desires)
     assert (first.name, second.name) == ("a_fulfill_precondition0", "a_fulfill_precondition1")
-    assert (first.parent, first.priority, first.deadline) == ("a", 0.5 + LIFT, 33.0)
+    assert (first.parent, first.priority, first.deadline) == ("a", 0.5 + 0.01, 33.0)
     assert [str(check.condition_to_check) for check in second.wanted] == ["(quiet)", "(lit)"]
     assert office.found("desire", first.name)[0].cause == office.found("desire", parent.name)[0].id
 

@@ -11,7 +11,7 @@ import pytest
 from socialbot.planning.pddl.domain import parse_plan
 from socialbot.planning.pddl.formulas import And
 from socialbot.planning.planners.engines import Kairos
-from socialbot.planning.planners.planner import PlannerAnswer, PlannerLimits, PlannerVerdict
+from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import dnf, p
 from tests.deliberation.office import JOBS, Clerk, Office, job
 from tests.deliberation.stage import Behaviour
@@ -120,7 +120,7 @@ def test_tries_are_counted_anew_when_a_plan_was_carried_out():
 
 
 def test_a_planner_that_never_answers_is_given_up_and_asked_again():
-    office = Office(slow=True, limits=PlannerLimits(timeout_s=2.0))
+    office = Office(slow=True, planning_timeout_s=2.0)
     office.want(job("a"))
     assert len(office.pending) == 1
     office.until(6.9)
@@ -147,7 +147,7 @@ def test_a_plan_longer_than_the_deadline_is_not_accepted_whoever_made_it():
 
 
 def test_an_impossible_deadline_is_stated_by_the_real_planner_too():
-    office = Office(planner=Kairos(), comp_plan_tries=1, limits=PlannerLimits(timeout_s=0.5))
+    office = Office(planner=Kairos(), comp_plan_tries=1, planning_timeout_s=0.5)
     office.want(job("a", deadline=5.9), job("b", deadline=0.0, priority=0.1))
     office.until(10)
     assert [name for name, how, _ in office.ends if how == "dropped"] == ["a", "b"]
@@ -174,7 +174,7 @@ def test_a_plan_that_takes_far_longer_than_its_deadline_is_aborted():
 def test_a_plan_that_does_not_fit_the_domain_any_more_fails_before_anything_begins():
     office = Office(exec_plan_tries=2, slow=True)
     office.want(job("a"))
-    office.run(lambda: setattr(office.deliberator.director, "domain", replace(JOBS, name="other")))
+    office.run(lambda: setattr(office.deliberator.plan_executor, "domain", replace(JOBS, name="other")))
     office.answer()
     assert office.begun() == []
     office.until(1)
@@ -284,7 +284,7 @@ def test_a_planner_that_hangs_in_its_thread_does_not_hold_up_the_agent():
         threads.append(threading.Thread(target=lambda: then(work())))
         threads[-1].start()
 
-    office.deliberator.pursuit._aside = aside
+    office.deliberator.pursuit._run_in_background = aside
     office.want(job("a"))
     assert entered.wait(10)
     office.believe("lit")

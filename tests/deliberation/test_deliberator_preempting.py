@@ -81,7 +81,7 @@ def test_the_other_begins_only_when_what_runs_has_stopped():
     office.until(1)
     office.want(job("b", 0.9))
     office.until(2)
-    assert office.deliberator.director.aborting
+    assert office.deliberator.plan_executor.aborting
     office.until(20)
     assert office.begun() == [(0.0, "(do a)"), (2.5, "(do b)"), (8.5, "(do a)")]
 
@@ -200,9 +200,9 @@ def test_whatever_comes_and_goes_the_best_is_pursued_and_nothing_is_aborted_with
 def check_best(office: Office) -> None:
     """Who is pursued is not outranked by anybody who may be."""
     ready = any(fact.name == "ready" for fact in office.facts.facts())
-    able = [wish for wish in office.deliberator.desires if ready or not wish.desire.precondition.clauses]
-    pursued = office.deliberator.pursuit.wish
+    able = [state for state in office.deliberator.desires if ready or not state.desire.precondition.clauses]
+    pursued = office.deliberator.pursuit.current
     if pursued is None:
         assert able == []
     else:
-        assert not any(wish.outranks(pursued) for wish in able)
+        assert not any(state.outranks(pursued) for state in able)

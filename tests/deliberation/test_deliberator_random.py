@@ -16,7 +16,7 @@ from tests.deliberation.test_sensing import Eye, join, show
 
 DEEDS = (
     "want", "want", "want", "drop", "plans fail", "plans work", "planner dies", "steps fail", "steps work",
-    "steps stop late", "silence", "sight", "ready", "unready", "quiet", "noise", "done",
+    "steps stop late", "sensor_timeouts", "sight", "ready", "unready", "quiet", "noise", "done",
 )  # fmt: skip
 STEPS = st.lists(
     st.tuples(
@@ -65,7 +65,7 @@ class Day(Office):
                 self.behaviour[f"(do {name})"] = Behaviour(stop_s=1.7)
             case "steps work":
                 self.behaviour.clear()
-            case "silence" | "sight":
+            case "sensor_timeouts" | "sight":
                 self.sees = deed == "sight"
             case "unready" | "noise":
                 self.forget("ready" if deed == "unready" else "quiet")
@@ -98,7 +98,7 @@ def test_every_desire_ends_and_every_end_has_a_reason(policy, steps, slow):
     day.live(150)
     assert day.wants == []
     assert day.pursued is None
-    assert day.deliberator.director.idle
+    assert day.deliberator.plan_executor.idle
     assert all(how == "fulfilled" or reason for _, how, reason in day.ends)
     assert len(day.ends) >= len(day.given)
     assert not [record for record in day.found("failure") if record.what in ("inbox", "timer", "deliberator")]

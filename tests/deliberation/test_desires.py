@@ -19,11 +19,11 @@ def desires() -> DesireBase:
 
 
 def names(desires: DesireBase) -> list[str]:
-    return [wish.name for wish in desires]
+    return [state.name for state in desires]
 
 
 def about(desires: DesireBase, fact: Fact) -> list[str]:
-    return list(dict.fromkeys(wish.name for wish in desires.about(fact)))
+    return list(dict.fromkeys(state.name for state in desires.about(fact)))
 
 
 def test_higher_priorities_come_first_then_earlier_deadlines_then_who_was_first(desires):
@@ -41,17 +41,17 @@ def test_higher_priorities_come_first_then_earlier_deadlines_then_who_was_first(
 def test_of_one_name_there_is_one(desires):
     assert desires.add(desire("a"))
     assert desires.add(desire("a", priority=1.0)) is None
-    assert [wish.desire.priority for wish in desires] == [0.5]
+    assert [state.desire.priority for state in desires] == [0.5]
 
 
 def test_who_is_removed_is_gone_and_may_come_again(desires):
-    wish = desires.add(desire("a"))
-    assert desires.remove(wish)
-    assert not desires.remove(wish)
+    state = desires.add(desire("a"))
+    assert desires.remove(state)
+    assert not desires.remove(state)
     assert len(desires) == 0
     assert not about(desires, Fact(name="clean", params=("a",)))
     again = desires.add(desire("a"))
-    assert not desires.remove(wish), "another desire of the same name"
+    assert not desires.remove(state), "another desire of the same name"
     assert desires.get("a") is again
 
 
@@ -107,12 +107,12 @@ def test_whatever_comes_and_goes_the_order_stays(moves):
     desires, model = DesireBase(), {}
     for number, (name, priority, deadline) in enumerate(moves):
         if name in model:
-            wish = desires.get(name)
-            assert wish is not None
-            desires.remove(wish)
+            state = desires.get(name)
+            assert state is not None
+            desires.remove(state)
             del model[name]
         else:
             desires.add(desire(name, priority, deadline))
             model[name] = (-priority, deadline, number)
     assert names(desires) == sorted(model, key=model.__getitem__)
-    assert {wish.name for wish in desires if about(desires, wish.desire.value[0])} == set(model)
+    assert {state.name for state in desires if about(desires, state.desire.value[0])} == set(model)

@@ -1,4 +1,4 @@
-"""The director carries out plans against what is believed."""
+"""The plan_executor carries out plans against what is believed."""
 # ruff: noqa: N801 - actions are written as plans write them
 
 from __future__ import annotations
@@ -7,7 +7,7 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.deliberation.actions import PlanAction, register
-from socialbot.deliberation.plan_executor import DirectorOptions
+from socialbot.deliberation.options import DeliberationOptions
 from socialbot.planning.pddl.domain import parse_plan
 from socialbot.planning.pddl.reader import read_domain
 from tests.deliberation.stage import BOTH, FETCH, WORKSHOP, Behaviour, Stage, desire
@@ -30,8 +30,8 @@ def test_steps_run_side_by_side_and_each_begins_when_what_it_waits_for_has_ended
     assert stage.ends == [("succeeded", "")]
     assert stage.holds("holding r1 b3")
     assert not stage.holds("in b3 shop")
-    assert stage.director.idle
-    assert stage.director.info.target is None
+    assert stage.plan_executor.idle
+    assert stage.plan_executor.info.target is None
 
 
 def test_effects_are_believed_as_a_step_begins_and_as_it_ends():
@@ -56,7 +56,7 @@ def test_what_has_to_be_inside_of_a_step_is():
 
 
 def test_an_end_that_comes_too_early_waits_for_what_has_to_come_before_it():
-    stage = Stage(options=DirectorOptions(tolerance_s=0))
+    stage = Stage(options=DeliberationOptions(tolerance_s=0))
     plan = "0: (shine) [10]\n0.001: (spray b1) [4]"
     stage.behaviour["(shine)"] = Behaviour(lasts_s=1)
     stage.execute(plan, wanted="painted b1")
@@ -112,7 +112,7 @@ def test_a_plan_that_does_not_fit_what_is_believed_fails_before_anything_begins(
 def test_a_plan_for_another_domain_fails_before_anything_begins():
     stage = Stage()
     other = type(WORKSHOP)("workshop", actions=WORKSHOP.actions)
-    stage.run(lambda: stage.director.execute(parse_plan(FETCH), desire(), "", domain=other))
+    stage.run(lambda: stage.plan_executor.execute(parse_plan(FETCH), desire(), "", domain=other))
     assert stage.ends == [("failed", "the domain has changed since the plan was made")]
     assert stage.timeline == []
 
@@ -170,7 +170,7 @@ def test_a_condition_may_flicker():
 
 
 def test_without_tolerance_it_may_not():
-    stage = Stage(options=DirectorOptions(tolerance_s=0))
+    stage = Stage(options=DeliberationOptions(tolerance_s=0))
     stage.execute("0: (pick r1 b1 home) [3]", wanted="holding r1 b1")
     stage.until(1)
     stage.forget("at r1 home")
@@ -282,8 +282,8 @@ def test_after_a_failure_nothing_new_begins_and_the_rest_goes_on():
     stage.behaviour["(move r1 home shop)"] = Behaviour(lasts_s=1, fails="stuck")
     stage.execute(BOTH, wanted="holding r1 b3; holding r2 b1")
     stage.until(2)
-    assert [task.step.call for task in stage.director.running] == ["(move r2 yard home)"]
-    assert stage.director.info.status == "ABORT"
+    assert [task.step.call for task in stage.plan_executor.running] == ["(move r2 yard home)"]
+    assert stage.plan_executor.info.status == "ABORT"
     stage.until(30)
     assert list(stage.begun()) == ["(move r1 home shop)", "(move r2 yard home)"]
     assert stage.holds("at r2 home")
@@ -349,8 +349,8 @@ def test_a_plan_action_carries_it_out_and_tells_how_far_it_is():
     register(stage.engine, fill, 3, "move")
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.until(4)
-    assert stage.director.info.actions_exec_info[0].progress == 0.5
-    assert stage.director.info.estimated_deadline == 11
+    assert stage.plan_executor.info.actions_exec_info[0].progress == 0.5
+    assert stage.plan_executor.info.estimated_deadline == 11
     stage.until(20)
     assert stage.begun() == {"(pick r1 b3 shop)": 8}
     assert stage.ends == [("succeeded", "")]

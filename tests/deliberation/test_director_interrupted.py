@@ -24,7 +24,7 @@ def test_projected_is_what_comes_of_the_steps_that_run():
     stage.execute(BOTH, wanted="holding r1 b3; holding r2 b1")
     stage.until(1)
     before = stage.facts.problem()
-    problem = stage.director.projected()
+    problem = stage.plan_executor.projected()
     added = {str(predicate) for predicate in problem.facts - before.facts}
     assert added == {"(at r1 shop)", "(at r2 home)"}
     assert problem.values == before.values
@@ -34,12 +34,12 @@ def test_projected_is_what_comes_of_the_steps_that_run():
 def test_projected_counts_what_sensors_will_see_once(seen):
     stage = Stage(watched={"lit", "paint"}, beliefs=f"{'instance b1 box'}; paint = 3")
     stage.execute("0: (shine) [10]\n0.001: (spray b1) [4]", wanted="painted b1")
-    assert [str(predicate) for predicate in stage.director.projected().facts] == []
+    assert [str(predicate) for predicate in stage.plan_executor.projected().facts] == []
     stage.believe("lit")
     stage.until(2)
     if seen:
         stage.believe("paint = 2")
-    problem = stage.director.projected()
+    problem = stage.plan_executor.projected()
     assert {str(fluent): value for fluent, value in problem.values.items()} == {"(paint)": 2}
 
 
@@ -113,11 +113,11 @@ def test_whatever_goes_wrong_within_aborts_the_plan_with_the_reason():
     def burst(task):
         raise OverflowError("what nobody thought of")
 
-    stage.director._performer.look_at = burst  # type: ignore[method-assign] - a mistake of ours
+    stage.plan_executor._actions.check = burst  # type: ignore[method-assign] - a mistake of ours
     stage.execute("0: (move r1 home shop) [5]", wanted="at r1 shop", rollback_belief_add=tuple(facts("open home")))
     stage.until(1)
     assert stage.ends == [("aborted", "OverflowError: what nobody thought of")]
-    assert stage.director.idle
+    assert stage.plan_executor.idle
     assert stage.status() == {"(move r1 home shop)": "CANCELLED"}
     assert stage.holds("open home")
     assert [record.detail["reason"] for record in stage.trace.find("failure")] == ["OverflowError"]
@@ -134,16 +134,16 @@ def test_an_abort_stops_all_takes_back_and_rolls_back():
     )
     stage.until(1)
     stopped = []
-    stage.run(lambda: stage.director.abort("enough", lambda: stopped.append(stage.now)))
-    stage.run(lambda: stage.director.abort("twice", lambda: stopped.append("too")))
-    assert stage.director.aborting
+    stage.run(lambda: stage.plan_executor.abort("enough", lambda: stopped.append(stage.now)))
+    stage.run(lambda: stage.plan_executor.abort("twice", lambda: stopped.append("too")))
+    assert stage.plan_executor.aborting
     assert stopped == []
     assert not stage.holds("open home")
     assert stage.status() == {"(pick r1 b1 home)": "CANCELLED", "(move r2 yard home)": "CANCELLED"}
     stage.until(10)
     assert stopped == [3, "too"]
-    assert stage.director.idle
-    assert not stage.director.aborting
+    assert stage.plan_executor.idle
+    assert not stage.plan_executor.aborting
     assert stage.holds("open home")
     assert not stage.holds("in b1 home")
     assert stage.holds("load r1 = 0")
@@ -160,7 +160,7 @@ def test_an_action_that_never_stops_holds_nobody_up_for_ever():
     stage.execute("0: (pick r1 b1 home) [3]", wanted="holding r1 b1")
     stage.until(1)
     stopped = []
-    stage.run(lambda: stage.director.abort("enough", lambda: stopped.append(stage.now)))
+    stage.run(lambda: stage.plan_executor.abort("enough", lambda: stopped.append(stage.now)))
     stage.until(10)
     assert stopped == [6]
     assert "has not stopped in 5 s" in [record.detail.get("message") for record in stage.trace.find("failure")]
@@ -169,18 +169,18 @@ def test_an_action_that_never_stops_holds_nobody_up_for_ever():
 def test_an_abort_of_nothing_calls_back():
     stage = Stage()
     stopped = []
-    stage.run(lambda: stage.director.abort("nothing", lambda: stopped.append(stage.now)))
+    stage.run(lambda: stage.plan_executor.abort("nothing", lambda: stopped.append(stage.now)))
     assert stopped == [0]
-    assert stage.director.idle
+    assert stage.plan_executor.idle
 
 
 def test_no_plan_is_executed_while_another_one_is_stopped():
     stage = Stage()
     stage.behaviour["(pick r1 b1 home)"] = Behaviour(stop_s=2)
     stage.execute("0: (pick r1 b1 home) [3]", wanted="holding r1 b1")
-    stage.run(lambda: stage.director.abort("enough"))
+    stage.run(lambda: stage.plan_executor.abort("enough"))
     with pytest.raises(PlanningError, match="still being stopped"):
-        stage.director.execute(parse_plan(FETCH), desire(), "")
+        stage.plan_executor.execute(parse_plan(FETCH), desire(), "")
 
 
 def test_whoever_waits_for_an_abort_may_execute_another_plan():
@@ -189,7 +189,9 @@ def test_whoever_waits_for_an_abort_may_execute_another_plan():
     stage.until(1)
     go_on = desire("holding r1 b3")
     stage.run(
-        lambda: stage.director.abort("first", lambda: stage.director.execute(parse_plan(FETCH), go_on, "desire-2"))
+        lambda: stage.plan_executor.abort(
+            "first", lambda: stage.plan_executor.execute(parse_plan(FETCH), go_on, "desire-2")
+        )
     )
     stage.until(20)
     assert stage.ends == [("succeeded", "")]
@@ -202,7 +204,7 @@ def test_a_failed_plan_may_be_aborted():
     stage.execute(BOTH, wanted="holding r2 b1", rollback_belief_add=tuple(facts("open home")))
     stage.until(2)
     stopped = []
-    stage.run(lambda: stage.director.abort("no other plan", lambda: stopped.append(stage.now)))
+    stage.run(lambda: stage.plan_executor.abort("no other plan", lambda: stopped.append(stage.now)))
     stage.until(3)
     assert stopped == [2]
     assert stage.status() == {
@@ -223,7 +225,7 @@ def test_a_context_that_no_longer_holds_aborts_the_plan():
     stage.forget("open home")
     assert stage.ends == [("aborted", "the context of the desire no longer holds")]
     assert stage.holds("at r1 home")
-    assert stage.director.idle
+    assert stage.plan_executor.idle
 
 
 def test_a_plan_without_its_context_begins_nothing():
@@ -245,7 +247,9 @@ def test_a_plan_is_aborted_when_its_desire_was_pursued_for_too_long():
 def test_a_new_plan_does_not_give_a_desire_more_time():
     stage = Stage()
     stage.until(10)
-    stage.run(lambda: stage.director.execute(parse_plan(FETCH), desire("holding r1 b3", deadline=8.0), "", began=0))
+    stage.run(
+        lambda: stage.plan_executor.execute(parse_plan(FETCH), desire("holding r1 b3", deadline=8.0), "", began=0)
+    )
     stage.until(40)
     assert stage.ends == [("aborted", "not achieved in 16 s, 2 times the deadline")]
     assert stage.timeline[-1][0] == 16
@@ -258,11 +262,11 @@ def test_while_it_is_held_nothing_begins_and_what_runs_goes_on():
     stage = Stage()
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.until(2)
-    stage.run(lambda: stage.director.hold("the camera is silent"))
+    stage.run(lambda: stage.plan_executor.hold("the camera is silent"))
     stage.until(20)
     assert stage.holds("at r1 shop")
     assert "(pick r1 b3 shop)" not in stage.begun()
-    stage.run(stage.director.release)
+    stage.run(stage.plan_executor.release)
     stage.until(40)
     assert stage.begun()["(pick r1 b3 shop)"] == 20
     assert stage.ends == [("succeeded", "")]
@@ -273,9 +277,9 @@ def test_the_patience_of_a_step_does_not_end_while_it_is_held():
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.forget("in b3 shop")
     stage.until(6)
-    stage.run(lambda: stage.director.hold("the camera is silent"))
+    stage.run(lambda: stage.plan_executor.hold("the camera is silent"))
     stage.until(20)
-    stage.run(stage.director.release)
+    stage.run(stage.plan_executor.release)
     stage.until(21)
     stage.believe("in b3 shop")
     stage.until(40)
@@ -287,9 +291,9 @@ def test_an_effect_that_nobody_can_see_is_waited_for_while_it_is_held():
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.forget("at r1 home")
     stage.until(4)
-    stage.run(lambda: stage.director.hold("the camera is silent"))
+    stage.run(lambda: stage.plan_executor.hold("the camera is silent"))
     stage.until(15)
-    stage.run(stage.director.release)
+    stage.run(stage.plan_executor.release)
     stage.until(16)
     stage.believe("at r1 shop")
     stage.until(30)
@@ -300,9 +304,9 @@ def test_it_is_not_seen_for_ever():
     stage = Stage(watched={"at"})
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.forget("at r1 home")
-    stage.run(lambda: stage.director.hold("the camera is silent"))
+    stage.run(lambda: stage.plan_executor.hold("the camera is silent"))
     stage.until(15)
-    stage.run(stage.director.release)
+    stage.run(stage.plan_executor.release)
     stage.until(30)
     assert stage.ends == [("failed", "(move r1 home shop): effect not seen: (at r1 shop)")]
     assert stage.trace.find("step_end")[0].time == 17 * SECOND

@@ -12,7 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Record
-from socialbot.deliberation.plan_executor import DirectorOptions, PlanOutcome
+from socialbot.deliberation.options import DeliberationOptions
+from socialbot.deliberation.plan_executor import PlanOutcome
 from socialbot.planning.pddl.domain import PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.semantics import SetValue, changes, ground, holds
 from socialbot.planning.pddl.state import PddlState
@@ -96,12 +97,12 @@ class World(Stage):
     """A stage where sensors see the watched effects, late or never, and things happen by themselves."""
 
     def __init__(self, seed: int, *, watched: set[str], calm: bool) -> None:
-        super().__init__(watched=watched, options=DirectorOptions(tolerance_s=random.Random(seed).choice([0, 0.5])))
+        super().__init__(watched=watched, options=DeliberationOptions(tolerance_s=random.Random(seed).choice([0, 0.5])))
         self.random = random.Random(seed)
         self.watched = watched
         self.calm = calm
         self.replanned = 0
-        self.director._ended = self.ended
+        self.plan_executor._ended = self.ended
         for call in [*CALLS, *(("spray", b) for b in BOXES), ("ring",)]:
             self.behaviour[f"({' '.join(call)})"] = self.behave(call[0])
         if not calm:
@@ -149,21 +150,21 @@ class World(Stage):
 
     def ended(self, outcome: PlanOutcome) -> None:
         self.outcomes.append(outcome)
-        if outcome.how != "failed" or self.director.aborting:
+        if outcome.how != "failed" or self.plan_executor.aborting:
             return
         self.replanned += 1
         if self.replanned > 4 or self.random.random() < 0.2:
-            self.director.abort("no more")
+            self.plan_executor.abort("no more")
         elif self.random.random() < 0.5:
             self.plan_anew()
         else:
             self.engine.at_in(self.random.uniform(0, 3), self.plan_anew)
 
     def plan_anew(self) -> None:
-        if self.director.aborting:
+        if self.plan_executor.aborting:
             return
-        plan = random_plan(self.director.projected(), self.random, self.random.randrange(1, 6))
-        self.director.execute(plan, desire(deadline=20.0), "desire")
+        plan = random_plan(self.plan_executor.projected(), self.random, self.random.randrange(1, 6))
+        self.plan_executor.execute(plan, desire(deadline=20.0), "desire")
 
 
 def check_trace(trace: list[Record]) -> Counter[str]:
@@ -196,12 +197,12 @@ def done(outcomes: Counter[str], pattern: str) -> int:
 def check_run(seed: int, watched: set[str], *, calm: bool) -> World:
     world = World(seed, watched=watched, calm=calm)
     plan = random_plan(world.facts.problem(), world.random, 8)
-    world.run(lambda: world.director.execute(plan, desire(deadline=1000.0 if calm else 20.0), "desire"))
+    world.run(lambda: world.plan_executor.execute(plan, desire(deadline=1000.0 if calm else 20.0), "desire"))
     world.until(1000)
     trace = list(world.trace)
     outcomes = check_trace(trace)
-    assert world.director.idle
-    assert world.director.running == ()
+    assert world.plan_executor.idle
+    assert world.plan_executor.running == ()
     assert world.outcomes
     assert len(world.trace.find("plan_start")) == len(world.trace.find("plan_end"))
     broken = [record for record in trace if record.kind == "failure" and record.what in ("inbox", "timer", "director")]

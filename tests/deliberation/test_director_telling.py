@@ -1,12 +1,14 @@
-"""What the director tells of the plans that it carries out."""
+"""What the plan_executor tells of the plans that it carries out."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.plan_executor import DirectorOptions
+from socialbot.deliberation.options import DeliberationOptions
 from tests.deliberation.stage import BOTH, FETCH, Behaviour, Stage
 
 
@@ -15,7 +17,7 @@ def test_it_is_told_how_the_plan_fares():
     stage.behaviour["(move r1 home shop)"] = Behaviour(lasts_s=9)
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.until(6)
-    info = stage.director.info
+    info = stage.plan_executor.info
     assert (info.agent_id, info.plan, info.status, info.current_time) == ("stage", 1, "RUNNING", 6)
     assert info.planned_deadline == pytest.approx(8.001)
     assert info.estimated_deadline == 9
@@ -44,7 +46,7 @@ def test_a_step_says_what_it_waits_for():
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.forget("in b3 shop")
     stage.until(6)
-    assert stage.director.info.actions_exec_info[1].message == "waits for (in b3 shop)"
+    assert stage.plan_executor.info.actions_exec_info[1].message == "waits for (in b3 shop)"
 
 
 def test_callbacks_that_raise_stop_nothing():
@@ -53,7 +55,7 @@ def test_callbacks_that_raise_stop_nothing():
     def fail(*_):
         raise ValueError("nobody listens")
 
-    stage.director._ended = stage.director._changed = fail
+    stage.plan_executor._ended = stage.plan_executor._changed = fail
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.until(20)
     assert stage.holds("holding r1 b3")
@@ -110,6 +112,7 @@ def test_two_runs_are_the_same():
 
 
 def test_options_that_make_no_sense_are_refused():
+    wrong: dict[str, Any]
     for wrong in ({"patience_s": -1}, {"rtc_deadline": 0.5}, {"report_s": 0}, {"tolerance_s": float("nan")}):
-        with pytest.raises(PlanningError, match="give at least"):
-            DirectorOptions(**wrong)
+        with pytest.raises(PlanningError, match="must be >= "):
+            DeliberationOptions(**wrong)

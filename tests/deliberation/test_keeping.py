@@ -6,7 +6,7 @@ import pytest
 
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.persistence import keep, recall
+from socialbot.deliberation.files import restore_mind, save_mind
 from socialbot.planning.pddl.reader import read_domain
 from tests.deliberation.domains import dnf, n, p
 from tests.deliberation.office import JOBS, Office, job
@@ -21,7 +21,7 @@ def path(tmp_path):
 def revived(path, **more) -> Office:
     """Another process, some seconds later."""
     office = Office(beliefs="", clock=ManualClock(50_000_000_000), **more)
-    office.run(lambda: recall(office.deliberator, path))
+    office.run(lambda: restore_mind(office.deliberator, path))
     return office
 
 
@@ -31,10 +31,10 @@ def test_beliefs_and_desires_outlive_the_agent(path):
     wanted = job("x", 0.7, 33.0, precondition=dnf([("T", p("ready"))]), rollback_belief_del=(p("done", "*"),))
     office.want(wanted, job("a"))
     office.until(1)
-    keep(office.deliberator, path)
+    save_mind(office.deliberator, path)
     later = revived(path)
     assert n("level", "a", value=2.5) in later.facts.facts()
-    assert [wish.desire for wish in later.deliberator.desires if wish.name == "x"] == [wanted]
+    assert [state.desire for state in later.deliberator.desires if state.name == "x"] == [wanted]
     assert later.pursued == "a"
     later.until(60)
     assert later.wants == ["x"]
@@ -42,7 +42,7 @@ def test_beliefs_and_desires_outlive_the_agent(path):
 
 def test_without_a_file_nothing_is_recalled(path):
     office = Office(beliefs="")
-    assert not recall(office.deliberator, path)
+    assert not restore_mind(office.deliberator, path)
     assert office.facts.facts() == ()
 
 
@@ -51,10 +51,10 @@ def test_what_has_failed_before_is_counted_on(path):
     office.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
     office.want(job("a"))
     office.until(2.5)
-    keep(office.deliberator, path)
+    save_mind(office.deliberator, path)
     later = Office(beliefs="", exec_plan_tries=3)
     later.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
-    recall(later.deliberator, path)
+    restore_mind(later.deliberator, path)
     later.until(60)
     assert later.begun() == [(0.0, "(do a)")]
     assert later.found("desire_dropped", "a")
@@ -66,9 +66,9 @@ def test_what_a_step_had_begun_is_taken_back_and_the_desire_rolled_back(path):
     office.want(job("a", rollback_belief_add=(p("lit"),), rollback_belief_del=(p("to*"), p("told"))))
     office.until(2)
     assert p("begun", "a") in office.facts.facts()
-    keep(office.deliberator, path)
+    save_mind(office.deliberator, path)
     later = Office(beliefs="")
-    recall(later.deliberator, path)
+    restore_mind(later.deliberator, path)
     held = later.facts.facts()
     assert p("begun", "a") not in held
     assert p("lit") in held
@@ -82,10 +82,10 @@ def test_numbers_that_steps_have_changed_as_they_began_are_taken_back():
     stage.execute("0: (pick r1 b1 home) [3]\n0: (move r2 yard shop) [5]", wanted="holding r1 b1; at r2 shop")
     stage.until(1)
     assert stage.holds("load r1 = 1")
-    kept = stage.director.beliefs_if_aborted()
+    kept = stage.plan_executor.beliefs_if_aborted()
     assert n("load", "r1", value=0) in kept
     assert p("at", "r2", "yard") in kept
-    stage.run(lambda: stage.director.abort("to compare"))
+    stage.run(lambda: stage.plan_executor.abort("to compare"))
     assert kept == stage.facts.facts()
 
 
@@ -94,7 +94,7 @@ def test_a_damaged_file_is_an_error_that_names_it(path, content):
     path.parent.mkdir()
     path.write_text(content)
     with pytest.raises(PlanningError, match="no kept mind") as error:
-        recall(Office().deliberator, path)
+        restore_mind(Office().deliberator, path)
     assert error.value.where == str(path)
     assert "delete the file" in str(error.value.remedy)
 
@@ -108,33 +108,33 @@ def test_a_rollback_forgets_first_in_what_is_kept_too():
         rollback_belief_add=tuple(facts("open home")),
     )
     stage.until(1)
-    kept = stage.director.beliefs_if_aborted()
-    stage.run(lambda: stage.director.abort("to compare"))
+    kept = stage.plan_executor.beliefs_if_aborted()
+    stage.run(lambda: stage.plan_executor.abort("to compare"))
     assert p("open", "home") in kept
     assert kept == stage.facts.facts()
 
 
 def test_the_mind_of_an_agent_with_another_domain_is_refused(path):
-    keep(Office().deliberator, path)
+    save_mind(Office().deliberator, path)
     other = Office(beliefs="", domain=WORKSHOP)
     with pytest.raises(PlanningError, match="domain jobs"):
-        recall(other.deliberator, path)
+        restore_mind(other.deliberator, path)
 
 
 def test_a_mind_that_does_not_fit_the_domain_any_more_is_refused_as_a_whole(path):
     office = Office()
     office.believe("lit; quiet")
-    keep(office.deliberator, path)
+    save_mind(office.deliberator, path)
     changed = read_domain(JOBS.text.replace("(quiet)", "(silent)"), where="jobs")
     other = Office(beliefs="", domain=changed)
     with pytest.raises(PlanningError, match="there is no predicate 'quiet'"):
-        recall(other.deliberator, path)
+        restore_mind(other.deliberator, path)
     assert other.facts.facts() == ()
 
 
 def test_the_file_is_the_old_one_until_it_is_the_new_one(path, monkeypatch):
     office = Office()
-    keep(office.deliberator, path)
+    save_mind(office.deliberator, path)
     before = path.read_text()
     office.believe("lit")
 
@@ -143,7 +143,7 @@ def test_the_file_is_the_old_one_until_it_is_the_new_one(path, monkeypatch):
 
     monkeypatch.setattr("os.replace", fail)
     with pytest.raises(OSError, match="no space"):
-        keep(office.deliberator, path)
+        save_mind(office.deliberator, path)
     assert path.read_text() == before
     assert json.loads(before)["domain"] == "jobs"
 
@@ -153,4 +153,4 @@ def test_a_file_that_holds_no_mind_is_refused(path, content):
     path.parent.mkdir()
     path.write_bytes(content)
     with pytest.raises(PlanningError, match="no kept mind"):
-        recall(Office(beliefs="").deliberator, path)
+        restore_mind(Office(beliefs="").deliberator, path)

@@ -20,66 +20,66 @@ def start() -> tuple[Stage, RollbackLog]:
 
 
 def test_all_that_an_owner_has_changed_is_taken_back():
-    stage, ledger = start()
+    stage, rollback_log = start()
     before = stage.facts.facts()
-    ledger.apply("a", [Delete(Predicate("at", ("r1", "home"))), Add(OPEN), SetValue(PAINT, 7.0)], "")
-    ledger.apply("a", [SetValue(PAINT, 9.0)], "")
+    rollback_log.apply("a", [Delete(Predicate("at", ("r1", "home"))), Add(OPEN), SetValue(PAINT, 7.0)], "")
+    rollback_log.apply("a", [SetValue(PAINT, 9.0)], "")
     assert stage.facts.facts() != before
-    ledger.undo("a", "")
+    rollback_log.undo("a", "")
     assert stage.facts.facts() == before
 
 
 def test_what_was_so_before_is_not_taken_back():
-    stage, ledger = start()
+    stage, rollback_log = start()
     stage.facts.add(fact("open home"))
-    ledger.apply("a", [Add(OPEN), Delete(Predicate("lit"))], "")
-    ledger.undo("a", "")
+    rollback_log.apply("a", [Add(OPEN), Delete(Predicate("lit"))], "")
+    rollback_log.undo("a", "")
     assert stage.holds("open home")
     assert not stage.holds("lit")
 
 
 def test_a_number_that_had_no_value_has_none_again():
-    stage, ledger = start()
+    stage, rollback_log = start()
     stage.facts.remove(fact("paint = 0"))
-    ledger.apply("a", [SetValue(PAINT, 7.0)], "")
-    ledger.undo("a", "")
+    rollback_log.apply("a", [SetValue(PAINT, 7.0)], "")
+    rollback_log.undo("a", "")
     assert stage.facts.value(PAINT) is None
 
 
 def test_what_stands_for_good_is_not_taken_back():
-    stage, ledger = start()
-    ledger.apply("a", [Add(OPEN)], "")
-    ledger.close("a")
-    ledger.undo("a", "")
+    stage, rollback_log = start()
+    rollback_log.apply("a", [Add(OPEN)], "")
+    rollback_log.close("a")
+    rollback_log.undo("a", "")
     assert stage.holds("open home")
 
 
 def test_what_another_has_changed_since_is_left_alone():
-    stage, ledger = start()
-    ledger.apply("a", [SetValue(PAINT, 7.0), Add(OPEN)], "")
-    ledger.apply("b", [SetValue(PAINT, 8.0), Delete(OPEN)], "")
-    ledger.undo("a", "")
+    stage, rollback_log = start()
+    rollback_log.apply("a", [SetValue(PAINT, 7.0), Add(OPEN)], "")
+    rollback_log.apply("b", [SetValue(PAINT, 8.0), Delete(OPEN)], "")
+    rollback_log.undo("a", "")
     assert stage.holds("paint = 8")
     assert not stage.holds("open home")
-    ledger.undo("b", "")
+    rollback_log.undo("b", "")
     assert stage.holds("paint = 7")
     assert stage.holds("open home")
 
 
 def test_what_the_same_change_would_have_brought_about_again_is_left_to_the_first():
-    stage, ledger = start()
-    ledger.apply("a", [Add(OPEN)], "")
-    ledger.apply("b", [Add(OPEN)], "")
-    ledger.undo("b", "")
+    stage, rollback_log = start()
+    rollback_log.apply("a", [Add(OPEN)], "")
+    rollback_log.apply("b", [Add(OPEN)], "")
+    rollback_log.undo("b", "")
     assert stage.holds("open home")
 
 
 def test_what_comes_from_elsewhere_is_left_alone():
-    stage, ledger = start()
-    ledger.apply("a", [Add(OPEN), SetValue(LOAD, 1.0)], "")
+    stage, rollback_log = start()
+    rollback_log.apply("a", [Add(OPEN), SetValue(LOAD, 1.0)], "")
     stage.forget("open home")
     stage.believe("load r1 = 5")
-    ledger.undo("a", "")
+    rollback_log.undo("a", "")
     assert not stage.holds("open home")
     assert stage.holds("load r1 = 5")
 
@@ -90,18 +90,18 @@ def test_what_comes_from_elsewhere_is_left_alone():
     st.sets(st.sampled_from("abcd")),
 )
 def test_of_increases_each_is_taken_back_alone(order, amounts, kept):
-    stage, ledger = start()
+    stage, rollback_log = start()
     by = dict(zip("abcd", amounts, strict=True))
     for owner in "abcd":
-        ledger.apply(owner, [SetValue(LOAD, (stage.facts.value(LOAD) or 0.0) + by[owner])], "", {LOAD})
+        rollback_log.apply(owner, [SetValue(LOAD, (stage.facts.value(LOAD) or 0.0) + by[owner])], "", {LOAD})
     for owner in order:
-        (ledger.close if owner in kept else lambda owner: ledger.undo(owner, ""))(owner)
+        (rollback_log.close if owner in kept else lambda owner: rollback_log.undo(owner, ""))(owner)
     assert stage.facts.value(LOAD) == sum(by[owner] for owner in kept)
 
 
 def test_the_trace_says_why():
-    stage, ledger = start()
-    ledger.apply("a", [Add(OPEN)], "step-1")
-    ledger.undo("a", "end-1")
+    stage, rollback_log = start()
+    rollback_log.apply("a", [Add(OPEN)], "step-1")
+    rollback_log.undo("a", "end-1")
     assert stage.trace.find("belief", "open(home)")[0].cause == "step-1"
     assert stage.trace.find("unbelief", "open(home)")[0].cause == "end-1"

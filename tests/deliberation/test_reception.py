@@ -36,7 +36,7 @@ class Desk:
 
     def send(self, request: AgentRequest) -> AgentReply | None:
         before = len(self.replies)
-        self.office.run(lambda: self.reception.take(request))
+        self.office.run(lambda: self.reception.handle(request))
         return self.replies[before] if len(self.replies) > before else None
 
 
@@ -164,8 +164,8 @@ def test_a_desire_that_is_asked_for_anew_has_the_new_priority_and_deadline(desk)
     assert desk.ask("add", job("a", 0.2, 50)).priority == 0.2
     desk.office.want(job("c", 0.3))
     assert desk.ask("add", job("a", 0.9, 5)).priority == 0.6, "not more than it may give"
-    wish = desk.office.deliberator.desires.get("a")
-    assert (wish.desire.priority, wish.desire.deadline) == (0.6, 5)
+    state = desk.office.deliberator.desires.get("a")
+    assert (state.desire.priority, state.desire.deadline) == (0.6, 5)
     assert desk.office.wants == ["a", "c"]
 
 

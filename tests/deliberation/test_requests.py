@@ -38,7 +38,7 @@ class Post:
 
     def reply(self, asked, **more) -> bool:
         known = {"id": asked.request.id, "sender": asked.request.receiver, "receiver": "crane", "accepted": True}
-        return self.letters.take(AgentReply(stamp=self.clock.now(), **{**known, **more}))
+        return self.letters.handle(AgentReply(stamp=self.clock.now(), **{**known, **more}))
 
     def found(self, kind: str) -> list:
         return self.trace.find(kind)

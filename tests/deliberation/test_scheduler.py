@@ -11,17 +11,17 @@ from tests.deliberation.office import job
 def ranked(*desires, blocked=(), not_before=None) -> list[DesireState]:
     found = DesireBase()
     for desire in desires:
-        wish = found.add(desire)
-        assert wish is not None
-        wish.blocked = desire.name in blocked
-        wish.not_before = (not_before or {}).get(desire.name, 0)
+        state = found.add(desire)
+        assert state is not None
+        state.blocked = desire.name in blocked
+        state.not_before = (not_before or {}).get(desire.name, 0)
     return list(found)
 
 
-def turn(wishes: list[DesireState], pursued: str = "", policy: Policy = "NO_PREEMPT", now: int = 0) -> str | None:
-    pursuing = next((wish for wish in wishes if wish.name == pursued), None)
-    wish = next_desire(wishes, pursuing, policy, lambda wish: wish.not_before <= now)
-    return None if wish is None else wish.name
+def turn(states: list[DesireState], pursued: str = "", policy: Policy = "NO_PREEMPT", now: int = 0) -> str | None:
+    pursuing = next((state for state in states if state.name == pursued), None)
+    state = next_desire(states, pursuing, policy, lambda state: state.not_before <= now)
+    return None if state is None else state.name
 
 
 def test_the_highest_priority_has_its_turn_first():
@@ -33,9 +33,9 @@ def test_among_equals_the_earliest_deadline_comes_first_and_then_who_was_first()
 
 
 def test_who_is_blocked_or_has_just_failed_is_passed_over():
-    wishes = ranked(job("a", 0.9), job("b", 0.8), job("c", 0.1), blocked="a", not_before={"b": 5})
-    assert turn(wishes, now=4) == "c"
-    assert turn(wishes, now=5) == "b"
+    states = ranked(job("a", 0.9), job("b", 0.8), job("c", 0.1), blocked="a", not_before={"b": 5})
+    assert turn(states, now=4) == "c"
+    assert turn(states, now=5) == "b"
 
 
 def test_nobody_interrupts_without_preemption():
@@ -47,25 +47,25 @@ def test_a_higher_priority_preempts():
 
 
 def test_an_equal_priority_preempts_only_with_a_strictly_shorter_deadline():
-    wishes = ranked(job("a", deadline=30), job("b", deadline=30), job("c", deadline=29.9))
-    assert turn(wishes, "a", "PREEMPT") == "c"
-    assert turn(wishes, "c", "PREEMPT") is None
-    assert turn(wishes[1:], "b", "PREEMPT") is None
+    states = ranked(job("a", deadline=30), job("b", deadline=30), job("c", deadline=29.9))
+    assert turn(states, "a", "PREEMPT") == "c"
+    assert turn(states, "c", "PREEMPT") is None
+    assert turn(states[1:], "b", "PREEMPT") is None
 
 
 def test_who_outranks_but_may_not_leaves_its_turn_to_the_next_who_does():
-    wishes = ranked(job("a", 0.1), job("b", 0.9), job("c", 0.5), blocked="b")
-    assert turn(wishes, "a", "PREEMPT") == "c"
+    states = ranked(job("a", 0.1), job("b", 0.9), job("c", 0.5), blocked="b")
+    assert turn(states, "a", "PREEMPT") == "c"
 
 
 def test_who_has_interrupted_somebody_in_vain_does_not_do_so_again():
-    wishes = ranked(job("a", 0.1), job("b", 0.9), job("c", 0.5))
-    best, middle, low = wishes
-    best.in_vain.append(low)
-    assert turn(wishes, "a", "PREEMPT") == "c"
-    assert turn(wishes, "c", "PREEMPT") == "b", "but others"
-    assert turn(wishes) == "b", "and has its turn when nobody is pursued"
-    assert middle.in_vain == []
+    states = ranked(job("a", 0.1), job("b", 0.9), job("c", 0.5))
+    best, middle, low = states
+    best.never_preempts.append(low)
+    assert turn(states, "a", "PREEMPT") == "c"
+    assert turn(states, "c", "PREEMPT") == "b", "but others"
+    assert turn(states) == "b", "and has its turn when nobody is pursued"
+    assert middle.never_preempts == []
 
 
 @given(
@@ -75,8 +75,8 @@ def test_who_has_interrupted_somebody_in_vain_does_not_do_so_again():
 def test_whoever_has_a_turn_is_the_best_of_all_who_may(desires, number):
     names = "abcdef"
     blocked = {names[index] for index, (_, _, blocked) in enumerate(desires) if blocked}
-    wishes = ranked(*(job(names[index], *about[:2]) for index, about in enumerate(desires)), blocked=blocked)
-    pursued = next((wish for wish in wishes if wish.name == names[number]), None)
-    chosen = next_desire(wishes, pursued, "PREEMPT", lambda wish: True)
-    able = [wish for wish in wishes if not wish.blocked and (pursued is None or wish.outranks(pursued))]
-    assert chosen is min(able, key=lambda wish: wish.rank, default=None)
+    states = ranked(*(job(names[index], *about[:2]) for index, about in enumerate(desires)), blocked=blocked)
+    pursued = next((state for state in states if state.name == names[number]), None)
+    chosen = next_desire(states, pursued, "PREEMPT", lambda state: True)
+    able = [state for state in states if not state.blocked and (pursued is None or state.outranks(pursued))]
+    assert chosen is min(able, key=lambda state: state.rank, default=None)

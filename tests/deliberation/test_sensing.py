@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.sensing import FactSensor, fits, fluent, instance, predicate, watched_by
+from socialbot.deliberation.sensing import FactSensor, fits, fluent, instance, predicate, sensed_by
 from socialbot.planning.pddl.domain import parse_plan
 from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import i, n, p
@@ -132,7 +132,7 @@ def test_prototypes_tell_what_is_left_to_sensors():
     class Stacks(Levels):
         prototypes = (predicate("clear", "base_[0-9]*"), predicate("in", "*", "*"), instance("*", "box"))
 
-    watched = watched_by([Stacks()])
+    watched = sensed_by([Stacks()])
     assert watched("clear", ("base_1",))
     assert not watched("clear", ("base_a",))
     assert not watched("in", ("a",))

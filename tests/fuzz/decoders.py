@@ -56,8 +56,7 @@ from socialbot.core.messages import (
     Structured,
 )
 from socialbot.core.registry import graph_names, graph_text, node_types
-from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
-from socialbot.deliberation.persistence import keep, recall
+from socialbot.deliberation.files import load_beliefs, load_desires, load_rules, restore_mind, save_mind
 from socialbot.deliberation.requests import Policies
 from socialbot.graph import files as graph_file
 from socialbot.graph.inline import InlineRunner
@@ -328,7 +327,7 @@ def _minds() -> Iterator[Decoder]:
     yield Decoder("mind", _file(_restored), (path.read_bytes(),))
     office = Office()
     office.want(job("a"))
-    keep(office.deliberator, path)
+    save_mind(office.deliberator, path)
     yield Decoder("kept", _file(_recalled), (path.read_bytes(),))
     memory = msgspec.json.encode(example(msgspec.inspect.type_info(CoordinatorMemory)))
     yield Decoder("memory", _file(_remembered), (memory, msgspec.json.encode(CoordinatorMemory())))
@@ -343,7 +342,7 @@ def _restored(path: Path) -> None:
 
 
 def _recalled(path: Path) -> None:
-    recall(Office(beliefs="").deliberator, path)
+    restore_mind(Office(beliefs="").deliberator, path)
 
 
 def _remembered(path: Path) -> None:

@@ -22,6 +22,7 @@ The parameters bear the names of ROS2-BDI; the topics, too.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -31,12 +32,10 @@ from socialbot.bdi import Engine
 from socialbot.core import paths
 from socialbot.core.errors import PlanningError
 from socialbot.core.messages import ActionRequest, Mind, TraceRecord
-from socialbot.deliberation import persistence as keeping
 from socialbot.deliberation.actions import PlanAction, register
 from socialbot.deliberation.deliberator import Deliberator
-from socialbot.deliberation.files import load_beliefs, load_desires, load_rules
+from socialbot.deliberation.files import load_beliefs, load_desires, load_rules, restore_mind, save_mind
 from socialbot.deliberation.messages import (
-    LONGEST_S,
     AgentReply,
     AgentRequest,
     Belief,
@@ -50,18 +49,13 @@ from socialbot.deliberation.messages import (
     Operation,
     PlanExecutionInfo,
 )
-from socialbot.deliberation.options import DirectorOptions, Options
+from socialbot.deliberation.options import DeliberationOptions, option_infos
 from socialbot.deliberation.requests import Policies, RequestClient, RequestServer, SentRequest
-from socialbot.deliberation.sensing import FactSensor, watched_by
+from socialbot.deliberation.sensing import FactSensor, sensed_by
 from socialbot.graph.node import Delivery, Input, Output, Parameter
 from socialbot.planning.pddl.domain import PddlDomain
 from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.planners.engines import make_planner
-from socialbot.planning.planners.planner import PlannerLimits
-
-
-def _seconds(default: float, doc: str) -> Parameter[float]:
-    return Parameter(default, doc, minimum=0.0, maximum=LONGEST_S, fixed=True)
 
 
 class Deliberating(AgentNode):
@@ -104,28 +98,10 @@ class Deliberating(AgentNode):
     desire_w = Parameter("", "groups that may change its desires", fixed=True)
     desire_pr = Parameter("", "the highest priority that each group of desire_w may give", fixed=True)
     planner = Parameter("kairos", "kairos, popf, or up:ENGINE", fixed=True)
-    planning_timeout_s = Parameter(5.0, "how long a planner may work (s)", minimum=0.05, maximum=600.0, fixed=True)
-    planning_memory_mb = Parameter(512, "how much memory planning may take (MB)", minimum=32, fixed=True)
-    reschedule_policy = Parameter(
-        "NO_PREEMPT", "may desires interrupt others?", choices=("NO_PREEMPT", "PREEMPT"), fixed=True
-    )
-    rtc_deadline = Parameter(
-        2.0, "a plan is aborted after this many times its desire's deadline", minimum=1.0, maximum=1000.0, fixed=True
-    )
-    patience_s = _seconds(2.0, "how long a condition at the start, or an effect to be seen, is waited for (s)")
-    tolerance_s = _seconds(0.5, "how long a condition may stop holding (s)")
-    overrun_factor = Parameter(
-        5.0, "a step may last so many times its duration", minimum=1.0, maximum=1000.0, fixed=True
-    )
-    overrun_s = _seconds(5.0, "a step may last so much longer (s)")
-    stop_s = _seconds(5.0, "how long an action may take to stop (s)")
-    retry_s = _seconds(1.0, "the least time between two tries for one desire (s)")
-    comp_plan_tries = Parameter(8, "plannings that fail before a desire is dropped", minimum=1, fixed=True)
-    exec_plan_tries = Parameter(8, "executions that fail before a desire is dropped", minimum=1, fixed=True)
-    autosub_prec = Parameter(False, "desire what the precondition of a desire lacks", fixed=True)
-    autosub_context = Parameter(False, "desire what the context of a desire lacks", fixed=True)
-    give_up_silent_s = Parameter(
-        30.0, "a plan is aborted when a sensor has been silent for so long (s)", minimum=0.0, maximum=1e6, fixed=True
+    vars().update(
+        (name, Parameter(getattr(DeliberationOptions, name), fixed=True, **asdict(info)))
+        for name, info in option_infos().items()
+        if info.doc
     )
     request_timeout_s = Parameter(2.0, "how long to wait for the answer of another agent (s)", minimum=0.1, fixed=True)
     mind_file = Parameter("", "where to keep what it believes and desires; it goes on from there", fixed=True)
@@ -149,12 +125,11 @@ class Deliberating(AgentNode):
             make_planner(self.planner),
             self.context.run_in_background,
             options=self._options(),
-            director_options=self._director_options(),
-            watched=watched_by(sensors),
+            is_sensed=sensed_by(sensors),
             observer=self,
         )
-        self.correspondence = RequestClient(engine, self.agent_group, self.requests_out.publish, self.request_timeout_s)
-        self._reception = RequestServer(self.deliberator, self._policies(), self.replies_out.publish)
+        self.request_client = RequestClient(engine, self.agent_group, self.requests_out.publish, self.request_timeout_s)
+        self._request_server = RequestServer(self.deliberator, self._policies(), self.replies_out.publish)
         for sensor in sensors:
             sensor.join(self.deliberator)
         return engine
@@ -162,16 +137,16 @@ class Deliberating(AgentNode):
     def start(self) -> None:
         # Not before there are listeners to the trace, and a time.
         self._load()
-        self._tell_idle()
+        self._report_unhandled_actions()
         super().start()
 
     def recall(self) -> None:
         """Does nothing: what was kept has been taken up already, and is kept as it changes."""
 
-    def _tell_idle(self) -> None:
-        """Says which actions of its domain nobody carries out: probably one was forgotten, or is misspelt."""
+    def _report_unhandled_actions(self) -> None:
+        """Report the actions of the domain that have neither a `PlanAction` nor a plan of the engine."""
         deliberator = self.deliberator
-        idle = ", ".join(deliberator.pursuit.not_carried_out(deliberator.domain.actions))
+        idle = ", ".join(deliberator.pursuit.without_handler(deliberator.domain.actions))
         if idle:
             message = f"nobody carries out {idle}; what needs that is dropped"
             self.log.warning(message)
@@ -196,7 +171,7 @@ class Deliberating(AgentNode):
         cause: str = "",
     ) -> SentRequest:
         """Asks another agent to check, add or delete a belief or a desire; see `RequestClient.ask`."""
-        return self.correspondence.ask(receiver, operation, belief=belief, desire=desire, monitor=monitor, cause=cause)
+        return self.request_client.ask(receiver, operation, belief=belief, desire=desire, monitor=monitor, cause=cause)
 
     def stop(self) -> None:
         self.deliberator.stop()
@@ -226,28 +201,9 @@ class Deliberating(AgentNode):
                 f"cannot read the domain: {error}", where=str(path), remedy="set pddl_file of the agent to its domain"
             ) from error
 
-    def _options(self) -> Options:
-        return Options(
-            reschedule_policy="PREEMPT" if self.reschedule_policy == "PREEMPT" else "NO_PREEMPT",
-            rtc_deadline=self.rtc_deadline,
-            comp_plan_tries=self.comp_plan_tries,
-            exec_plan_tries=self.exec_plan_tries,
-            autosub_prec=self.autosub_prec,
-            autosub_context=self.autosub_context,
-            retry_s=self.retry_s,
-            give_up_silent_s=self.give_up_silent_s,
-            limits=PlannerLimits(timeout_s=self.planning_timeout_s, memory_mb=self.planning_memory_mb),
-        )
-
-    def _director_options(self) -> DirectorOptions:
-        return DirectorOptions(
-            patience_s=self.patience_s,
-            tolerance_s=self.tolerance_s,
-            overrun_factor=self.overrun_factor,
-            overrun_s=self.overrun_s,
-            rtc_deadline=self.rtc_deadline,
-            stop_s=self.stop_s,
-        )
+    def _options(self) -> DeliberationOptions:
+        values = self.parameter_values
+        return DeliberationOptions(**{name: values[name] for name in option_infos() if name in values})
 
     def _policies(self) -> Policies:
         return Policies.parse(
@@ -275,7 +231,7 @@ class Deliberating(AgentNode):
                 deliberator.rules.add(rule)
         if self.mind_file:
             self._kept_in = paths.in_workspace(self.mind_file, where=f"{self.name}.mind_file")
-            if keeping.recall(deliberator, self._kept_in):
+            if restore_mind(deliberator, self._kept_in):
                 return
         for fact in self.beliefs_at_first():
             deliberator.facts.add(fact, cause=self.init_bset or "at first")
@@ -318,13 +274,13 @@ class Deliberating(AgentNode):
     def on_request(self, message: AgentRequest) -> None:
         """Answers another agent."""
         if message.receiver == self.name:
-            self.engine.call(lambda: self._reception.take(message))
+            self.engine.call(lambda: self._request_server.handle(message))
 
     @replies_in
     def on_reply(self, message: AgentReply) -> None:
         """Takes the answer of another agent."""
         if message.receiver == self.name:
-            self.engine.call(lambda: self.correspondence.take(message))
+            self.engine.call(lambda: self.request_client.handle(message))
 
     def _change_set(self, message: BeliefSet, *, held: bool) -> None:
         if message.agent_id == self.name:
@@ -359,7 +315,7 @@ class Deliberating(AgentNode):
 
     def desires_changed(self) -> None:
         """Shows what is desired, and keeps it."""
-        desires = tuple(wish.desire for wish in self.deliberator.desires)
+        desires = tuple(state.desire for state in self.deliberator.desires)
         self.desire_set.publish(DesireSet(stamp=self.clock.now(), agent_id=self.name, value=desires))
         self._keep()
 
@@ -384,4 +340,4 @@ class Deliberating(AgentNode):
 
     def _keep(self) -> None:
         if self._kept_in is not None:
-            keeping.keep(self.deliberator, self._kept_in)
+            save_mind(self.deliberator, self._kept_in)

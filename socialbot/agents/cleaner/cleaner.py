@@ -105,7 +105,7 @@ class asksweeping(PlanAction):  # noqa: N801 - the name in the domain
         return min(seconds / SWEEP_DEADLINE_S, 0.95)
 
     def stop(self) -> None:
-        self.agent.correspondence.forget(self.asked)
+        self.agent.request_client.forget(self.asked)
         self.agent.ask(self.args[1], "del", desire=self.desire, cause=self.id)
         self.stopped()
 

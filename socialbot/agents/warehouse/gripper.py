@@ -253,7 +253,7 @@ class req_carrier_to_come(GripperAction):  # noqa: N801
         return made
 
     def stop(self) -> None:
-        self.gripper.correspondence.forget(self.asked)
+        self.gripper.request_client.forget(self.asked)
         self.stopped()
 
 
