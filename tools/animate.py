@@ -13,7 +13,7 @@ from pathlib import Path
 from PIL import Image, ImageDraw, ImageFont
 
 from socialbot.core.clock import SECOND
-from socialbot.runs.report_writer import recorded
+from socialbot.runs.report import recorded
 from socialbot.runs.state_at import AgentMoment, HeadNow, Moment, Seen
 
 SIZE = (720, 360)

@@ -22,7 +22,7 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from socialbot.runs.report_writer import recorded
+from socialbot.runs.report import recorded
 from socialbot.runs.serving import Address, serving
 
 ROOT = Path(__file__).parents[1]

@@ -53,7 +53,7 @@ def inspect(
     show: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,
 ) -> None:
     """Show a run in the browser until Ctrl-C: what was seen, believed, wanted and done, and why."""
-    from socialbot.runs.report_writer import recorded
+    from socialbot.runs.report import recorded
     from socialbot.runs.serving import Address, serving, token_given
 
     address = Address(host, port, token_given(token))
@@ -129,7 +129,7 @@ def watched(
     """
     from socialbot.bags.images import pictures_of
     from socialbot.runs.commands import Shut
-    from socialbot.runs.report_writer import recorded
+    from socialbot.runs.report import recorded
     from socialbot.runs.serving import Address, serving, token_given
     from socialbot.runtime.live_run import LiveRun
 

@@ -90,7 +90,7 @@ def replay(
     from socialbot.graph.files import load_graph
     from socialbot.runs.console import Display, RunDisplay
     from socialbot.runs.record import RunRecord
-    from socialbot.runs.report_writer import RunReport
+    from socialbot.runs.report import RunReport
     from socialbot.runs.video import write_video
     from socialbot.runtime.replay import Replay, find_truth, graph_of
     from socialbot.runtime.replay import replay as run_replay

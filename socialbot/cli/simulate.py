@@ -17,7 +17,7 @@ from socialbot.cli.inspect import PORT, InspectOption, PortOption, watched
 
 if TYPE_CHECKING:
     from socialbot.runs.console import Display, RunDisplay
-    from socialbot.runs.report_writer import RunReport, Summary
+    from socialbot.runs.report import RunReport, Summary
     from socialbot.runtime.simulate import Run
 
 NOT_REACHED = 10
@@ -221,7 +221,7 @@ def _show(
     from socialbot.cli.main import new_run_folder, report_faults, with_changes
     from socialbot.core.messages import Message
     from socialbot.runs.record import RunRecord
-    from socialbot.runs.report_writer import RunReport
+    from socialbot.runs.report import RunReport
     from socialbot.runtime.simulate import STOPPED, results_of
     from socialbot.runtime.simulate import run as carry_out
 

@@ -85,15 +85,14 @@ def report(
 ) -> None:
     """Write the page of a recorded run, report.html, into its folder: of one that was broken off, or a long one."""
     from socialbot.runs.folder import newest_run
-    from socialbot.runs.report_writer import write_report
+    from socialbot.runs.report import write_report
 
     typer.echo(write_report(newest_run() if run is None else run))
 
 
 def _write_page(first: Path, second: Path, found: Difference, file: Path) -> None:
     """Writes the page of two runs, with the pictures of their bags."""
-    from socialbot.runs.report_difference import difference_page
-    from socialbot.runs.report_writer import recorded
+    from socialbot.runs.report import difference_page, recorded
 
     with recorded(first) as one, recorded(second) as other:
         path = difference_page(one, other, found).write(file)

@@ -20,7 +20,7 @@ from socialbot.graph.status import NodeStatus
 from socialbot.runs.history import History
 from socialbot.runs.names import Wording
 from socialbot.runs.nodes import NodesThen
-from socialbot.runs.plan_trees import Tree, trees_at
+from socialbot.runs.plan_trees import PlanTree, trees_at
 from socialbot.runs.record import DIAGNOSTICS, SCORED, SEEN, TRACE, NodeTold
 from socialbot.runs.report_worlds import World, world_of
 from socialbot.runs.run import GraphView, Picture, Pictures, graph_view
@@ -120,7 +120,7 @@ class RecordedRun:
         """The floor or the ward at ``stamp`` (ns) as SVG."""
         return self._world.picture(stamp, "") if self._world else None
 
-    def trees(self, stamp: int) -> tuple[Tree, ...]:
+    def trees(self, stamp: int) -> tuple[PlanTree, ...]:
         """The plans of the agents at ``stamp`` (ns)."""
         return trees_at(self.history, stamp, self.wording)
 

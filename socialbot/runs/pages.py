@@ -23,6 +23,7 @@ PAGE = Path(str(files("socialbot.runs"))) / "page"
 Cells = Sequence[tuple[str, str]]
 """Table row: the text and style of each cell. Styles: "", r (right), good, bad, code."""
 
+_FROZEN_ONLY = {"frozen.js", "document.js", "main.js"}
 _FEWEST_POINTS = 3
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _IMPORT = re.compile(r"""(?<=from )'\./([\w-]+\.js)'|(?<=import )'\./([\w-]+\.js)'""")
@@ -149,6 +150,13 @@ def render(template: str, **values: Any) -> Markup:
     return Markup(_environment.get_template(template).render(**values))
 
 
+@cache
+def live_page() -> Markup:
+    """Return the run page that asks the server for its data."""
+    modules = sorted(path.name for path in PAGE.glob("*.js") if path.name not in _FROZEN_ONLY)
+    return render("run.html", report=None, modules=modules)
+
+
 def table(
     heads: Sequence[str], rows: Iterable[Cells], *, right: Sequence[int] = (), groups: Iterable[tuple[str, int]] = ()
 ) -> Markup:
@@ -160,7 +168,7 @@ def table(
         right: Numbers of the right-aligned columns.
         groups: Headings above the columns, each with its column count.
     """
-    return _part("table", list(heads), list(rows), list(right), list(groups))
+    return part("table", list(heads), list(rows), list(right), list(groups))
 
 
 def settings(values: Mapping[str, object]) -> Markup:
@@ -172,12 +180,12 @@ def settings(values: Mapping[str, object]) -> Markup:
 
 def folded(summary: str, content: str, *, opened: bool = False) -> Markup:
     """Return ``content`` (HTML) that a click on ``summary`` unfolds."""
-    return _part("folded", summary, Markup(content), opened)
+    return part("folded", summary, Markup(content), opened)
 
 
 def charts(drawn: Iterable[Chart]) -> Markup:
     """Return a grid of charts; empty without any."""
-    return _part("charts", [(chart.title, json_script(chart)) for chart in drawn])
+    return part("charts", [(chart.title, json_script(chart)) for chart in drawn])
 
 
 def series_charts(rows: Mapping[str, Mapping[str, object]]) -> Markup:
@@ -201,7 +209,7 @@ def series_charts(rows: Mapping[str, Mapping[str, object]]) -> Markup:
 
 def timeline(lanes: Sequence[Any], end_s: float, at_s: float | None = None) -> Markup:
     """Return the timeline component with ``lanes`` (`socialbot.runs.timeline.Lane`) and a cursor at ``at_s``."""
-    return _part("timeline", json_script({"lanes": lanes, "end": end_s, "at": at_s})) if lanes else Markup()
+    return part("timeline", json_script({"lanes": lanes, "end": end_s, "at": at_s})) if lanes else Markup()
 
 
 def json_script(content: Any) -> Markup:
@@ -242,5 +250,6 @@ def bundle(entry: str, *, charts: bool, instead: tuple[tuple[str, str], ...] = (
     )
 
 
-def _part(name: str, *values: Any) -> Markup:
+def part(name: str, *values: Any) -> Markup:
+    """Render a macro of ``templates/parts.html``."""
     return getattr(_environment.get_template("parts.html").module, name)(*values)

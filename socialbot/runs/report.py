@@ -1,74 +1,152 @@
-"""The page of a run, whoever ran in it."""
+"""Report of a run: the run page frozen into one file, with tables that sum the run up."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 
-from socialbot.runs import report_deliberated as deliberated
-from socialbot.runs import report_recorded as recorded
-from socialbot.runs.folder import RecordedRun
+from socialbot.bags.images import pictures_of
+from socialbot.core.errors import BagError, SocialbotError
+from socialbot.core.messages import Message, TraceRecord
+from socialbot.core.registry import phrases_of
+from socialbot.graph.node import Graph
+from socialbot.runs.difference import Difference, Side
+from socialbot.runs.folder import RecordedRun, newest_run, open_run
+from socialbot.runs.frames import Perception, shot_at, stills, turning_points
+from socialbot.runs.frozen import frozen
 from socialbot.runs.history import OF_TOPICS
+from socialbot.runs.pages import Page, Section, bundle, charts, part, render, table, timeline, write_html
 from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, STOPPED, TIME_UP, WELL
-from socialbot.runs.report_deliberated import lead_of
-from socialbot.runs.report_page import Page, Section
-from socialbot.runs.report_sight import Sight
-from socialbot.runs.report_worlds import World
-from socialbot.runs.story import Story, story_of
-from socialbot.runs.summary import Summary
+from socialbot.runs.report_tables import band_section, event_section, node_section, settings_section, story_sections
+from socialbot.runs.report_worlds import World, world_of
+from socialbot.runs.run import Run
+from socialbot.runs.story import Story, Summary, story_of
 from socialbot.runs.why import actions
 
+PAGE = "report.html"
 ENDED_WELL = ("", WELL, NOTHING_WANTED, NOTHING_SHOWN, TIME_UP)
-SHOTS = 8
-"""So many pictures there are of a run, at most."""
-APART_S = 4.0
-"""Moments that lie nearer to each other than this, or an even share of a short run, share a picture."""
-QUOTED = 3
-"""So many sentences are quoted of what was said."""
+MAX_QUOTES = 3
+
+FRAMES_NOTE = "Camera frames at the turning points; boxes show detected persons with their distance."
+WORST_NOTE = "Frames with the most errors. Green: found; yellow, dashed: missed; red: false detection."
+PERCEPTION_NOTE = "Compared with the ground truth. Red, dashed lines mark the frames with the most errors."
 
 
-def page_of(run: RecordedRun, title: str, world: World | None = None) -> Page:
-    """The page of a run."""
+class RunReport:
+    """Messages of a run of ``graph`` for its summary and its page."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.records: list[TraceRecord] = []
+        self.deliberates = any(placement.type.deliberates for placement in graph.placements)
+        self.phrases = phrases_of(graph)
+        self._world: World | None = world_of(graph)
+
+    def observe(self, topic: str, message: Message) -> None:
+        """Process one message."""
+        if isinstance(message, TraceRecord):
+            self.records.append(message)
+        elif self._world is not None:
+            self._world.take(message)
+
+    def summary(self) -> Summary:
+        """Return the summary of the run so far."""
+        story = story_of(self.records, self.phrases)
+        return Summary(story, self._world.results(story.start, story.end) if self._world else {})
+
+    def write(self, folder: Path, title: str) -> Path:
+        """Write the page of the run that is recorded in ``folder``: see `write_report`."""
+        return write_report(folder, title, self._world)
+
+
+def write_report(folder: Path, title: str = "", world: World | None = None) -> Path:
+    """Write report.html, and a picture of the world at the end, into the folder of a run.
+
+    Args:
+        folder: Folder of the run.
+        title: Title of the page; that of the run by default.
+        world: World view of the run; read from the record by default.
+
+    Raises:
+        RunError: The folder holds no run.
+        SocialbotError: A file cannot be written.
+    """
+    with recorded(folder) as run:
+        world = run.stage if world is None else world
+        path = write_html(folder / PAGE, report_html(run, title, world))
+        if world:
+            picture = world.picture(run.end, f"{title or run.title}, at the end")
+            try:
+                (folder / world.file).write_text(picture, encoding="utf-8")
+            except OSError as error:
+                raise SocialbotError(f"cannot be written: {error.strerror}", where=str(folder / world.file)) from error
+    return path
+
+
+@contextmanager
+def recorded(folder: Path | None) -> Iterator[RecordedRun]:
+    """Open the run in ``folder``, by default the newest, with the pictures of its bag.
+
+    Raises:
+        RunError: There is no run.
+    """
+    folder = newest_run() if folder is None else folder
+    run = open_run(folder)
+    with ExitStack() as stack:
+        bag = run.results.get("bag", {})
+        if "path" in bag:
+            try:
+                pictures = stack.enter_context(pictures_of(Path(bag["path"]), list(bag.get("topics", ()))))
+            except BagError as error:
+                run.damage.append(f"there are no pictures: {error.where}: {error.what}")
+            else:
+                run = open_run(folder, pictures) if pictures is not None else run
+        yield run
+
+
+def report_html(run: RecordedRun, title: str = "", world: World | None = None) -> str:
+    """Return the page of a run as one self-contained file."""
     of_agents = (record for record in run.history if record.kind not in OF_TOPICS)
     story = story_of(of_agents, run.wording.phrases)
-    sight = Sight(run)
-    general = [sight.section(), recorded.frames(run), recorded.deeds(run), recorded.events(run)]
-    last = [recorded.seen_well(run.results), recorded.nodes(run), recorded.setting(run)]
-    if not story.desires:
-        lanes = _lanes("What went on when", sight, recorded.REACTIVE)
-        verdict, good = verdict_of(run)
-        return Page(
-            title=title,
-            lead=_lead(run),
-            verdict=verdict,
-            good=good,
-            warnings=warnings_of(run),
-            tiles=_figures(run),
-            sections=[lanes, *general, *last],
-        )
-    summary = Summary(story, world.results(story) if world else {})
-    scene = world.scene(story, _shots(world, story)) if world else None
-    lanes = _lanes("Who was there, and what was said", sight, recorded.PRESENT)
-    return Page(
-        title=title,
-        lead=lead_of(story),
-        verdict="goal reached" if summary.reached else "goal not reached",
-        good=summary.reached,
+    perception = Perception(run)
+    shots = turning_points(run)
+    needed = [*(shot.detection.stamp for shot in shots), *(frame.stamp for frame in perception.worst)]
+    sections = [
+        *story_sections(story),
+        Section("Detection over time", charts(perception.charts()), PERCEPTION_NOTE),
+        Section("Worst frames", perception.worst_stills(), WORST_NOTE),
+        band_section(run.results),
+        Section("Turning points", stills(run, shots), FRAMES_NOTE),
+        event_section(run),
+        node_section(run),
+        settings_section(run),
+    ]
+    verdict, good = verdict_of(run)
+    if story.desires:
+        reached = Summary(story, {}).reached
+        verdict, good = ("goal reached", True) if reached else ("goal not reached", False)
+    tiles = [*_story_tiles(story), *(world.figures(story.start, story.end) if world else [])] if story.desires else []
+    report = Page(
+        title=title or run.title,
+        lead=story.lead() if story.desires else _lead(run),
+        verdict=verdict,
+        good=good,
         warnings=warnings_of(run),
-        tiles=[*_tiles(summary), *(world.tiles(story) if world else [])],
-        sections=[*deliberated.sections(story, scene), lanes, *general, *last],
-        scripts=deliberated.scripts(story, scene),
+        tiles=tiles or _figures(run),
+        sections=[section for section in sections if section.content],
+    )
+    return render(
+        "run.html",
+        report=report,
+        data=frozen(run, world, needed, shut="this page is the record of a run"),
+        bundle=bundle("main.js", charts=True, instead=(("api.js", "frozen.js"),)),
+        modules=(),
     )
 
 
-def _lanes(title: str, sight: Sight, names: Collection[str]) -> Section:
-    plots = sight.plots()
-    chart = recorded.lanes_of(sight.run, names, marks=sight.marks(), plots=plots)
-    return Section(title, chart, f"{recorded.LANES_NOTE} {recorded.CURVES_NOTE}" if plots else recorded.LANES_NOTE)
-
-
 def warnings_of(run: RecordedRun) -> list[str]:
-    """What a reader has to know first: that a run failed or was broken off, and what of its record is damaged."""
+    """Return why a run failed or was stopped, and what of its record is damaged."""
     ended = run.results.get("ended", "")
     found = list(run.damage)
     if ended == STOPPED:
@@ -79,7 +157,7 @@ def warnings_of(run: RecordedRun) -> list[str]:
 
 
 def verdict_of(run: RecordedRun) -> tuple[str, bool]:
-    """How a run ended, in a word or two, and whether that is well."""
+    """Return how a run ended, in a word or two, and whether that is success."""
     ended = run.results.get("ended", "")
     if not run.results:
         return "broken off", False
@@ -88,92 +166,129 @@ def verdict_of(run: RecordedRun) -> tuple[str, bool]:
     return ("ended well", True) if ended in ENDED_WELL else ("failed", False)
 
 
+def difference_page(first: Run, second: Run, found: Difference) -> Page:
+    """Return the page that compares two runs."""
+    runs = (first, second)
+    sides = ""
+    if found.sides is not None:
+        sides = part("sides", [_side(run, side) for run, side in zip(runs, found.sides, strict=True)])
+    causes = [
+        [(cause.what, ""), *_event(cause.first_s, cause.first), *_event(cause.second_s, cause.second)]
+        for cause in found.causes
+    ]
+    changed = [[(each.name, ""), _setting(each.first), _setting(each.second)] for each in found.settings]
+    return Page(
+        title=f"{found.runs[0]} and {found.runs[1]}",
+        lead=_difference_lead(found),
+        verdict="the same" if found.same else "different",
+        good=found.same,
+        tiles=[(f"{one} | {other}", f"{kind.replace('_', ' ')}s") for kind, (one, other) in found.counts.items()],
+        sections=[
+            Section("First different decision", sides, "The chain of causes in each run."),
+            Section(
+                "Timelines", part("titled", _timelines(runs, found)), "The line marks the first different decision."
+            ),
+            Section(
+                "First differences",
+                table(("", "at", found.runs[0], "at", found.runs[1]), causes, right=(1, 3)) if causes else "",
+                "Where detections and beliefs differ first.",
+            ),
+            Section("Different settings", table(("", *found.runs), changed) if changed else ""),
+        ],
+    )
+
+
+def _difference_lead(found: Difference) -> str:
+    if found.same:
+        return f"Both runs decide the same, at the same times: {found.decisions[0]} decisions."
+    how = "is the same, but at another time" if found.only_time else "is different"
+    return f"Decision {found.number} of {found.agent} is the first that {how}."
+
+
+def _side(run: Run, side: Side) -> dict[str, Any]:
+    frame_s = None if side.why is None else side.why.frame_s
+    shots = [] if frame_s is None else shot_at(run, run.history.stamp(frame_s), "the frame at the end of the chain")
+    return {"title": side.run, "why": side.why, "frame": stills(run, shots)}
+
+
+def _timelines(runs: tuple[Run, Run], found: Difference) -> list[tuple[str, str]]:
+    until_s = max(run.history.duration_s for run in runs)
+    sides = found.sides or (None, None)
+    return [
+        (name, timeline(run.timeline.lanes(), until_s, None if side is None else side.at_s))
+        for name, run, side in zip(found.runs, runs, sides, strict=True)
+    ]
+
+
+def _event(at_s: float | None, what: str) -> list[tuple[str, str]]:
+    return [("", "r"), ("nothing", "")] if at_s is None else [(f"{at_s:.2f} s", "r"), (what, "")]
+
+
+def _setting(value: Any) -> tuple[str, str]:
+    return ("-", "") if value is None else (str(value), "code")
+
+
 def _lead(run: RecordedRun) -> str:
-    """What a run came to, in two or three sentences."""
+    """Return the result of a run without plans in two or three sentences."""
     history = run.history
-    detections = [record for record in history if record.kind == "detection"]
-    said = [record.what for record in history if record.kind == "utterance"]
     if not len(history):
         return "Nothing happened."
-    told = f"In {history.duration_s:.1f} s "
-    if detections:
+    frames = sum(record.kind == "detection" for record in history)
+    said = [record.what for record in history if record.kind == "utterance"]
+    text = f"In {history.duration_s:.1f} s "
+    if frames:
         people, most = _people(run)
         seen = "nobody was seen" if not most else f"{people} {'person' if people == 1 else 'people'} came into view"
-        told += f"and {len(detections)} frames, {seen}{f', {most} at once at most' if most > 1 else ''}."
+        text += f"and {frames} frames, {seen}{f', at most {most} at once' if most > 1 else ''}."
     else:
         count = len(actions(history))
-        told += f"{count} {'action was' if count == 1 else 'actions were'} carried out."
+        text += f"{count} {'action was' if count == 1 else 'actions were'} carried out."
     if said:
-        quoted = ", ".join(f"“{text}”" for text in dict.fromkeys(said[:QUOTED]))
-        more = f" and {len(said) - QUOTED} more" if len(said) > QUOTED else ""
-        told += f" {_speaker(run)} said {quoted}{more}."
-    elif detections:
-        told += " Nothing was said."
-    return told
+        quoted = ", ".join(f"“{each}”" for each in dict.fromkeys(said[:MAX_QUOTES]))
+        more = f" and {len(said) - MAX_QUOTES} more" if len(said) > MAX_QUOTES else ""
+        agents = history.agents
+        speaker = run.wording.name(agents[0]) if len(agents) == 1 else "The agents"
+        text += f" {speaker} said {quoted}{more}."
+    elif frames:
+        text += " Nothing was said."
+    return text
 
 
 def _people(run: RecordedRun) -> tuple[int, int]:
-    """How many people came into view, one after the other, and how many there were at once at most."""
+    """Return the number of tracks, and the most persons in one frame."""
     lanes = {lane.name: lane.bars for lane in run.timeline.lanes()}
     counts = (len(record.detail.get("persons", ())) for record in run.history if record.kind == "detection")
     return len({bar.text for bar in lanes.get("people", ())}), max(counts, default=0)
 
 
-def _speaker(run: RecordedRun) -> str:
-    agents = run.history.agents
-    return run.wording.name(agents[0]) if len(agents) == 1 else "The agents"
-
-
 def _figures(run: RecordedRun) -> list[tuple[str, str]]:
-    counts: Mapping[str, int] = {
-        kind: sum(record.kind == kind for record in run.history) for kind in ("detection", "utterance")
-    }
-    figures = [(f"{run.history.duration_s:.1f} s", "from the first to the last of it")]
-    if counts["detection"]:
-        people, _ = _people(run)
-        figures += [(str(counts["detection"]), "frames looked at"), (str(people), "people who came into view")]
+    frames, said = (sum(record.kind == kind for record in run.history) for kind in ("detection", "utterance"))
+    figures = [(f"{run.history.duration_s:.1f} s", "duration")]
+    if frames:
+        figures += [(str(frames), "frames"), (str(_people(run)[0]), "people in view")]
     figures.append((str(len(actions(run.history))), "actions"))
-    if counts["utterance"]:
-        figures.append((str(counts["utterance"]), "things said"))
-    bands: Mapping[str, Any] = (run.results.get("scores") or {}).get("bands", {})
-    found, wrong = (sum(band[key] for band in bands.values() for key in keys) for keys in (("tp",), ("fp", "fn")))
+    if said:
+        figures.append((str(said), "utterances"))
+    bands = (run.results.get("scores") or {}).get("bands", {}).values()
+    found, wrong = sum(band["tp"] for band in bands), sum(band["fp"] + band["fn"] for band in bands)
     if found + wrong:
-        figures.append((f"{2 * found / (2 * found + wrong):.3f}", "F1 of seeing people, at all distances"))
+        figures.append((f"{2 * found / (2 * found + wrong):.3f}", "F1 of person detection, all distances"))
     return figures
 
 
-def _shots(world: World, story: Story) -> list[str]:
-    return [world.picture(stamp, f"{story.seconds(stamp):.1f} s: {what}") for stamp, what in _moments(story)]
-
-
-def _tiles(summary: Summary) -> list[tuple[str, str]]:
-    story = summary.story
+def _story_tiles(story: Story) -> list[tuple[str, str]]:
     tiles = []
     if story.first is not None:
         planned_s, took_s = story.makespans_s(story.first)
         tiles.append(("-" if took_s is None else f"{took_s:.1f} s", f"for {story.first.name}"))
         if planned_s is not None:
             tiles.append((f"{planned_s:.1f} s", "in its first plan"))
-    tiles.append((str(len(story.plans)), f"plans of {len(story.agents)} agents, {summary.given_up} given up"))
+    given_up = sum(plan.given_up for plan in story.plans)
+    tiles.append((str(len(story.plans)), f"plans of {len(story.agents)} agents, {given_up} given up"))
     tiles.append((str(sum(step.began is not None for step in story.steps)), "steps begun"))
     if story.words:
         tiles.append((str(len(story.words)), "messages between agents"))
     else:
-        tiles.append((str(len(story.requests)), f"requests, {summary.requests_for_desires} for a desire"))
+        about_desires = sum(request.about_desire for request in story.requests)
+        tiles.append((str(len(story.requests)), f"requests, {about_desires} for a desire"))
     return tiles
-
-
-def _moments(story: Story) -> list[tuple[int, str]]:
-    """What to show pictures of: start and end, plans that were given up, and what agents took up by themselves."""
-    turns = [(plan.ended or 0, f"{plan.agent} gives up plan {plan.number}") for plan in story.plans if plan.reason]
-    turns += [
-        (desire.adopted, f"{desire.agent} wants {desire.name}")
-        for desire in story.desires
-        if desire.why.startswith("its rule")
-    ]
-    apart_s = min(APART_S, story.duration_s / SHOTS)
-    chosen = [(story.start, "the start")]
-    for stamp, what in sorted(turns):
-        if story.seconds(stamp) - story.seconds(chosen[-1][0]) >= apart_s and len(chosen) < SHOTS - 1:
-            chosen.append((stamp, what))
-    return [*chosen, (story.end, "the end")]

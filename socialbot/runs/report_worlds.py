@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Protocol
 
 from socialbot.agents.hospital.result import MissionsTold, ward_in
@@ -13,8 +12,6 @@ from socialbot.agents.warehouse.gripper import GripperAgent
 from socialbot.agents.warehouse.scenario import GRIPPER, Scenario
 from socialbot.core.messages import Message
 from socialbot.graph.node import Graph
-from socialbot.runs.report_deliberated import Scene
-from socialbot.runs.story import Story
 
 
 class World(Protocol):
@@ -38,16 +35,16 @@ class World(Protocol):
         """The world at ``stamp`` (ns), as SVG."""
         ...
 
-    def scene(self, story: Story, shots: Sequence[str]) -> Scene:
-        """The film of the run."""
+    def film(self, start: int) -> dict[str, Any]:
+        """Return the moving world from ``start`` (ns): ``picture`` (SVG with named groups), ``crane`` and tracks."""
         ...
 
-    def tiles(self, story: Story) -> list[tuple[str, str]]:
-        """Figures, with what they count."""
+    def figures(self, start: int, end: int) -> list[tuple[str, str]]:
+        """Return figures with their labels."""
         ...
 
-    def results(self, story: Story) -> dict[str, Any]:
-        """What came of it, as plain data."""
+    def results(self, start: int, end: int) -> dict[str, Any]:
+        """Return the result as plain data."""
         ...
 
 
@@ -80,18 +77,17 @@ class FloorTold:
     def picture(self, stamp: int, title: str) -> str:
         return self._film.picture(stamp, title)
 
-    def scene(self, story: Story, shots: Sequence[str]) -> Scene:
-        film = self._film
-        return Scene(film.picture(story.start), film.tracks(story.start), GRIPPER, shots)
+    def film(self, start: int) -> dict[str, Any]:
+        return {"picture": self._film.picture(start), "crane": GRIPPER, **self._film.tracks(start)}
 
-    def tiles(self, story: Story) -> list[tuple[str, str]]:
-        holders = self.results(story)["boxes"].values()
+    def figures(self, start: int, end: int) -> list[tuple[str, str]]:
+        holders = self.results(start, end)["boxes"].values()
         stored = sum(holder.startswith("deposit") for holder in holders)
         return [(f"{stored} of {len(holders)}", "boxes in their deposits")]
 
-    def results(self, story: Story) -> dict[str, Any]:
+    def results(self, start: int, end: int) -> dict[str, Any]:
         """``boxes`` says what bears each box at the end."""
-        return {"boxes": {box.name: box.holder for box in self._film.boxes(story.end)}}
+        return {"boxes": {box.name: box.holder for box in self._film.boxes(end)}}
 
 
 class WardTold:
@@ -116,12 +112,10 @@ class WardTold:
     def picture(self, stamp: int, title: str) -> str:
         return self._film.picture(stamp, title)
 
-    def scene(self, story: Story, shots: Sequence[str]) -> Scene:
-        film = self._film
-        stage = film.stage(story.start, "The ward")
-        return Scene(stage, film.tracks(story.start), shots=shots, shots_title="The ward at the turns")
+    def film(self, start: int) -> dict[str, Any]:
+        return {"picture": self._film.stage(start, "The ward"), "crane": "", **self._film.tracks(start)}
 
-    def tiles(self, story: Story) -> list[tuple[str, str]]:
+    def figures(self, start: int, end: int) -> list[tuple[str, str]]:
         missions = list(self._told.missions.values())
         finished = [mission for mission in missions if mission.finished]
         met = [mission for mission in missions if mission.problems]
@@ -135,9 +129,9 @@ class WardTold:
         ]
         return [*tiles, (f"{seconds[len(seconds) // 2]:.2f} s", "a mission takes (median)")] if seconds else tiles
 
-    def results(self, story: Story) -> dict[str, Any]:
+    def results(self, start: int, end: int) -> dict[str, Any]:
         """``missions`` says how each went, ``infected`` which rooms are still to be disinfected."""
-        rooms = self._film.state(story.end).rooms if self._film else ()
+        rooms = self._film.state(end).rooms if self._film else ()
         return {
             "missions": [mission.results() for _, mission in sorted(self._told.missions.items())],
             "infected": [room.name for room in rooms if room.infected],

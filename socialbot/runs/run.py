@@ -11,7 +11,7 @@ from socialbot.graph.node import Graph
 from socialbot.graph.status import NodeStatus
 from socialbot.runs.history import History
 from socialbot.runs.names import Wording
-from socialbot.runs.plan_trees import Tree
+from socialbot.runs.plan_trees import PlanTree
 from socialbot.runs.state_index import Course
 from socialbot.runs.timeline import Timeline
 
@@ -112,7 +112,7 @@ class Run(Told, Protocol):
         """The world of the agents at ``stamp`` as SVG; None where there is none to draw."""
         ...
 
-    def trees(self, stamp: int) -> tuple[Tree, ...]:
+    def trees(self, stamp: int) -> tuple[PlanTree, ...]:
         """The plans of the agents at ``stamp``, and how far they have come."""
         ...
 

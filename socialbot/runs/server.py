@@ -23,7 +23,7 @@ from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, HTMLResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -33,7 +33,7 @@ from socialbot.core.messages import Command
 from socialbot.runs.broadcast import Broadcast
 from socialbot.runs.commands import Office, Shut
 from socialbot.runs.overview import overview
-from socialbot.runs.pages import PAGE
+from socialbot.runs.pages import PAGE, live_page
 from socialbot.runs.run import Run, node_views
 from socialbot.runs.sentences import LogLine, told_between
 from socialbot.runs.why import explain, why_not
@@ -279,10 +279,7 @@ class Server:
     # The page
 
     async def _index(self, request: Request) -> Response:
-        path = PAGE / "index.html"
-        if not path.is_file():
-            raise HTTPException(404, "the page is not installed: index.html is missing")
-        return FileResponse(path, headers={"Cache-Control": "no-cache"})
+        return HTMLResponse(live_page(), headers={"Cache-Control": "no-cache"})
 
     async def _icon(self, request: Request) -> Response:
         path = PAGE / "icon.svg"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
@@ -164,16 +164,55 @@ class Story:
 
     def makespans_s(self, desire: DesireTold) -> tuple[float | None, float | None]:
         """How long the first plan for a desire should have lasted, and how long the desire took in truth."""
+        plans = self.plans_for(desire)
+        if not plans:
+            return None, None
+        real = None if desire.how != "fulfilled" or desire.ended is None else (desire.ended - plans[0].began) / SECOND
+        return plans[0].makespan_s, real
+
+    def when(self, stamp: int | None) -> str:
+        """Return a time (ns) in words, empty for none."""
+        return "" if stamp is None else f"{self.seconds(stamp):.{self.digits}f} s"
+
+    def plans_for(self, desire: DesireTold) -> list[PlanTold]:
+        """Return the plans that were made while ``desire`` was held."""
         until = self.end if desire.ended is None else desire.ended
-        plans = [
+        return [
             plan
             for plan in self.plans
             if (plan.agent, plan.desire) == (desire.agent, desire.name) and desire.adopted <= plan.began <= until
         ]
-        if not plans:
-            return None, None
-        real = None if desire.how != "fulfilled" else (until - plans[0].began) / SECOND
-        return plans[0].makespan_s, real
+
+    def lead(self) -> str:
+        """Return the result of the run in two or three sentences."""
+        first = self.first
+        if first is None:
+            return "Nobody wanted anything."
+        planned_s, took_s = self.makespans_s(first)
+        text = f"{first.agent} wanted {first.name}"
+        if first.how == "fulfilled" and took_s is not None:
+            planned = "." if planned_s is None else f"; its first plan said {planned_s:.1f} s."
+            text += f" and reached it after {took_s:.1f} s{planned}"
+        elif first.how:
+            text += f", which was {first.how}: {first.reason}."
+        else:
+            text += " and still pursued it when the run ended."
+        if len(self.aims) > 1:
+            reached = sum(desire.how == "fulfilled" for desire in self.aims)
+            text += f" Of {len(self.aims)} desires, {reached} were fulfilled."
+        given_up = [plan for plan in self.plans if plan.given_up]
+        if not given_up:
+            return f"{text} No plan was given up."
+        at = f"{self.seconds(given_up[0].ended or 0):.1f} s: {self._failure(given_up[0])}."
+        if len(given_up) == 1:
+            return f"{text} One plan was given up, at {at}"
+        return f"{text} {len(given_up)} plans were given up, first at {at}"
+
+    def _failure(self, plan: PlanTold) -> str:
+        """Return why a plan was given up: the failed step, if there is one."""
+        failed = (step for step in self.steps if step.plan is plan and step.outcome == "failed")
+        step = next((step for step in failed if step.ended == plan.ended), None)
+        return plan.reason if step is None else f"{step.agent} {step.text}, {step.message}"
 
 
 def story_of(records: Iterable[TraceRecord], phrases: Phrases | None = None) -> Story:
@@ -331,3 +370,60 @@ def _find(plan: PddlPlan, action: str, args: tuple[str, ...], detail: Mapping[st
     found = [step for step in plan.steps if (step.action, step.args) == (action, args)]
     start = detail.get("planned_start")
     return next((step for step in found if step.start_s == start), next(iter(found), None))
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A run in figures. ``world`` holds the results of the world view."""
+
+    story: Story
+    world: Mapping[str, Any]
+
+    @property
+    def reached(self) -> bool:
+        """Whether all that the run was about was reached."""
+        return {desire.how for desire in self.story.aims} == {"fulfilled"}
+
+    @property
+    def given_up(self) -> int:
+        """How many plans were given up."""
+        return sum(plan.given_up for plan in self.story.plans)
+
+    @property
+    def requests_for_desires(self) -> int:
+        """How many requests were for a desire."""
+        return sum(request.about_desire for request in self.story.requests)
+
+    def results(self) -> dict[str, Any]:
+        """As plain data, for results.json."""
+        story = self.story
+        return {
+            "reached": self.reached,
+            "duration_s": round(story.duration_s, 3),
+            "agents": {
+                agent: {
+                    "plans": sum(plan.agent == agent for plan in story.plans),
+                    "given_up": sum(plan.agent == agent and plan.given_up for plan in story.plans),
+                    "steps": sum(step.agent == agent for step in story.steps),
+                    "requests": sum(request.sender == agent for request in story.requests),
+                }
+                for agent in story.agents
+            },
+            "desires": [
+                {
+                    "agent": desire.agent,
+                    "name": desire.name,
+                    "why": desire.why,
+                    "from_s": round(story.seconds(desire.adopted), 3),
+                    "to_s": None if desire.ended is None else round(story.seconds(desire.ended), 3),
+                    "planned_s": planned_s,
+                    "took_s": None if took_s is None else round(took_s, 3),
+                    "how": desire.how,
+                    "reason": desire.reason,
+                }
+                for desire in story.desires
+                for planned_s, took_s in [story.makespans_s(desire)]
+            ],
+            "requests_for_desires": self.requests_for_desires,
+            **self.world,
+        }

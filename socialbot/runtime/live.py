@@ -21,7 +21,7 @@ from socialbot.core.process import Ending
 from socialbot.graph.node import Graph
 from socialbot.runs.console import Display, RunDisplay
 from socialbot.runs.record import WELL, RunTrace, versions
-from socialbot.runs.report_writer import RunReport, write_report
+from socialbot.runs.report import RunReport, write_report
 from socialbot.runs.telling import telling
 from socialbot.runtime.processes import RestartPolicy
 from socialbot.runtime.replay import keep_speech, observed_topics, parameters_of

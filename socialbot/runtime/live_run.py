@@ -15,7 +15,7 @@ from socialbot.runs.folder import wording_of
 from socialbot.runs.history import History
 from socialbot.runs.names import Wording
 from socialbot.runs.nodes import NodesThen
-from socialbot.runs.plan_trees import Tree, trees_at
+from socialbot.runs.plan_trees import PlanTree, trees_at
 from socialbot.runs.record import NodeTold, trace_record
 from socialbot.runs.report_worlds import World, world_of
 from socialbot.runs.run import GraphView, Picture, Pictures, graph_view
@@ -127,7 +127,7 @@ class LiveRun:
         self._listen()
         return self._world.picture(stamp, "") if self._world else None
 
-    def trees(self, stamp: int) -> tuple[Tree, ...]:
+    def trees(self, stamp: int) -> tuple[PlanTree, ...]:
         """The plans of the agents at ``stamp`` (ns)."""
         self._listen()
         return trees_at(self._history, stamp, self._wording)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import json
 import re
 from html.parser import HTMLParser
 from typing import Any
@@ -10,7 +13,7 @@ from typing import Any
 class Reader(HTMLParser):
     """Collects the words of a page, and whether all that is opened is closed."""
 
-    VOID = frozenset({"meta", "input", "br", "image", "rect", "path"})
+    VOID = frozenset({"meta", "input", "br", "img", "link"})
 
     def __init__(self) -> None:
         super().__init__()
@@ -43,3 +46,21 @@ def read(html: str) -> str:
 def headings(html: str) -> list[str]:
     """The titles of its sections."""
     return re.findall(r'<h2 id="part-[^"]*">(.*?)</h2>', html)
+
+
+def unfrozen(html: str) -> dict[str, Any]:
+    """The data of the run that a frozen page holds."""
+    found = re.search(r'<script type="text/plain" id="data">(.*?)</script>', html)
+    assert found is not None
+    return json.loads(gzip.decompress(base64.b64decode(found[1])))
+
+
+def charts(html: str) -> dict[str, dict[str, Any]]:
+    """The data of the charts of a page by title."""
+    found = re.findall(r'<figcaption>([^<]*)</figcaption><script type="application/json">(.*?)</script>', html)
+    return {title: json.loads(data) for title, data in found}
+
+
+def series(html: str, title: str) -> dict[str, list[Any]]:
+    """The points of the series of a chart by name."""
+    return {each["name"]: each["points"] for each in charts(html)[title]["series"]}

@@ -16,12 +16,11 @@ from socialbot.runs.difference import difference
 from socialbot.runs.evaluation_page import page as evaluation_page
 from socialbot.runs.folder import open_run
 from socialbot.runs.record import SCORED
-from socialbot.runs.report_difference import difference_page
-from socialbot.runs.report_writer import write_report
+from socialbot.runs.report import difference_page, write_report
 from socialbot.vision.metrics.frames import bag_source
 from tests.runs.browsing import chromium, waldo_with_pictures
 from tests.runs.runs import greeting
-from tests.runs.test_sight import scored
+from tests.runs.test_report import scored
 from tests.vision.metrics.scenes import drawn_bag, evaluated
 
 pytestmark = pytest.mark.slow

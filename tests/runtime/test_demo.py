@@ -13,7 +13,7 @@ from socialbot.core.messages import Health, Message, State, TraceRecord
 from socialbot.deliberation.messages import Desire, DesireSet
 from socialbot.graph.files import load_graph
 from socialbot.runs.record import NOTHING_SHOWN, RunRecord
-from socialbot.runs.report_writer import RunReport
+from socialbot.runs.report import RunReport
 from socialbot.runtime.simulate import QUIET_S, Run, Wishes, Worlds, left_in, replayable, results_of, run, watched
 
 pytest.importorskip("kairos", reason="kairos-planner is not installed")

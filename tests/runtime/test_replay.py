@@ -10,7 +10,7 @@ from socialbot.bags.reader import open_bag
 from socialbot.core.errors import GraphError
 from socialbot.graph.node import Graph
 from socialbot.runs.record import RunRecord
-from socialbot.runs.report_writer import recorded
+from socialbot.runs.report import recorded
 from socialbot.runtime.replay import Replay, find_truth, graph_of, replay
 from tests.planning import busy
 from tests.system.running import socialbot_here

@@ -14,7 +14,8 @@ from socialbot.agents.hospital.ward.drawing import WORD
 from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
 from socialbot.agents.hospital.ward.ward import NURSE, Room, Ward
 from socialbot.core.messages import Message, TraceRecord
-from socialbot.runs.report_trees import Branch, as_text, branches, with_failure, with_news
+from socialbot.runs.plan_trees import TreeBranch as Branch
+from socialbot.runs.plan_trees import as_text, branches, with_failure, with_news
 
 SMALL = 12
 """Wards with no more rooms than this are drawn room by room."""

@@ -34,6 +34,9 @@ async function told(name, query) {
   return (await ask(name, query)).json();
 }
 
+/** The world as a film: only a page that is a file has one. */
+export const film = null;
+
 export const run = () => told('run');
 export const moment = (t, agent) => told('moment', agent ? { t, agent } : { t });
 export const timeline = async () => (await told('timeline')).lanes;

@@ -3,6 +3,7 @@
 import { Agents } from './agents.js';
 import * as api from './api.js';
 import { Asking } from './asking.js';
+import { drawCharts } from './charts.js';
 import { find, say, seconds, showDate } from './dom.js';
 import { startKeys } from './keys.js';
 import { Latest } from './latest.js';
@@ -172,8 +173,11 @@ class Page {
 
   #describe() {
     const { run } = this;
-    document.title = `${run.title} · socialbot inspect`;
-    say(find('title'), run.title);
+    const frozen = find('verdict');
+    if (!frozen) {
+      document.title = `${run.title} · socialbot inspect`;
+      say(find('title'), run.title);
+    }
     const state = find('state');
     state.hidden = false;
     say(state, run.live ? 'live' : 'recorded');
@@ -375,6 +379,7 @@ document.addEventListener('answered', () => notice({ answer: '' }));
 
 try {
   await new Page(await api.run()).start();
+  drawCharts();
 } catch (error) {
   say(find('title'), 'This run cannot be shown');
   notice({ run: error.message });

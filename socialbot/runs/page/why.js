@@ -4,6 +4,8 @@ import * as api from './api.js';
 import { element, find, seconds } from './dom.js';
 import { drawBoxes } from './sight.js';
 
+const NEAR_S = 0.5;
+
 export class Why {
   #asked = 0;
 
@@ -84,7 +86,7 @@ export class Why {
       element('div', { class: 'frame' }, picture, boxes),
       element('figcaption', {}, element('button', { type: 'button', text: `The frame at ${seconds(t)}`, onclick: () => this.seek(t) })));
     Promise.all([api.picture(t), api.moment(t, ' ')]).then(async ([found, moment]) => {
-      if (!found) return;
+      if (!found || Math.abs(found.t - t) > NEAR_S) return;
       picture.src = found.address;
       await picture.decode();
       figure.hidden = false;

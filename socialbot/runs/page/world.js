@@ -1,10 +1,15 @@
-// The world of the agents: a map that the server draws.
+// The world of the agents: a map that the server draws, or a film that is in the page.
 
-import { Unreachable, worldAt } from './api.js';
+import { film, Unreachable, worldAt } from './api.js';
 import { find, seconds } from './dom.js';
+
+let groups = null;
+const faces = {};
+let order = '';
 
 /** The map at a time, ready to be shown. */
 export async function fetchMap(t) {
+  if (film) return film;
   const image = new Image();
   image.src = worldAt(t);
   await image.decode().catch(() => { throw new Unreachable(); });
@@ -13,9 +18,76 @@ export async function fetchMap(t) {
 
 /** Shows a map that was fetched. */
 export function showMap(address, t) {
-  const map = find('map');
   find('world').hidden = false;
-  map.src = address;
-  map.alt = `The world of the agents at ${seconds(t)}`;
+  const map = find('map');
+  if (film) paint(t);
+  else map.src = address;
+  if (!film) map.alt = `The world of the agents at ${seconds(t)}`;
   map.dataset.t = t;
+}
+
+/** Puts the drawing of the film in the place of the picture, once. */
+function stage() {
+  const host = document.createElement('div');
+  host.id = 'map';
+  host.innerHTML = film.picture; // drawn by the program from the record, with its texts escaped
+  find('map').replaceWith(host);
+  groups = new Map([...host.querySelectorAll('[data-name]')].map(group => [group.dataset.name, group]));
+}
+
+function paint(t) {
+  if (!groups) stage();
+  for (const [name, track] of Object.entries(film.robots ?? {})) {
+    const [, x, y] = between(track, t);
+    place(name, x, y);
+    if (name === film.crane) place('bridge', 0, y);
+  }
+  for (const [name, track] of Object.entries(film.faces ?? {})) {
+    const face = track[last(track, t)][1];
+    if (groups.has(name) && faces[name] !== face) {
+      faces[name] = face;
+      groups.get(name).innerHTML = film.drawings[face];
+    }
+  }
+  paintBoxes(t);
+}
+
+function paintBoxes(t) {
+  const heights = Object.entries(film.boxes ?? {}).map(([name, track]) => {
+    const [, x, y, z] = between(track, t);
+    place(name, x, y);
+    return [z, name];
+  }).sort((one, other) => one[0] - other[0] || (one[1] < other[1] ? -1 : 1));
+  const now = heights.map(height => height[1]).join();
+  if (now !== order) {
+    order = now;
+    for (const [, name] of heights) groups.get(name)?.parentNode.append(groups.get(name));
+  }
+  const held = film.holding ?? [];
+  if (held.length) groups.get(film.crane)?.classList.toggle('holding', Boolean(held[last(held, t)][1]));
+}
+
+function place(name, x, y) {
+  groups.get(name)?.setAttribute('transform', `translate(${x} ${y})`);
+}
+
+/** The number of the last entry that is not later than a time. */
+function last(track, t) {
+  let low = 0;
+  let high = track.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (track[middle][0] <= t) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+}
+
+/** The entry at a time, between two of a track. */
+function between(track, t) {
+  const n = last(track, t);
+  const [one, other] = [track[n], track[n + 1]];
+  if (!other || t <= one[0]) return one;
+  const share = (t - one[0]) / (other[0] - one[0] || 1);
+  return one.map((value, i) => value + (other[i] - value) * share);
 }

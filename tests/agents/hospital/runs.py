@@ -9,7 +9,7 @@ from pathlib import Path
 from socialbot.agents.hospital.graphs import hospital
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.graph.node import Graph
-from socialbot.runs.report_writer import RunReport
+from socialbot.runs.report import RunReport
 from socialbot.runtime.simulate import Run, RunResult, run
 
 

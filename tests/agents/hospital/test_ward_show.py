@@ -9,7 +9,7 @@ from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.agents.hospital.ward_show import TREES, WardShow, ward_text
 from socialbot.core.clock import SECOND
 from tests.agents.hospital.runs import paper_run
-from tests.runs.test_trees import MENDED, PLANNED, given_up_at, made_at
+from tests.runs.test_plan_trees import MENDED, PLANNED, given_up_at, made_at
 
 
 def printed(*things: object) -> str:

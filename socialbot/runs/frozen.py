@@ -1,0 +1,168 @@
+"""Run page as data: the answers of the server that a self-contained page needs, compressed."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.commands import Shut
+from socialbot.runs.folder import RecordedRun
+from socialbot.runs.overview import overview
+from socialbot.runs.plan_trees import PlanTrees
+from socialbot.runs.report_worlds import World
+from socialbot.runs.run import node_views
+from socialbot.runs.sentences import told
+from socialbot.runs.why import actions, considered, explain
+
+MAX_RECORDS = 20_000
+"""Older records of a long run are left out of the page."""
+
+MAX_EXPLANATIONS = 1500
+MAX_REJECTIONS = 20
+MAX_PICTURES = 40
+MAX_PICTURE_BYTES = 1_500_000
+NODE_SAMPLES = 200
+PICTURE_WIDTH = 480
+JPEG_QUALITY = 72
+
+_MIND = ("beliefs", "desires", "goals", "plans", "actions", "ended", "paused")
+_SHARED = ("sight", "speech", "head")
+
+Track = list[tuple[float, Any]]
+"""Values with the time (s) from which each holds."""
+
+
+def frozen(run: RecordedRun, world: World | None, stamps: Iterable[int], shut: str) -> str:
+    """Return everything that the page asks the server for, as JSON, gzip and base64.
+
+    Args:
+        run: The run to show.
+        world: World view of the run, if it has one.
+        stamps: Times (ns) whose pictures the page needs in any case.
+        shut: Why the page takes no commands.
+    """
+    history = run.history
+    records = history.part(max(0, len(history) - MAX_RECORDS), len(history))
+    begin = records[0].stamp if len(records) < len(history) else history.start
+    pictures = _pictures(run, stamps, records)
+    shown = overview(run, Shut(shut))
+    has = msgspec.structs.replace(shown.has, pictures=bool(pictures), world=world is not None and bool(world))
+    content = {
+        "run": msgspec.structs.replace(shown, has=has, results={}, since_s=history.seconds(begin)),
+        "timeline": run.timeline.lanes(),
+        "log": told(run, records),
+        "tracks": _tracks(run, records),
+        "trees": _trees(run, begin),
+        "nodes": _nodes(run, begin),
+        "why": _explanations(run, records),
+        "plans": [
+            msgspec.structs.replace(each, rejected=each.rejected[-MAX_REJECTIONS:]) for each in considered(history)
+        ],
+        "pictures": pictures,
+        "film": world.film(history.start) if world else None,
+    }
+    return base64.b64encode(gzip.compress(msgspec.json.encode(content), 6, mtime=0)).decode()
+
+
+def encoded(jpeg: bytes) -> tuple[str, int, int] | None:
+    """Return a picture as a small data URL with its original width and height; None for a damaged picture."""
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        return None
+    height, width = image.shape[:2]
+    if width > PICTURE_WIDTH:
+        size = (PICTURE_WIDTH, max(1, round(height * PICTURE_WIDTH / width)))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode()}", width, height
+
+
+def _pictures(run: RecordedRun, stamps: Iterable[int], records: Sequence[TraceRecord]) -> list[tuple[float, str]]:
+    """Return pictures at the given times, then evenly spaced ones up to the limits, by time."""
+    if not run.sees:
+        return []
+    seen = [record.stamp for record in records if record.kind == "detection"]
+    step = max(1, len(seen) // MAX_PICTURES)
+    found: dict[int, str] = {}
+    size = 0
+    for stamp in dict.fromkeys([*stamps, *seen[::step], *seen[-1:]]):
+        picture = run.picture(stamp)
+        if picture is None or picture.stamp in found:
+            continue
+        if size > MAX_PICTURE_BYTES or len(found) >= 2 * MAX_PICTURES:
+            break
+        small = encoded(picture.jpeg)
+        if small is not None:
+            found[picture.stamp] = small[0]
+            size += len(small[0])
+    return [(run.history.seconds(stamp), found[stamp]) for stamp in sorted(found)]
+
+
+def _tracks(run: RecordedRun, records: Sequence[TraceRecord]) -> dict[str, Any]:
+    """Return how the state changes: the shared parts, and each part of each agent's mind."""
+    agents: dict[str, dict[str, Track]] = {}
+    shared: dict[str, Track] = {name: [] for name in _SHARED}
+    last: dict[str, Any] = {}
+    for number, record in enumerate(records):
+        if number + 1 < len(records) and records[number + 1].stamp == record.stamp:
+            continue
+        moment = run.course.at(record.stamp)
+        for name in _SHARED:
+            _note(shared[name], moment.at_s, getattr(moment, name))
+        for agent in moment.agents:
+            if last.get(agent.name) is not agent:
+                last[agent.name] = agent
+                parts = agents.setdefault(agent.name, {part: [] for part in _MIND})
+                for part in _MIND:
+                    _note(parts[part], moment.at_s, getattr(agent, part))
+    return {"agents": agents, **shared}
+
+
+def _note(track: Track, at_s: float, value: Any) -> None:
+    if not track or track[-1][1] != value:
+        track.append((at_s, value))
+
+
+def _trees(run: RecordedRun, begin: int) -> list[Track]:
+    history, trees = run.history, PlanTrees(run.history, run.wording)
+    tracks: dict[tuple[str, str], Track] = {}
+    for record in history:
+        if trees.take(record) and record.stamp >= begin:
+            at_s = history.seconds(record.stamp)
+            for desire, tree in trees.trees().items():
+                _note(tracks.setdefault(desire, []), at_s, tree)
+    return list(tracks.values())
+
+
+def _nodes(run: RecordedRun, begin: int) -> dict[str, Track]:
+    tracks: dict[str, Track] = {}
+    history = run.history
+    for number in range(NODE_SAMPLES + 1):
+        stamp = begin + (run.end - begin) * number // NODE_SAMPLES
+        for status in node_views(run, stamp):
+            _note(tracks.setdefault(status["name"], []), history.seconds(stamp), status)
+    return tracks
+
+
+def _explanations(run: RecordedRun, records: Sequence[TraceRecord]) -> dict[str, Any]:
+    """Explain actions first, then other records, evenly chosen up to the limit."""
+    done = {id(record) for record in actions(run.history)}
+    others: list[Callable[[TraceRecord], bool]] = [
+        lambda record: id(record) in done,
+        lambda record: id(record) not in done and record.kind != "detection",
+    ]
+    found: dict[str, Any] = {}
+    for is_meant in others:
+        meant = [record for record in records if is_meant(record)]
+        free = MAX_EXPLANATIONS - len(found)
+        first = len(meant) if len(meant) <= free else free // 2
+        for record in (*meant[:first], *meant[max(first, len(meant) - free + first) :]):
+            found[record.id] = explain(run.history, run.wording, record)
+    return found

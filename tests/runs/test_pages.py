@@ -1,0 +1,90 @@
+"""Pages from templates: escaping, tables and charts."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+
+import pytest
+
+from socialbot.core.errors import SocialbotError
+from socialbot.runs.pages import PAGE, Page, Section, bundle, folded, series_charts, settings, table
+from tests.runs.pages import charts, headings, read, series
+
+HOSTILE = "</script><img onerror=x>\"'&"
+
+
+def test_page_shows_all_of_its_parts():
+    words = read(
+        Page(
+            "A run",
+            lead="It went.",
+            verdict="ended well",
+            warnings=["The camera died."],
+            tiles=[("7", "lives")],
+            sections=[Section("One", "<p>first</p>", "a note"), Section("Two", settings({"seed": 4}))],
+        ).html()
+    )
+    for text in ("A run", "It went.", "ended well", "The camera died.", "7", "lives", "first", "a note", "seed", "4"):
+        assert text in words
+
+
+def test_page_omits_sections_without_content():
+    html = Page("A run", sections=[Section("One", ""), Section("Two", "<p>x</p>"), Section("Three", "<p>y</p>")]).html()
+    assert headings(html) == ["Two", "Three"]
+    assert html.count("<a href=") == 2
+
+
+def test_page_escapes_text():
+    page = Page(
+        HOSTILE,
+        lead=HOSTILE,
+        verdict=HOSTILE,
+        warnings=[HOSTILE],
+        tiles=[(HOSTILE, HOSTILE)],
+        sections=[
+            Section(HOSTILE, table((HOSTILE,), [[(HOSTILE, "")], [(HOSTILE, "code")]])),
+            Section("two", folded(HOSTILE, settings({HOSTILE: HOSTILE}))),
+        ],
+    )
+    html = page.html()
+    assert "<img" not in html
+    assert "</script>" not in html
+    assert read(html).count(HOSTILE) == 15
+
+
+def test_page_supports_light_and_dark():
+    assert "prefers-color-scheme:dark" in Page("A run").html()
+
+
+def test_unwritable_file_is_an_error(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SocialbotError, match="cannot be written"):
+        Page("A run").write(tmp_path / "file" / "page.html")
+
+
+def test_table_column_becomes_a_chart():
+    rows = {f"{n} rooms": {"</script>s": 0.5 * n, "what": "x", "same": 1, "ok": True} for n in (10, 50, 200)}
+    html = Page("A run", sections=[Section("One", series_charts(rows))]).html()
+    read(html)
+    assert list(charts(html)) == ["&lt;/script&gt;s"]
+    assert series(html, "&lt;/script&gt;s") == {"</script>s": [[10, 5.0], [50, 25.0], [200, 100.0]]}
+
+
+@pytest.mark.parametrize("names", [("a", "b", "c"), ("3", "1", "2"), ("1", "2")])
+def test_table_without_ascending_numbers_has_no_charts(names):
+    assert series_charts(dict(zip(names, ({"s": n} for n in range(3)), strict=False))) == ""
+
+
+def test_bundle_holds_every_imported_module():
+    main = bundle("main.js", charts=True, instead=(("api.js", "frozen.js"),))
+    modules = set(re.findall(r'"(page/[\w.]+)":', main.imports))
+    served = {f"page/{path.name}" for path in PAGE.glob("*.js")} - {"page/frozen.js", "page/document.js"}
+    assert modules == served
+    assert "http" not in main.imports
+
+
+def test_bundled_chart_library_is_the_one_that_the_notice_names():
+    notice = (PAGE / "vendor/NOTICE").read_text("utf-8")
+    for name in ("uPlot.iife.min.js", "uPlot.min.css"):
+        assert hashlib.sha256((PAGE / "vendor" / name).read_bytes()).hexdigest() in notice
