@@ -113,7 +113,7 @@ def test_the_exit_code_says_whether_two_runs_differ(run, later):
 
 def test_the_page_of_two_runs_is_written(run, later, tmp_path):
     assert ask("diff", run, later, "--html", tmp_path / "both.html")[0] == 1
-    assert "The decision" in (tmp_path / "both.html").read_text("utf-8")
+    assert "First different decision" in (tmp_path / "both.html").read_text("utf-8")
 
 
 def test_the_page_of_a_run_is_written_again(run):
