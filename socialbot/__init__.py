@@ -1,3 +1,116 @@
-"""socialbot: a robot that notices people and acts without being asked."""
+"""socialbot: a robot that notices people and acts without being asked.
+
+The names below are what most robots need. They are imported on first use, so that ``import socialbot`` is cheap.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from socialbot.core.lazy import lazy_exports as _lazy_exports
+
+if TYPE_CHECKING:
+    from socialbot.agents.base.agent_node import AgentNode
+    from socialbot.agents.base.deliberating import Deliberating
+    from socialbot.bags.reader import Bag, open_bag
+    from socialbot.bags.writer import BagWriter
+    from socialbot.bdi import (
+        ANYTHING,
+        Action,
+        Atom,
+        Belief,
+        Engine,
+        Goal,
+        Library,
+        Literal,
+        LongAction,
+        Plan,
+        Record,
+        Sensor,
+        SingletonBelief,
+        ThreadAction,
+        ThreadSensor,
+        Trace,
+        Variable,
+        action,
+        variables,
+    )  # fmt: skip
+    from socialbot.bdi.literals import Event
+    from socialbot.bdi.society import Society
+    from socialbot.core.clock import SECOND, Clock, ManualClock, nanoseconds
+    from socialbot.core.errors import GraphError, MessageError, ParameterError, SocialbotError
+    from socialbot.core.messages import (
+        ActionRequest,
+        CameraInfo,
+        CompressedImage,
+        HeadCommand,
+        Health,
+        Image,
+        Message,
+        PersonDetection,
+        PersonDetections,
+        SpeechStatus,
+        Structured,
+        TraceRecord,
+        Utterance,
+    )  # fmt: skip
+    from socialbot.core.registry import AgentPackage
+    from socialbot.deliberation.actions import PlanAction
+    from socialbot.deliberation.sensing import FactSensor, fluent, instance, predicate
+    from socialbot.graph.files import dump_graph, load_graph, parse_graph
+    from socialbot.graph.inline import InlineRunner
+    from socialbot.graph.node import Context, Delivery, Graph, Input, Node, NodeConfig, Output, Parameter, Timer
+    from socialbot.planning.htn.planner import TaskPlanner
+    from socialbot.planning.pddl.reader import read_domain, read_problem
+    from socialbot.planning.planners.engines import make_planner
+    from socialbot.runs.folder import RecordedRun, open_run
+    from socialbot.runtime.replay import Replay, replay
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "ANYTHING", "SECOND", "Action", "ActionRequest", "AgentNode", "AgentPackage", "Atom", "Bag", "BagWriter",
+    "Belief", "CameraInfo", "Clock", "CompressedImage", "Context", "Deliberating", "Delivery", "Engine", "Event",
+    "FactSensor", "Goal", "Graph", "GraphError", "HeadCommand", "Health", "Image", "InlineRunner", "Input",
+    "Library", "Literal", "LongAction", "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output",
+    "Parameter", "ParameterError", "PersonDetection", "PersonDetections", "Plan", "PlanAction", "Record",
+    "RecordedRun", "Replay", "Sensor", "SingletonBelief", "SocialbotError", "Society", "SpeechStatus", "Structured",
+    "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace", "TraceRecord", "Utterance", "Variable",
+    "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner", "nanoseconds", "open_bag",
+    "open_run", "parse_graph", "predicate", "read_domain", "read_problem", "replay", "variables",
+]  # fmt: skip
+
+_MODULES = {
+    "socialbot.agents.base.agent_node": "AgentNode",
+    "socialbot.agents.base.deliberating": "Deliberating",
+    "socialbot.bags.reader": "Bag open_bag",
+    "socialbot.bags.writer": "BagWriter",
+    "socialbot.bdi": (
+        "ANYTHING Action Atom Belief Engine Goal Library Literal LongAction Plan Record Sensor "
+        "SingletonBelief ThreadAction ThreadSensor Trace Variable action variables"
+    ),
+    "socialbot.bdi.literals": "Event",
+    "socialbot.bdi.society": "Society",
+    "socialbot.core.clock": "SECOND Clock ManualClock nanoseconds",
+    "socialbot.core.errors": "GraphError MessageError ParameterError SocialbotError",
+    "socialbot.core.messages": (
+        "ActionRequest CameraInfo CompressedImage HeadCommand Health Image Message PersonDetection "
+        "PersonDetections SpeechStatus Structured TraceRecord Utterance"
+    ),
+    "socialbot.core.registry": "AgentPackage",
+    "socialbot.deliberation.actions": "PlanAction",
+    "socialbot.deliberation.sensing": "FactSensor fluent instance predicate",
+    "socialbot.graph.files": "dump_graph load_graph parse_graph",
+    "socialbot.graph.inline": "InlineRunner",
+    "socialbot.graph.node": "Context Delivery Graph Input Node NodeConfig Output Parameter Timer",
+    "socialbot.planning.htn.planner": "TaskPlanner",
+    "socialbot.planning.pddl.reader": "read_domain read_problem",
+    "socialbot.planning.planners.engines": "make_planner",
+    "socialbot.runs.folder": "RecordedRun open_run",
+    "socialbot.runtime.replay": "Replay replay",
+}
+__getattr__ = _lazy_exports(__name__, _MODULES)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -9,12 +9,23 @@ from pathlib import Path
 
 import msgspec
 
-from socialbot.agents.hospital.ward.messages import STATE, WardState
-from socialbot.bags.reader import open_bag
-from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.errors import ParameterError
-from socialbot.core.messages import CameraInfo, CompressedImage, Image
-from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
+from socialbot import (
+    SECOND,
+    CameraInfo,
+    CompressedImage,
+    Context,
+    Delivery,
+    Image,
+    Input,
+    Node,
+    Output,
+    Parameter,
+    ParameterError,
+    Timer,
+    nanoseconds,
+    open_bag,
+)
+from socialbot.agents.hospital import STATE, WardState
 from socialbot.vision.images import bgr_from_compressed
 
 CLIPS = Path(__file__).resolve().parents[2] / "data" / "synthetic"

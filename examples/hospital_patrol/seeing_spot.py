@@ -10,15 +10,10 @@ from typing import Any
 import msgspec
 from room_camera import PATROL, frame_of
 
-from socialbot.agents.hospital.robot_node import Spot
-from socialbot.agents.hospital.robots import WorldAction, names_of
-from socialbot.agents.hospital.ward.messages import PERSON_IN_ROOM, ActionCancel, ActionResult
+from socialbot import SECOND, Atom, Context, Input, Literal, Parameter, PersonDetections, TraceRecord, nanoseconds
+from socialbot.agents.hospital import PERSON_IN_ROOM, ActionCancel, ActionResult, Spot, WorldAction, names_of
 from socialbot.bdi import Action, Engine, Sensor
-from socialbot.bdi.literals import Literal, literal
-from socialbot.bdi.terms import Atom
-from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.messages import PersonDetections, TraceRecord
-from socialbot.graph.node import Context, Input, Parameter
+from socialbot.bdi.literals import literal
 
 PROGRAM = Path(__file__).with_name("seeing_spot.asl")
 NOT_SEEN = "room not seen"

@@ -1,6 +1,22 @@
 """The hospital: robots patrol and disinfect rooms, with nurses who let them and tidy up."""
 
+from typing import TYPE_CHECKING
+
+from socialbot.core.lazy import lazy_exports
 from socialbot.core.registry import AgentPackage
+
+if TYPE_CHECKING:
+    from socialbot.agents.hospital.coordinator import HospitalCoordinator
+    from socialbot.agents.hospital.robot_node import HospitalAgent, Nurse, Spot, Uvd
+    from socialbot.agents.hospital.robots import WorldAction, names_of
+    from socialbot.agents.hospital.ward.messages import (
+        PERSON_IN_ROOM,
+        STATE,
+        ActionCancel,
+        ActionCommand,
+        ActionResult,
+        WardState,
+    )
 
 AGENT = AgentPackage(
     name="hospital",
@@ -19,4 +35,21 @@ AGENT = AgentPackage(
     ),
     recorded=("socialbot.agents.hospital.messages:MISSION_MESSAGES",),
     phrases="socialbot.agents.hospital.event_log:PHRASES",
+)
+
+__all__ = [
+    "AGENT", "PERSON_IN_ROOM", "STATE", "ActionCancel", "ActionCommand", "ActionResult", "HospitalAgent",
+    "HospitalCoordinator", "Nurse", "Spot", "Uvd", "WardState", "WorldAction", "names_of",
+]  # fmt: skip
+
+__getattr__ = lazy_exports(
+    __name__,
+    {
+        "socialbot.agents.hospital.coordinator": "HospitalCoordinator",
+        "socialbot.agents.hospital.robot_node": "HospitalAgent Nurse Spot Uvd",
+        "socialbot.agents.hospital.robots": "WorldAction names_of",
+        "socialbot.agents.hospital.ward.messages": (
+            "PERSON_IN_ROOM STATE ActionCancel ActionCommand ActionResult WardState"
+        ),
+    },
 )

@@ -1,6 +1,14 @@
 """Waldo: greets people and offers help without being asked."""
 
+from typing import TYPE_CHECKING
+
+from socialbot.core.lazy import lazy_exports
 from socialbot.core.registry import AgentPackage
+
+if TYPE_CHECKING:
+    from socialbot.agents.waldo.head import Head
+    from socialbot.agents.waldo.nodes import Listener, WaldoNode
+    from socialbot.agents.waldo.waldo import personDetected, speak
 
 AGENT = AgentPackage(
     name="waldo",
@@ -11,4 +19,15 @@ AGENT = AgentPackage(
         "waldo": "socialbot.agents.waldo.nodes:WaldoNode",
     },
     graphs={"waldo": "graph.yaml"},
+)
+
+__all__ = ["AGENT", "Head", "Listener", "WaldoNode", "personDetected", "speak"]  # fmt: skip
+
+__getattr__ = lazy_exports(
+    __name__,
+    {
+        "socialbot.agents.waldo.head": "Head",
+        "socialbot.agents.waldo.nodes": "Listener WaldoNode",
+        "socialbot.agents.waldo.waldo": "personDetected speak",
+    },
 )

@@ -1,0 +1,120 @@
+"""Test helpers: run graphs, nodes and engines in simulated time, feed messages and check what comes out.
+
+::
+
+    from socialbot.testing import GraphTester
+
+    def test_the_robot_greets_a_visitor():
+        with GraphTester("graph.yaml", parameters={"speech": {"playback": "off"}}) as tester:
+            tester.run(5.0)
+        assert [say.text for say in tester.messages("/speech/say")] == ["Hello!"]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from socialbot.core.clock import SECOND, ManualClock, nanoseconds
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import Message, Structured
+from socialbot.graph.files import load_graph
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, Node, NodeConfig
+
+if TYPE_CHECKING:
+    from socialbot.bdi import Engine
+
+__all__ = ["SECOND", "GraphTester", "ManualClock", "Structured", "run_engine"]
+
+
+class GraphTester:
+    """Runs a graph in one thread and in simulated time, and keeps every message.
+
+    Use it as a context manager: nodes start on entry and stop on exit. A node that raises fails the test on exit.
+
+    Args:
+        graph: A graph, the name or path of a graph file, or a single node class. The node of a class is called
+            ``node``, and its inputs are connected to the test.
+        parameters: Parameters by node name; for a single node class, its own parameters.
+        start: Time at the beginning (ns).
+    """
+
+    def __init__(
+        self, graph: Graph | str | Path | type[Node], *, parameters: Mapping[str, Any] | None = None, start: int = 0
+    ) -> None:
+        if isinstance(graph, type):
+            config = NodeConfig("node", graph, parameters or {})
+            graph = Graph("test", (config,), inputs=frozenset(topic for topic, _ in config.subscriptions))
+        else:
+            graph = graph if isinstance(graph, Graph) else load_graph(str(graph))
+            graph = graph.with_parameters(parameters or {})
+        self.graph = graph
+        self.runner = InlineRunner(graph, start=start)
+        self._seen: list[tuple[str, int, Message]] = []
+        for topic in graph.topics():
+            self.runner.tap(topic, self._note)
+
+    def __enter__(self) -> GraphTester:
+        self.runner.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.runner.close()
+        failed = {name: faults.first for name, faults in self.runner.faults.items() if faults.failures}
+        if failed and kind is None:
+            name, first = next(iter(failed.items()))
+            raise NodeError(f"failed: {first}", where=name, remedy="see the log of the test for the traceback")
+
+    @property
+    def clock(self) -> ManualClock:
+        """The simulated clock."""
+        return self.runner.clock
+
+    @property
+    def seconds(self) -> float:
+        """The simulated time (s)."""
+        return self.clock.now() / SECOND
+
+    def node(self, name: str = "node") -> Any:
+        """The node called ``name``."""
+        return self.runner.nodes[name]
+
+    def send(self, topic: str, message: Message) -> None:
+        """Deliver ``message`` at its stamp, or now if that has passed, and everything that follows from it."""
+        self.runner.feed(topic, message)
+
+    def run(self, seconds: float) -> None:
+        """Let ``seconds`` of simulated time pass."""
+        self.runner.advance(self.clock.now() + nanoseconds(seconds))
+
+    def messages(self, topic: str) -> list[Any]:
+        """All messages on ``topic`` so far, in order."""
+        return [message for name, _, message in self._seen if name == topic]
+
+    def times(self, topic: str) -> list[float]:
+        """When (s) each message on ``topic`` was published."""
+        return [time / SECOND for name, time, _ in self._seen if name == topic]
+
+    def _note(self, topic: str, message: Message) -> None:
+        self._seen.append((topic, self.clock.now(), message))
+
+
+def run_engine(engine: Engine, seconds: float = 0.0) -> None:
+    """Run ``engine`` until it is idle, then for ``seconds`` of simulated time, timers included.
+
+    The clock of the engine must be a `ManualClock`.
+    """
+    clock = engine.clock
+    if not isinstance(clock, ManualClock):
+        raise TypeError("run_engine needs an engine with a ManualClock")
+    end = clock.now() + nanoseconds(seconds)
+    while True:
+        while engine.run_until_idle():
+            pass
+        due = engine.next_wakeup()
+        if due is None or due > end:
+            break
+        clock.set(max(due, clock.now()))
+    clock.set(end)

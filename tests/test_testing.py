@@ -1,0 +1,69 @@
+"""The helpers for users' tests."""
+
+import pytest
+
+from socialbot import Action, Belief, Engine, Input, Node, Output, Parameter, Utterance
+from socialbot.core.errors import NodeError
+from socialbot.testing import SECOND, GraphTester, ManualClock, run_engine
+
+
+class Echo(Node):
+    """Repeats utterances after a pause."""
+
+    heard = Input(Utterance, "/heard")
+    said = Output(Utterance, "/said")
+    pause_s = Parameter(0.5, "pause (s)")
+
+    @heard
+    def on_heard(self, message: Utterance) -> None:
+        if message.text == "fail":
+            raise ValueError("cannot echo")
+        self.call_after(self.pause_s, lambda: self.said.publish(message))
+
+
+def utterance(text: str) -> Utterance:
+    return Utterance(stamp=SECOND, id="u", text=text)
+
+
+def test_a_single_node_is_run_with_messages_from_the_test():
+    with GraphTester(Echo, parameters={"pause_s": 1.0}) as tester:
+        tester.send("/heard", utterance("hello"))
+        assert tester.messages("/said") == []
+        tester.run(1.5)
+        assert tester.node().pause_s == 1.0
+    assert tester.messages("/said") == [utterance("hello")]
+    assert tester.times("/said") == [2.0]
+    assert tester.seconds == 2.5
+
+
+def test_a_registered_graph_is_run_by_its_name():
+    with GraphTester("cleaner") as tester:
+        tester.run(1.0)
+        assert tester.seconds == 1.0
+
+
+def test_a_node_that_raises_fails_the_test():
+    with pytest.raises(NodeError, match="ValueError: cannot echo"), GraphTester(Echo) as tester:
+        tester.send("/heard", utterance("fail"))
+
+
+class rain(Belief): ...  # noqa: N801
+
+
+def test_an_engine_is_run_through_its_timers():
+    told = []
+
+    class tell(Action):  # noqa: N801
+        def execute(self):
+            told.append(self.engine.clock.now() / SECOND)
+
+    from socialbot.bdi import wait
+
+    engine = Engine("cat", ManualClock())
+    engine.add_rules(+rain() >> [wait(2), tell()])
+    engine.believe(rain())
+    run_engine(engine, 1.0)
+    assert told == []
+    run_engine(engine, 1.5)
+    assert told == [2.0]
+    assert engine.clock.now() == 2.5 * SECOND
