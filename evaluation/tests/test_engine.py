@@ -100,6 +100,7 @@ def test_tokens_go_round():
     assert "ratio" not in figures, "only the ring of a thousand agents counts"
 
 
+@pytest.mark.slow
 def test_goals_that_are_last_steps_take_no_memory_with_depth_but_others_do():
     flat = programs.agent(*programs.count_rules(stacked=False))
     deep = programs.agent(*programs.count_rules(stacked=True))

@@ -152,6 +152,7 @@ def test_over_ros_there_are_few_missions_and_more_where_the_growth_needs_them():
     assert len(sample((25.0,), 2, 10)) == 6
 
 
+@pytest.mark.slow
 def test_missions_side_by_side_come_to_the_same_as_one_after_the_other():
     todo = settings((0.0, 100.0), 1)
     found = play_inline(todo, 2, None)

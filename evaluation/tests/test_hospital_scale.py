@@ -141,6 +141,7 @@ def test_a_ward_in_which_nobody_can_do_anything_stands_still():
     assert len(result.lost) == 3
 
 
+@pytest.mark.slow
 def test_runs_side_by_side_come_in_the_order_of_their_stories():
     kinds = {PLAIN: [SMALL], KILLED: [replace(SMALL, rate=0.0), replace(SMALL, seed=2)]}
     results = play_all(kinds, 2)

@@ -39,6 +39,7 @@ def test_a_shortened_bag_has_the_first_seconds_unchanged(bag, tmp_path):
         assert list(short.raw_messages(topics)) == list(whole.raw_messages(topics))[:5]
 
 
+@pytest.mark.slow
 def test_inline_replay_is_compared_with_the_bare_loop_and_with_itself(bag, tmp_path):
     report = Report("replay", quick=True)
     with open_bag(bag) as opened:
@@ -59,6 +60,7 @@ def test_inline_replay_is_compared_with_the_bare_loop_and_with_itself(bag, tmp_p
     assert content["unmet"][-1] == "ros_apart_periods"
 
 
+@pytest.mark.slow
 def test_other_actions_or_traces_do_not_pass_as_the_same(bag, tmp_path):
     with open_bag(bag) as opened:
         inline = [inline_pass(opened, tmp_path / str(turn)) for turn in range(2)]

@@ -26,6 +26,7 @@ def test_one_bad_minute_is_no_drift():
     assert p99_drift([minute(100)] * 6 + [minute(200)] * 3) == 2
 
 
+@pytest.mark.slow
 def test_a_short_life_has_everything_in_it_and_loses_nothing(caplog):
     caplog.set_level(logging.ERROR, "socialbot.bdi")
     life, told = NodeThread(rate=4_000), []

@@ -35,6 +35,7 @@ def test_the_nodes_take_look_at_and_answer_every_frame_at_a_steady_rate(tmp_path
     assert [answer.arguments for answer in answers if isinstance(answer, ActionRequest)] == [(stamp,) for stamp in sent]
 
 
+@pytest.mark.slow
 @pytest.mark.ros
 def test_a_short_run_tells_latency_losses_age_and_cost():
     seconds = 1.2

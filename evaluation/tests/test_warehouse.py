@@ -111,6 +111,7 @@ def test_nobody_is_killed_while_somebody_is_down():
             assert other.time_s > one.time_s + one.down_s
 
 
+@pytest.mark.slow
 def test_runs_side_by_side_come_to_the_same_as_one_after_the_other():
     kinds = {"short": [Story(seed, limit_s=12.0, faults="5 leaves carrier_a") for seed in (1, 2)]}
     side_by_side = play_all(kinds, jobs=2)["short"]
@@ -119,6 +120,7 @@ def test_runs_side_by_side_come_to_the_same_as_one_after_the_other():
     assert not any(one.over for one in one_by_one)
 
 
+@pytest.mark.slow
 def test_plans_are_made_for_all_sizes_and_for_the_second_run():
     questions = {"6": first_question(6), "24": first_question(24), "again": second_question()}
     found = plan_by_turns(questions, 2)

@@ -68,10 +68,11 @@ def evaluate(
 
     Tracking and all: what is judged is what runs on the robot. docs/evaluation.md explains every figure.
     """
+    from socialbot.graph.files import load_graph
     from socialbot.runs.evaluation_figures import write_json
-    from socialbot.runs.evaluation_markdown import write_markdown
     from socialbot.runs.evaluation_page import page
-    from socialbot.runs.evaluation_tables import show
+    from socialbot.runs.evaluation_tables import show, write_markdown
+    from socialbot.vision.metrics.behaviour import single_node
     from socialbot.vision.metrics.evaluation import EvaluationPlan
     from socialbot.vision.metrics.evaluation import evaluate as carry_out
     from socialbot.vision.metrics.matches import Rules, parse_bands
@@ -80,7 +81,15 @@ def evaluate(
     rules = Rules(parse_bands(bands), iou, presence)
     pipelines = _pipelines(detector or [], changes or [], raw=raw)
     sources = _sources(bags or [], images, truth, split, errors)
-    plan = EvaluationPlan(sources, pipelines, rules, jobs or CORES, threads if speed else 0, scheduler)
+    plan = EvaluationPlan(
+        sources,
+        pipelines,
+        rules,
+        jobs or CORES,
+        threads if speed else 0,
+        scheduler,
+        waldo=single_node(load_graph("waldo"), "bdi_engine"),
+    )
     figures = [path for path in (json, out and out / "evaluation.json") if path is not None]
     pages = [path for path in (html, out and out / "index.html") if path is not None]
     documents = [out / "evaluation.md", out / "curves.svg"] if out is not None else []

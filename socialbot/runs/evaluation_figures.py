@@ -1,11 +1,11 @@
-"""Figures of an evaluation that terminal, page and JSON share, beside those of the paper."""
+"""Figures of an evaluation for the terminal, Markdown, the page and JSON, and those of the paper."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -14,35 +14,20 @@ import msgspec
 import numpy as np
 
 from socialbot.core.errors import SocialbotError
-from socialbot.runs.evaluation_chart import COLOURS, Line, Point, curves_chart
 from socialbot.runs.record import versions
 from socialbot.vision.metrics.behaviour import OUTCOMES, Behaviour
 from socialbot.vision.metrics.evaluation import ClipResult, DetectorResult, Evaluation, SceneResult
 from socialbot.vision.metrics.frames import BLOCK_S
 from socialbot.vision.metrics.scores import COVERAGE, DRAWS, BandScore, PrecisionRecallCurve, Score
 
-__all__ = [
-    "CONFIDENCE",
-    "PAPER",
-    "Row",
-    "SCENES",
-    "all_causes",
-    "asked",
-    "colours",
-    "content",
-    "curve_charts",
-    "followed",
-    "metres",
-    "paper_rows",
-    "paper_scene",
-    "paper_score",
-    "rate",
-    "scene_columns",
-    "told_bands",
-    "told_of_any",
-    "write_json",
-]
+COLOURS = ("#0b7fb0", "#c06a10", "#4f8a2a", "#a558a0", "#8a7015")
+"""Colours of the detectors in their order, for light and dark backgrounds."""
 
+CURVE_POINTS = 200
+"""Curves are thinned to at most this many points."""
+
+Point = tuple[float, float]
+"""Recall and precision."""
 
 SCENES = ("Scene 1", "Scene 2")
 
@@ -52,36 +37,36 @@ PAPER: Mapping[str, Mapping[str, Score]] = MappingProxyType(
         "Scene 2": {"0-2": Score(tp=175, fp=160, fn=265), "2-10": Score(tp=354, fp=114, fn=132)},
     }
 )
-"""Table 2 by scene and band. Table 3 follows from it."""
+"""The paper's Table 2 by scene and band; its Table 3 follows from it."""
 
 
 def paper_scene(name: str) -> str | None:
-    """The paper's scene that the scene called ``name`` stands for: "scene1" for "Scene 1"."""
+    """The paper's scene for a scene called ``name``: "Scene 1" for "scene1"; None for others."""
     found = re.match(r"scene[\W_]*([12])(?!\d)", name.lower())
     return f"Scene {found[1]}" if found else None
 
 
 CONFIDENCE = f"{100 * COVERAGE:g} %"
-"""How sure intervals are, as tables say it."""
+"""Coverage of the intervals as text."""
 
 Row = tuple[str, str, dict[str, Score]]
-"""Distance band, who (the paper or a detector), and the scores by scene."""
+"""Distance band, "paper" or detector name, and the scores by scene."""
 
 
 def rate(value: float | None, places: int = 3) -> str:
-    """A rate as people read it; "-" for none."""
+    """A rate as text; "-" for None."""
     return "-" if value is None else f"{value:.{places}f}"
 
 
 def metres(band: str) -> str:
-    """A band as people read it: "2-10 m"."""
+    """A band as text: "2-10 m"."""
     return f"{band} m" if "-" in band else band
 
 
 def paper_rows(evaluation: Evaluation) -> list[Row]:
-    """The scores laid beside those of the paper: for each band the paper's row, if any, then the detectors'.
+    """Rows of the comparison with the paper: for each band the paper, if it has it, then the detectors.
 
-    By presence, which the paper does not judge by, there are none.
+    Empty when matching by presence, which the paper does not use.
     """
     rows: list[Row] = []
     if evaluation.plan.rules.presence:
@@ -99,50 +84,50 @@ def paper_rows(evaluation: Evaluation) -> list[Row]:
 
 
 def scene_columns(evaluation: Evaluation) -> list[str]:
-    """The columns of the tables beside the paper: its scenes, then others."""
+    """Scene columns of the comparison with the paper: its scenes, then others."""
     return list(dict.fromkeys([*SCENES, *_column_of(evaluation.scenes).values()]))
 
 
 def _column_of(scenes: Sequence[str]) -> dict[str, str]:
-    """The column of each scene: the paper's where it alone stands for one of its scenes, else its own."""
+    """The column of each scene: that of the paper if no other scene maps to it, else its own."""
     papers = {scene: paper_scene(scene) for scene in scenes}
     alone = Counter(papers.values())
     return {scene: paper if paper is not None and alone[paper] == 1 else scene for scene, paper in papers.items()}
 
 
-def told_bands(scene: SceneResult) -> Iterable[tuple[str, BandScore]]:
-    """The bands with anything in them, and those that were asked for."""
+def shown_bands(scene: SceneResult) -> Iterable[tuple[str, BandScore]]:
+    """The configured bands, and others that have counts."""
     for band, score in scene.score.bands.items():
         if "-" in band or score.score.tp or score.score.fp or score.score.fn:
             yield band, score
 
 
-def told_of_any(evaluation: Evaluation, scene: str) -> list[str]:
-    """The names of the bands of ``scene`` that are told of any detector."""
-    told = {band for result in evaluation.detectors.values() for band, _ in told_bands(result.scenes[scene])}
+def shown_in_scene(evaluation: Evaluation, scene: str) -> list[str]:
+    """Names of the bands of ``scene`` shown for at least one detector."""
+    told = {band for result in evaluation.detectors.values() for band, _ in shown_bands(result.scenes[scene])}
     return [band for band in evaluation.plan.rules.keys if band in told]
 
 
-def followed(evaluation: Evaluation, result: DetectorResult) -> str:
-    """Whether people were followed from frame to frame."""
+def tracking_text(evaluation: Evaluation, result: DetectorResult) -> str:
+    """Whether the results include tracking, as text."""
     consecutive = {source.images.consecutive for source in evaluation.plan.sources}
     if not result.pipeline.tracked or True not in consecutive:
         return "without tracking"
-    return "with tracking" if False not in consecutive else "with tracking (single pictures without)"
+    return "with tracking" if False not in consecutive else "with tracking (single images without)"
 
 
-def asked(evaluation: Evaluation) -> str:
-    """What is found or missed: people, or by presence frames with somebody in the band."""
+def counted_unit(evaluation: Evaluation) -> str:
+    """The unit of the counts: people, or frames when matching by presence."""
     return "frames" if evaluation.plan.rules.presence else "people"
 
 
 def colours(evaluation: Evaluation) -> list[tuple[str, str]]:
-    """The name and the colour of each detector."""
+    """Name and colour of each detector."""
     return [(name, COLOURS[number % len(COLOURS)]) for number, name in enumerate(evaluation.detectors)]
 
 
 def all_causes(evaluation: Evaluation) -> tuple[list[tuple[str, str, Counter[str]]], list[str]]:
-    """The causes of false alarms: detector, scene and counts; and all causes there are, the most frequent first."""
+    """Causes of false positives: (detector, scene, counts), and all causes, most frequent first."""
     columns = [
         (name, scene, Counter(scored.score.overall.causes))
         for name, result in evaluation.detectors.items()
@@ -155,25 +140,49 @@ def all_causes(evaluation: Evaluation) -> tuple[list[tuple[str, str, Counter[str
 
 
 def paper_score(evaluation: Evaluation, scene: str, band: str) -> Score | None:
-    """What the paper has for a scene and band; None by presence, which it did not judge by."""
+    """The score of the paper for a scene and band; None if it has none."""
     if evaluation.plan.rules.presence:
         return None
     return PAPER.get(paper_scene(scene) or "", {}).get(band)
 
 
-def curve_charts(evaluation: Evaluation) -> list[str]:
-    """A chart of precision over recall for each scene and band with people."""
+@dataclass(frozen=True)
+class DetectorCurve:
+    """Precision-recall curve of a detector alone, and the operating ``point`` (recall, precision) of its pipeline."""
+
+    name: str
+    colour: str
+    curve: PrecisionRecallCurve | None
+    point: Point | None
+
+    def thinned(self) -> list[Point]:
+        """At most `CURVE_POINTS` points (recall, precision) of the curve, with its first and last."""
+        return [] if self.curve is None else list(zip(*_thinned(self.curve)[:2], strict=True))
+
+
+@dataclass(frozen=True)
+class CurveChart:
+    """Curves of all detectors for one scene and band, and the operating point of the paper."""
+
+    title: str
+    lines: tuple[DetectorCurve, ...]
+    paper: Point | None
+
+
+def curve_charts(evaluation: Evaluation) -> list[CurveChart]:
+    """A chart for each scene and each band with people."""
     scores = [scored.score.bands for result in evaluation.detectors.values() for scored in result.scenes.values()]
     keys = [key for key in evaluation.plan.rules.keys if any(bands[key].curve is not None for bands in scores)]
-    return [_chart(evaluation, scene, band) for scene in evaluation.scenes for band in keys]
-
-
-def _chart(evaluation: Evaluation, scene: str, band: str) -> str:
-    lines = []
-    for name, colour in colours(evaluation):
-        score = evaluation.detectors[name].scenes[scene].score.bands[band]
-        lines.append(Line(name, colour, score.curve, _point(score.score)))
-    return curves_chart(f"{scene}, {metres(band)}", lines, _point(paper_score(evaluation, scene, band)))
+    charts = []
+    for scene in evaluation.scenes:
+        for band in keys:
+            lines = []
+            for name, colour in colours(evaluation):
+                score = evaluation.detectors[name].scenes[scene].score.bands[band]
+                lines.append(DetectorCurve(name, colour, score.curve, _point(score.score)))
+            paper = _point(paper_score(evaluation, scene, band))
+            charts.append(CurveChart(f"{scene}, {metres(band)}", tuple(lines), paper))
+    return charts
 
 
 def _point(score: Score | None) -> Point | None:
@@ -182,12 +191,8 @@ def _point(score: Score | None) -> Point | None:
     return score.recall, score.precision
 
 
-CURVE_POINTS = 200
-"""Curves are thinned to so many points, the first and the last among them."""
-
-
 def content(evaluation: Evaluation) -> dict[str, Any]:
-    """Everything but the single frames."""
+    """The evaluation as plain data, without single frames."""
     plan = evaluation.plan
     return {
         "schema": "socialbot/evaluation",
@@ -212,7 +217,11 @@ def content(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def write_json(evaluation: Evaluation, path: Path) -> None:
-    """Writes `content` to ``path``. Raises SocialbotError when that is not possible."""
+    """Write `content` to ``path`` as JSON.
+
+    Raises:
+        SocialbotError: The file cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(msgspec.json.format(msgspec.json.encode(content(evaluation)), indent=2) + b"\n")
@@ -278,7 +287,13 @@ def _rates(score: Score) -> dict[str, Any]:
 
 
 def _curve(curve: PrecisionRecallCurve) -> dict[str, list[float]]:
+    return dict(zip(("recall", "precision", "score"), _thinned(curve), strict=True))
+
+
+def _thinned(curve: PrecisionRecallCurve) -> list[list[float]]:
+    """Recall, precision and score of at most `CURVE_POINTS` evenly spaced points."""
     count = len(curve.recall)
     kept = np.linspace(0, count - 1, min(count, CURVE_POINTS)).round().astype(np.intp)
-    columns = {"recall": curve.recall, "precision": curve.precision, "score": curve.scores}
-    return {name: [round(float(value), 4) for value in column[kept]] for name, column in columns.items()}
+    return [
+        [round(float(value), 4) for value in column[kept]] for column in (curve.recall, curve.precision, curve.scores)
+    ]

@@ -21,6 +21,8 @@ SLOW_MOTION = 0.04
 SPEEDS = st.floats(0.8, 1.45)
 STEPS = st.floats(0.5, 0.6)
 # Somebody small and quick, somebody usual, somebody tall and slow: stature (m) and speed (m/s).
+pytestmark = pytest.mark.slow
+
 WALKS = pytest.mark.parametrize(("stature", "speed"), [(1.55, 1.4), (1.75, 1.25), (1.95, 0.9)])
 
 

@@ -177,6 +177,7 @@ def test_smoothing_brings_neighbours_nearer_to_each_other_in_every_column():
 # Noise
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.integers(0, 1000), st.floats(0.02, 0.5))
 def test_noise_is_seeded_and_of_about_unit_size(seed, length):
@@ -190,6 +191,7 @@ def test_noise_is_seeded_and_of_about_unit_size(seed, length):
     assert 0.6 < ridges.max() <= 0.7
 
 
+@pytest.mark.slow
 @given(st.integers(0, 1000))
 def test_noise_hardly_changes_over_a_small_part_of_its_length_and_less_along_a_stretch(seed):
     points = np.random.default_rng(2).uniform(-1, 1, (500, 3))

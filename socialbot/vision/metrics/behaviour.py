@@ -25,13 +25,12 @@ from typing import Literal
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import ActionRequest, Message, PersonDetection, PersonDetections
-from socialbot.graph.files import load_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
 from socialbot.vision.metrics.frames import LabelledFrame
 from socialbot.vision.metrics.pipeline import FoundFrame
 
-__all__ = ["OUTCOMES", "Act", "Behaviour", "PersonVisit", "behaviour", "visits"]
+__all__ = ["OUTCOMES", "Act", "Behaviour", "PersonVisit", "behaviour", "single_node", "visits"]
 
 GREET_S = 1.0
 OFFER_S = 1.5
@@ -114,9 +113,13 @@ class _Due:
     end: int
 
 
-def behaviour(frames: Sequence[LabelledFrame], found: Iterable[FoundFrame]) -> Behaviour:
-    """What Waldo does with what was ``found``, judged by the truth in ``frames`` of a recording."""
-    graph = _waldo()
+def single_node(graph: Graph, name: str) -> Graph:
+    """A graph of the node called ``name`` alone, fed with detections."""
+    return Graph(name, (graph.placement(name),), inputs=frozenset({DETECTIONS}))
+
+
+def behaviour(graph: Graph, frames: Sequence[LabelledFrame], found: Iterable[FoundFrame]) -> Behaviour:
+    """Judge what Waldo's node, the only one of ``graph``, does with detections, by the truth in ``frames``."""
     manners = _WaldoParameters.of(graph)
     seen = _acts(graph, (_message(each.stamp, each.width, each.height, each.persons) for each in found))
     due = _acts(graph, (_message(each.stamp, 1, 1, _ideal(each)) for each in frames))
@@ -144,12 +147,6 @@ def visits(frames: Iterable[LabelledFrame], range_m: float, gap_s: float) -> lis
             begin = frame.stamp if visit is None else visit.begin
             going[person.id] = PersonVisit(person.id, begin, frame.stamp)
     return sorted([*ended, *going.values()], key=lambda visit: (visit.begin, visit.end, visit.person))
-
-
-def _waldo() -> Graph:
-    """Waldo's mind alone: no speech, no head."""
-    mind = load_graph("waldo").placement("bdi_engine")
-    return Graph("waldo's mind", (mind,), inputs=frozenset({DETECTIONS}))
 
 
 def _acts(graph: Graph, messages: Iterable[PersonDetections]) -> dict[Deed, list[int]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from socialbot.core.errors import ImageError, SocialbotError, TruthError
+from socialbot.graph.node import Graph
 from socialbot.vision.metrics.behaviour import Behaviour, behaviour
 from socialbot.vision.metrics.frames import BagImages, LabelledFrame, LabelledSource
 from socialbot.vision.metrics.matches import Match, Rules, judge
@@ -45,8 +46,14 @@ _progress: Any = None
 class EvaluationPlan:
     """What to evaluate, and how.
 
-    ``pipelines`` are judged on all ``sources`` by ``rules``, in so many ``processes`` of this machine or on the Dask
-    cluster at ``scheduler``. The speed is measured with ``threads``, or not at all with 0.
+    Args:
+        sources: Frames with ground truth.
+        pipelines: Detectors with their settings; each is evaluated on all sources.
+        rules: How detections are matched with people.
+        processes: Number of parallel processes on this machine.
+        threads: Processor threads for the measurement of the speed; 0 skips it.
+        scheduler: Address of a Dask scheduler whose cluster does the work instead.
+        waldo: Graph of Waldo's node alone, to judge behaviour with; None skips that.
     """
 
     sources: tuple[LabelledSource, ...]
@@ -55,6 +62,7 @@ class EvaluationPlan:
     processes: int = 1
     threads: int = 1
     scheduler: str | None = None
+    waldo: Graph | None = None
 
 
 @dataclass(frozen=True)
@@ -223,12 +231,12 @@ def _detector_result(
 ) -> DetectorResult:
     clips: dict[str, list[ClipResult]] = {}
     for scene, source, result in zip(scene_names(plan.sources), plan.sources, found, strict=True):
-        clips.setdefault(scene, []).append(_clip_result(plan.rules, source, result))
+        clips.setdefault(scene, []).append(_clip_result(plan, source, result))
     scenes = {scene: _scene_result(plan.rules, results) for scene, results in clips.items()}
     return DetectorResult(pipeline, scenes, speed)
 
 
-def _clip_result(rules: Rules, source: LabelledSource, found: Found) -> ClipResult:
+def _clip_result(plan: EvaluationPlan, source: LabelledSource, found: Found) -> ClipResult:
     answers = {frame.stamp: frame for frame in found.frames}
     frames = []
     for frame in source.frames:
@@ -236,10 +244,12 @@ def _clip_result(rules: Rules, source: LabelledSource, found: Found) -> ClipResu
         if answer is not None:
             # Some labels go on beyond the picture; detections cannot.
             inside = frame.clipped(answer.width, answer.height)
-            frames.append(ScoredImage(inside, answer, judge(inside, answer.persons, rules)))
+            frames.append(ScoredImage(inside, answer, judge(inside, answer.persons, plan.rules)))
     if source.frames and not frames:
         raise _nothing_judged(source, found)
-    acted = behaviour(source.frames, found.frames) if isinstance(source.images, BagImages) else None
+    acted = None
+    if plan.waldo is not None and isinstance(source.images, BagImages):
+        acted = behaviour(plan.waldo, source.frames, found.frames)
     return ClipResult(source, tuple(frames), acted, len(source.frames) - len(frames), found.damaged, found.first_damage)
 
 

@@ -84,7 +84,7 @@ class BagImages:
     image_topic: str
     consecutive = True
 
-    def pictures(self) -> Iterator[EncodedImage]:
+    def read(self) -> Iterator[EncodedImage]:
         """The pictures in the order of the bag. Raises BagError where it cannot be read."""
         info: CameraInfo | None = None
         with open_bag(self.path) as bag:
@@ -107,7 +107,7 @@ class FolderImages:
     images: tuple[str, ...]
     consecutive = False
 
-    def pictures(self) -> Iterator[EncodedImage]:
+    def read(self) -> Iterator[EncodedImage]:
         """The pictures in the order of the list. Raises BagError for a file that cannot be read."""
         for number, image in enumerate(self.images):
             path = Path(self.folder) / image

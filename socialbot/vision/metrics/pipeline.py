@@ -251,7 +251,7 @@ def run_job(job: Job, told: Told) -> Found:
     pipeline = EvaluatedPipeline(job.pipeline, threads=1, consecutive=job.images.consecutive)
     frames: list[FoundFrame] = []
     damaged, first = 0, ""
-    for number, encoded in enumerate(job.images.pictures(), 1):
+    for number, encoded in enumerate(job.images.read(), 1):
         try:
             image = encoded.bgr()
         except ImageError as error:
@@ -344,4 +344,4 @@ def _times(job: Job, threads: int, jobs: int) -> list[tuple[float, float]]:
 def _stretch(job: Job, count: int) -> list[EncodedImage]:
     """``count`` pictures from the middle of the job's footage, read beforehand."""
     begin = max(0, (job.frames - count) // 2)
-    return list(itertools.islice(job.images.pictures(), begin, begin + count))
+    return list(itertools.islice(job.images.read(), begin, begin + count))

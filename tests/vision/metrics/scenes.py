@@ -14,6 +14,8 @@ from socialbot.bags.types import RosbagsTypes
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import CameraInfo, CompressedImage, PersonDetection
+from socialbot.graph.files import load_graph
+from socialbot.vision.metrics.behaviour import single_node
 from socialbot.vision.metrics.evaluation import DetectorResult, Evaluation, EvaluationPlan, jobs_of, scored
 from socialbot.vision.metrics.frames import LabelledFrame, LabelledSource, Person
 from socialbot.vision.metrics.matches import Rules
@@ -21,6 +23,7 @@ from socialbot.vision.metrics.pipeline import FoundFrame, PipelineSettings, run_
 from socialbot.vision.metrics.scores import BandScore
 from tests.vision.drawn import add_person, corridor
 
+WALDO = single_node(load_graph("waldo"), "bdi_engine")
 START = 1_700_000_000 * SECOND
 IMAGES = "/camera/image_raw/compressed"
 TENTH = SECOND // 10
@@ -102,7 +105,9 @@ def evaluated(
     sources: Iterable[LabelledSource], *pipelines: PipelineSettings, rules: Rules | None = None
 ) -> Evaluation:
     """An evaluation without processes of its own, and without speeds; of HOG, which needs nothing beyond OpenCV."""
-    plan = EvaluationPlan(tuple(sources), pipelines or (PipelineSettings("hog"),), rules or Rules(), threads=0)
+    plan = EvaluationPlan(
+        tuple(sources), pipelines or (PipelineSettings("hog"),), rules or Rules(), threads=0, waldo=WALDO
+    )
     found = [run_job(job, lambda done: None) for job in jobs_of(plan)]
     return scored(plan, found, [None] * len(plan.pipelines))
 

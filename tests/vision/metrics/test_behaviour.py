@@ -2,8 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.vision.metrics.behaviour import behaviour, visits
+from socialbot.graph.files import load_graph
+from socialbot.vision.metrics.behaviour import behaviour, single_node, visits
 from tests.vision.metrics.scenes import START, TENTH, found, frame, person, seen
+
+WALDO = single_node(load_graph("waldo"), "bdi_engine")
 
 
 def story(seconds: float, *people):
@@ -29,7 +32,7 @@ def sight(seconds: float, *people):
 
 
 def counts(truth, detections, deed):
-    count = behaviour(truth, detections).count(deed)
+    count = behaviour(WALDO, truth, detections).count(deed)
     return {outcome: number for outcome, number in count.items() if number}
 
 
@@ -38,7 +41,7 @@ A = ("a", 5, 20, 3.0)
 
 def test_a_detector_without_fault():
     truth = story(30, A)
-    acted = behaviour(truth, sight(30, A))
+    acted = behaviour(WALDO, truth, sight(30, A))
     assert acted.count("greeting") == {
         "in time": 1, "late": 0, "missed": 0, "nobody": 0, "from afar": 0, "again": 0,
     }  # fmt: skip
@@ -108,5 +111,5 @@ def test_hardly_visible_people_are_not_there():
 
 
 def test_an_empty_recording():
-    acted = behaviour([], [])
+    acted = behaviour(WALDO, [], [])
     assert (acted.acts, acted.visits) == ((), ())

@@ -15,13 +15,13 @@ from socialbot.vision.metrics.evaluation import Evaluation, EvaluationPlan, eval
 from socialbot.vision.metrics.frames import bag_source, image_sources
 from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
 from socialbot.vision.metrics.scores import PrecisionRecallCurve
-from tests.vision.metrics.scenes import START, drawn_bag, drawn_pictures, evaluated, with_band
+from tests.vision.metrics.scenes import START, WALDO, drawn_bag, drawn_pictures, evaluated, with_band
 
 HOG = PipelineSettings("hog")
 
 
 def carried_out(sources, **fields) -> Evaluation:
-    plan = EvaluationPlan(tuple(sources), (HOG,), **{"threads": 0, **fields})
+    plan = EvaluationPlan(tuple(sources), (HOG,), **{"threads": 0, "waldo": WALDO, **fields})
     return evaluate(plan, lambda job, frames: None, lambda what: None)
 
 

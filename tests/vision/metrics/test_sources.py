@@ -68,7 +68,7 @@ def test_labelled_pictures(tmp_path):
     (source,) = image_sources(drawn_pictures(tmp_path / "hall"))
     assert (source.name, source.scene) == ("hall", "hall")
     assert [frame.name for frame in source.frames] == ["0.png", "1.png", "2.png"]
-    assert [frame.stamp for frame in source.frames] == [encoded.stamp for encoded in source.images.pictures()]
+    assert [frame.stamp for frame in source.frames] == [encoded.stamp for encoded in source.images.read()]
     assert all(frame.ranged for frame in source.frames)
     assert len({frame.block for frame in source.frames}) == 3
 
@@ -95,6 +95,6 @@ def test_images_that_are_missing(tmp_path):
 
 def test_stamps_are_those_of_the_pictures(tmp_path):
     source = bag_source(drawn_bag(tmp_path, frames=3))
-    assert [encoded.stamp for encoded in source.images.pictures()] == [frame.stamp for frame in source.frames]
+    assert [encoded.stamp for encoded in source.images.read()] == [frame.stamp for frame in source.frames]
     assert source.frames[0].stamp == START
     assert source.frames[2].name == "0.2 s"
