@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from socialbot._old_names import install as _install_old_names
 from socialbot.core.lazy import lazy_exports as _lazy_exports
 
 if TYPE_CHECKING:
@@ -110,6 +111,7 @@ _MODULES = {
     "socialbot.runtime.replay": "Replay replay",
 }
 __getattr__ = _lazy_exports(__name__, _MODULES)
+_install_old_names()
 
 
 def __dir__() -> list[str]:
