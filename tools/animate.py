@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from socialbot.core.clock import SECOND
 from socialbot.runs.report import recorded
-from socialbot.runs.state_at import AgentMoment, HeadNow, Moment, Seen
+from socialbot.runs.state import AgentMoment, HeadNow, Moment, Seen
 
 SIZE = (720, 360)
 SCENE = (480, 360)

@@ -16,10 +16,9 @@ from socialbot.core.process import Ending
 
 if TYPE_CHECKING:
     from socialbot.graph.node import Graph
-    from socialbot.runs.commands import Office
     from socialbot.runs.folder import RecordedRun
     from socialbot.runs.record import RunTrace
-    from socialbot.runs.run import Pictures
+    from socialbot.runs.run import Office, Pictures
     from socialbot.runs.serving import Serving
     from socialbot.runtime.live_run import LiveRun
 
@@ -127,9 +126,9 @@ def watched(
 
     The pictures are those of a topic of a ``bag``, or of the camera in a graph over ROS.
     """
-    from socialbot.bags.images import pictures_of
-    from socialbot.runs.commands import Shut
+    from socialbot.runs.bag_images import pictures_of
     from socialbot.runs.report import recorded
+    from socialbot.runs.run import Shut
     from socialbot.runs.serving import Address, serving, token_given
     from socialbot.runtime.live_run import LiveRun
 

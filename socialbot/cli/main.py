@@ -88,7 +88,7 @@ def replay(
     from socialbot.bags.topic_mapping import takes_pictures
     from socialbot.core.progress import bar
     from socialbot.graph.files import load_graph
-    from socialbot.runs.console import Display, RunDisplay
+    from socialbot.runs.console import Display
     from socialbot.runs.record import RunRecord
     from socialbot.runs.report import RunReport
     from socialbot.runs.video import write_video
@@ -119,11 +119,7 @@ def replay(
             if show_page:
                 seen = None if topic is None else (bag, topic)
                 context.with_resource(watched(record, whole, console, port, over_ros=runner == "ros", bag=seen))
-            with (
-                Display(console, start=opened.start, until=opened.end)
-                if sees or not report.deliberates
-                else RunDisplay(console, report.phrases, whole.without_sources())
-            ) as display:
+            with Display(console, whole.without_sources(), start=opened.start, until=opened.end) as display:
 
                 def show(topic: str, message: Message) -> None:
                     report.observe(topic, message)

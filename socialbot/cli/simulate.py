@@ -16,7 +16,7 @@ from socialbot.cli.completion import graph_names
 from socialbot.cli.inspect import PORT, InspectOption, PortOption, watched
 
 if TYPE_CHECKING:
-    from socialbot.runs.console import Display, RunDisplay
+    from socialbot.runs.console import Display
     from socialbot.runs.report import RunReport, Summary
     from socialbot.runtime.simulate import Run
 
@@ -262,13 +262,13 @@ def _show(
         raise typer.Exit(NOT_REACHED)
 
 
-def _display(console: Console, what: Run, report: RunReport) -> Display | RunDisplay:
-    """What shows the run as it happens: for agents that deliberate who wants and does what, else what each does."""
+def _display(console: Console, what: Run, report: RunReport) -> Display:
+    """Return the terminal display of the run."""
     from socialbot.core.clock import SECOND, nanoseconds
-    from socialbot.runs.console import Display, RunDisplay
+    from socialbot.runs.console import Display
 
     if report.deliberates:
-        return RunDisplay(console, report.phrases, what.graph.without_sources())
+        return Display(console, what.graph.without_sources())
     return Display(console, start=SECOND, until=SECOND + nanoseconds(what.limit_s))
 
 

@@ -10,9 +10,9 @@ from typing import Any
 import msgspec
 
 from socialbot.core.clock import SECOND
+from socialbot.runs.narration import LogLine, told
 from socialbot.runs.run import Run, node_views
-from socialbot.runs.sentences import LogLine, told
-from socialbot.runs.state_at import AgentMoment, Moment
+from socialbot.runs.state import AgentMoment, Moment
 from socialbot.runs.timeline import Changed
 
 PERIOD_S = 0.1

@@ -1,4 +1,4 @@
-"""Show a run in the terminal while it happens."""
+"""Terminal display of a run while it happens."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ from socialbot.core.messages import (
     SpeechStatus,
     TraceRecord,
 )
+from socialbot.core.registry import phrases_of
 from socialbot.deliberation.messages import PlanExecutionInfo
 from socialbot.graph.node import Graph
-from socialbot.runs.narration import Narrator, Phrases, Sentence, Verb
+from socialbot.runs.narration import Narrator, Verb, Wording
 
-STYLES = {
+_STYLES = {
     "sees": "cyan",
     "believes": "yellow",
     "wants": "magenta",
@@ -33,23 +34,56 @@ STYLES = {
     "head": "blue",
     "fails": "bold red",
 }
-SPOKEN_KINDS = {"belief": "believes", "goal": "wants", "action": "does", "failure": "fails"}
-SEEN_EVERY_S = 1.0
+_VERBS = {"belief": "believes", "goal": "wants", "action": "does", "failure": "fails"}
+_SIGNS: dict[Verb, tuple[str, str]] = {
+    "wants": ("◆", "magenta"),
+    "plans": ("▤", "cyan"),
+    "does": ("·", ""),
+    "asks": ("→", "yellow"),
+    "tells": ("→", "dim"),
+    "reached": ("✓", "bold green"),
+    "fails": ("✗", "bold red"),
+    "drops": ("✗", "bold red"),
+    "rests": ("-", "dim"),
+    "refuses": ("✗", "bold red"),
+    "senses": ("~", "yellow"),
+}
+_AGENT_STYLES = ("bold", "blue", "red", "green", "yellow", "magenta", "cyan")
+_SEEN_EVERY_S = 1.0
+_BAR = 24
 
 
 class Display:
-    """Prints a line for each thing that happens, and keeps one line with the present moment below them.
+    """Prints a line for each event, and keeps a status line with time, progress and current activity below them.
 
-    ``start`` is the stamp (ns) that counts as 0 s; ``until`` the stamp of the end, for the progress.
+    Agents that deliberate are shown by the sentences of their story, other agents by beliefs, goals and actions.
     """
 
-    def __init__(self, console: Console, *, start: int, until: int) -> None:
+    def __init__(
+        self, console: Console, graph: Graph | None = None, *, start: int | None = None, until: int | None = None
+    ) -> None:
+        """Create the display.
+
+        Args:
+            console: Where to print.
+            graph: The graph that runs, without its sources.
+            start: Time (ns) that counts as 0 s; that of the first record by default.
+            until: Time (ns) of the end; the expected end of the plans by default.
+        """
+        nodes = graph.placements if graph is not None else ()
+        tells_story = any(node.type.deliberates for node in nodes)
+        agents = [node.name for node in nodes]
         self._console = console
+        self._narrator = Narrator(Wording(phrases=phrases_of(graph))) if tells_story else None
+        self._agent_styles = {name: _AGENT_STYLES[number % len(_AGENT_STYLES)] for number, name in enumerate(agents)}
+        self._width = max(map(len, agents), default=0)
+        self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
         self._start = start
         self._until = until
-        self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
-        self._persons: Sequence[PersonDetection] = ()
-        self._head = "head 0°, 0°"
+        self._plan_ends: dict[str, int] = {}
+        self._doing: dict[str, dict[str, str]] = {}
+        self._persons: Sequence[PersonDetection] | None = None
+        self._head = ""
         self._seen_at = -math.inf
         self._seen_count = 0
 
@@ -63,57 +97,82 @@ class Display:
             self._live.stop()
 
     def show(self, topic: str, message: Message) -> None:
-        """Shows one message."""
+        """Show one message; messages of other types are ignored."""
         match message:
+            case TraceRecord():
+                self._start = message.stamp if self._start is None else self._start
+                self._show_record(message)
             case PersonDetections():
                 self._persons = message.persons
                 self._show_persons(message)
-            case TraceRecord() if message.kind in SPOKEN_KINDS:
-                text = message.what
-                if message.kind == "failure":
-                    text = f"{text}: {message.detail.get('message') or message.detail.get('reason')}"
-                self._line(message.stamp, SPOKEN_KINDS[message.kind], text)
             case SpeechStatus(state="started"):
                 self._line(message.stamp, "says", f'"{message.text}"')
             case SpeechStatus(state="failed" | "expired" | "replaced"):
                 self._line(message.stamp, "fails", f'to say "{message.text}": {message.state} {message.detail}')
             case HeadCommand():
-                self._line(message.stamp, "head", {"track": "follows people", "centre": "looks straight on"}.get(
-                    message.mode, f"looks at {_degrees(message.pan_rad)}, {_degrees(message.tilt_rad)}"
-                ))  # fmt: skip
+                direction = f"looks at {_degrees(message.pan_rad)}, {_degrees(message.tilt_rad)}"
+                known = {"track": "follows people", "centre": "looks straight on"}
+                self._line(message.stamp, "head", known.get(message.mode, direction))
             case JointTrajectory():
                 turned = ", ".join(map(_degrees, message.positions))
                 self._head = f"head {turned}"
                 self._line(message.stamp, "head", f"turns to {turned} in {message.duration_s:.1f} s")
+            case PlanExecutionInfo():
+                left_s = message.estimated_deadline - message.current_time if message.target is not None else 0.0
+                self._plan_ends[message.agent_id] = message.stamp + round(left_s * SECOND)
+            case _:
+                return
         self._update(message.stamp)
 
+    def _show_record(self, record: TraceRecord) -> None:
+        if self._narrator is None:
+            if record.kind in _VERBS:
+                reason = record.detail.get("message") or record.detail.get("reason")
+                text = f"{record.what}: {reason}" if record.kind == "failure" else record.what
+                self._line(record.stamp, _VERBS[record.kind], text)
+            return
+        doing = self._doing.setdefault(record.source, {})
+        if record.kind == "step":
+            doing[record.what] = self._narrator.wording.call(record.detail["action"], record.detail["args"])
+        elif record.kind == "step_end":
+            doing.pop(record.what, None)
+        sentence = self._narrator.tell(record)
+        if sentence is not None:
+            sign, style = _SIGNS[sentence.verb]
+            agent = (f"{sentence.agent:<{self._width}}  ", self._agent_styles.get(sentence.agent, ""))
+            self._print(record.stamp, agent, (f"{sign} {sentence.text}", style))
+
     def _show_persons(self, message: PersonDetections) -> None:
-        """Says who is seen when that changes, but not more often than once a second: detections flicker."""
-        seconds = self._seconds(message.stamp)
-        count = len(message.persons)
-        if count != self._seen_count and seconds - self._seen_at >= SEEN_EVERY_S:
+        """Print changes of the number of persons, at most once a second as detections flicker."""
+        seconds, count = self._seconds(message.stamp), len(message.persons)
+        if count != self._seen_count and seconds - self._seen_at >= _SEEN_EVERY_S:
             self._seen_count, self._seen_at = count, seconds
             self._line(message.stamp, "sees", people_text(message.persons))
 
     def _line(self, stamp: int, verb: str, text: str) -> None:
-        line = Text.assemble(
-            (f"{self._seconds(stamp):7.2f} s  ", "dim"), (f"{verb:<9}", STYLES[verb]), Text(text, STYLES[verb])
-        )
-        self._console.print(line, soft_wrap=True)
+        self._print(stamp, (f"{verb:<9}", _STYLES[verb]), (text, _STYLES[verb]))
+
+    def _print(self, stamp: int, *parts: tuple[str, str]) -> None:
+        self._console.print(Text.assemble((f"{self._seconds(stamp):7.2f} s  ", "dim"), *parts), soft_wrap=True)
 
     def _update(self, stamp: int) -> None:
-        if self._live is not None:
-            share = min(1.0, (stamp - self._start) / max(1, self._until - self._start))
-            bar = ("━" * round(20 * share)).ljust(20, "╌")
-            now = f"{self._seconds(stamp):7.2f} s  {bar}  {people_text(self._persons)}  {self._head}"
-            self._live.update(Text(now, "dim", no_wrap=True, overflow="ellipsis"))
+        if self._live is None or self._start is None:
+            return
+        until = self._until if self._until is not None else max(self._plan_ends.values(), default=self._start)
+        share = min(1.0, (stamp - self._start) / (max(until, stamp) - self._start)) if until > self._start else 0.0
+        bar = ("━" * round(_BAR * share)).ljust(_BAR, "╌")
+        people = "" if self._persons is None else people_text(self._persons)
+        doing = (f"{agent} {', '.join(now.values())}" for agent, now in self._doing.items() if now)
+        status = "   ".join(filter(None, (people, self._head, *doing)))
+        line = f"{self._seconds(stamp):7.2f} s  {bar}  {status}"
+        self._live.update(Text(line, "dim", no_wrap=True, overflow="ellipsis"))
 
     def _seconds(self, stamp: int) -> float:
-        return (stamp - self._start) / SECOND
+        return (stamp - (self._start or 0)) / SECOND
 
 
 def people_text(persons: Sequence[PersonDetection]) -> str:
-    """Who is seen, nearest first: "2 people: 3.1 m 4° left, 5.0 m ahead"."""
+    """Return the persons in view, nearest first: "2 people: 3.1 m 4° left, 5.0 m ahead"."""
     if not persons:
         return "nobody"
     nearest = sorted(persons, key=lambda person: math.inf if person.distance_m is None else person.distance_m)
@@ -129,94 +188,3 @@ def _place(person: PersonDetection) -> str:
 
 def _degrees(angle_rad: float) -> str:
     return f"{math.degrees(angle_rad):.0f}°".replace("-0°", "0°")
-
-
-SIGNS: dict[Verb, tuple[str, str]] = {
-    "wants": ("◆", "magenta"),
-    "plans": ("▤", "cyan"),
-    "does": ("·", ""),
-    "asks": ("→", "yellow"),
-    "tells": ("→", "dim"),
-    "reached": ("✓", "bold green"),
-    "fails": ("✗", "bold red"),
-    "drops": ("✗", "bold red"),
-    "rests": ("-", "dim"),
-    "refuses": ("✗", "bold red"),
-    "senses": ("~", "yellow"),
-}
-AGENT_STYLES = ("bold", "blue", "red", "green", "yellow", "magenta", "cyan")
-BAR = 24
-
-
-class RunDisplay:
-    """Prints a line for each thing that happens, and keeps one line below them: the time, and who does what now.
-
-    Its bar fills up to the time at which the plans are expected to end.
-    """
-
-    def __init__(self, console: Console, phrases: Phrases, graph: Graph) -> None:
-        """``graph`` holds the agents that are shown, ``phrases`` how their actions are said."""
-        agents = [placement.name for placement in graph.placements]
-        self._console = console
-        self._narrator = Narrator(phrases)
-        self._styles = {name: AGENT_STYLES[number % len(AGENT_STYLES)] for number, name in enumerate(agents)}
-        self._width = max(map(len, agents), default=0)
-        self._live = Live(console=console, refresh_per_second=12, transient=True) if console.is_terminal else None
-        self._start: int | None = None
-        self._ends: dict[str, int] = {}
-        self._doing: dict[str, dict[str, str]] = {}
-
-    def __enter__(self) -> RunDisplay:
-        if self._live is not None:
-            self._live.start()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        if self._live is not None:
-            self._live.stop()
-
-    def show(self, topic: str, message: Message) -> None:
-        """Shows one message."""
-        match message:
-            case TraceRecord():
-                self._start = message.stamp if self._start is None else self._start
-                self._note(message)
-                sentence = self._narrator.tell(message)
-                if sentence is not None:
-                    self._line(sentence)
-            case PlanExecutionInfo():
-                left_s = message.estimated_deadline - message.current_time if message.target is not None else 0.0
-                self._ends[message.agent_id] = message.stamp + round(left_s * SECOND)
-            case _:
-                return
-        self._update(message.stamp)
-
-    def _note(self, record: TraceRecord) -> None:
-        doing = self._doing.setdefault(record.source, {})
-        if record.kind == "step":
-            doing[record.what] = self._narrator.phrase(record.detail["action"], record.detail["args"])
-        elif record.kind == "step_end":
-            doing.pop(record.what, None)
-
-    def _line(self, sentence: Sentence) -> None:
-        sign, style = SIGNS[sentence.verb]
-        line = Text.assemble(
-            (f"{self._seconds(sentence.stamp):7.2f} s  ", "dim"),
-            (f"{sentence.agent:<{self._width}}  ", self._styles.get(sentence.agent, "")),
-            (f"{sign} {sentence.text}", style),
-        )
-        self._console.print(line, soft_wrap=True)
-
-    def _update(self, stamp: int) -> None:
-        if self._live is None or self._start is None:
-            return
-        whole = max(*self._ends.values(), stamp) - self._start if self._ends else 0
-        share = (stamp - self._start) / whole if whole else 0.0
-        bar = ("━" * round(BAR * share)).ljust(BAR, "╌")
-        doing = "   ".join(f"{agent} {', '.join(now.values())}" for agent, now in self._doing.items() if now)
-        self._live.update(
-            Text(f"{self._seconds(stamp):7.2f} s  {bar}  {doing}", "dim", no_wrap=True, overflow="ellipsis")
-        )
-
-    def _seconds(self, stamp: int) -> float:
-        return (stamp - (self._start or 0)) / SECOND

@@ -18,13 +18,12 @@ from socialbot.graph.files import parse_graph
 from socialbot.graph.node import Graph
 from socialbot.graph.status import NodeStatus
 from socialbot.runs.history import History
-from socialbot.runs.names import Wording
-from socialbot.runs.nodes import NodesThen
+from socialbot.runs.narration import Wording
 from socialbot.runs.plan_trees import PlanTree, trees_at
 from socialbot.runs.record import DIAGNOSTICS, SCORED, SEEN, TRACE, NodeTold
 from socialbot.runs.report_worlds import World, world_of
-from socialbot.runs.run import GraphView, Picture, Pictures, graph_view
-from socialbot.runs.state_index import Course
+from socialbot.runs.run import GraphView, NodesThen, Picture, Pictures, graph_view
+from socialbot.runs.state import Course
 from socialbot.runs.timeline import Timeline, timeline_of
 from socialbot.vision.metrics.scores import ScoredFrame
 

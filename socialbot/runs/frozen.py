@@ -12,13 +12,11 @@ import msgspec
 import numpy as np
 
 from socialbot.core.messages import TraceRecord
-from socialbot.runs.commands import Shut
 from socialbot.runs.folder import RecordedRun
-from socialbot.runs.overview import overview
+from socialbot.runs.narration import told
 from socialbot.runs.plan_trees import PlanTrees
 from socialbot.runs.report_worlds import World
-from socialbot.runs.run import node_views
-from socialbot.runs.sentences import told
+from socialbot.runs.run import Shut, node_views, overview
 from socialbot.runs.why import actions, considered, explain
 
 MAX_RECORDS = 20_000

@@ -14,7 +14,7 @@ from rich.text import Text
 from socialbot.core.messages import TraceRecord
 from socialbot.planning.pddl.domain import parse_plan
 from socialbot.runs.history import History
-from socialbot.runs.names import Wording
+from socialbot.runs.narration import Wording
 
 Mark = Literal["", "done", "failed"]
 

@@ -7,11 +7,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from socialbot.bags.images import pictures_of
 from socialbot.core.errors import BagError, SocialbotError
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.core.registry import phrases_of
 from socialbot.graph.node import Graph
+from socialbot.runs.bag_images import pictures_of
 from socialbot.runs.difference import Difference, Side
 from socialbot.runs.folder import RecordedRun, newest_run, open_run
 from socialbot.runs.frames import Perception, shot_at, stills, turning_points

@@ -13,10 +13,10 @@ from socialbot.core.messages import Health
 from socialbot.graph.status import SILENT_S, NodeStatus
 from socialbot.runs.difference import PLACES
 from socialbot.runs.folder import RecordedRun
+from socialbot.runs.narration import Teller
 from socialbot.runs.pages import Cells, Chart, Section, Series, charts, folded, settings, table
 from socialbot.runs.record import NodeTold
 from socialbot.runs.run import Run
-from socialbot.runs.sentences import Teller
 from socialbot.runs.story import DesireTold, PlanTold, RequestTold, Story, WordTold
 
 MAX_EVENTS = 300

@@ -31,11 +31,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from socialbot.core.errors import RunError
 from socialbot.core.messages import Command
 from socialbot.runs.broadcast import Broadcast
-from socialbot.runs.commands import Office, Shut
-from socialbot.runs.overview import overview
+from socialbot.runs.narration import LogLine, told_between
 from socialbot.runs.pages import PAGE, live_page
-from socialbot.runs.run import Run, node_views
-from socialbot.runs.sentences import LogLine, told_between
+from socialbot.runs.run import Office, Run, Shut, node_views, overview
 from socialbot.runs.why import explain, why_not
 
 JSON = "application/json"

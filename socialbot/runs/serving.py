@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import uvicorn
 
 from socialbot.core.errors import ParameterError
-from socialbot.runs.commands import Office
-from socialbot.runs.run import Run
+from socialbot.runs.run import Office, Run
 from socialbot.runs.server import Server
 
 TOKEN_VARIABLE = "SOCIALBOT_TOKEN"

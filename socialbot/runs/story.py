@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
 from socialbot.planning.pddl.domain import PddlPlan, PlanStep, parse_plan
-from socialbot.runs.narration import Narrator, Origin, Phrases, Sentence, in_words
+from socialbot.runs.narration import Narrator, Origin, Phrases, Wording, in_words
 
 SHORT_S = 20.0
 """Of runs shorter than this times are told to the hundredth of a second."""
@@ -135,7 +135,6 @@ class Story:
     steps: list[StepTold] = field(default_factory=list)
     requests: list[RequestTold] = field(default_factory=list)
     words: list[WordTold] = field(default_factory=list)
-    sentences: list[Sentence] = field(default_factory=list)
 
     def seconds(self, time: int) -> float:
         """A time as s from the start."""
@@ -226,7 +225,7 @@ def story_of(records: Iterable[TraceRecord], phrases: Phrases | None = None) -> 
 class _Teller:
     def __init__(self, phrases: Phrases) -> None:
         self.story = Story()
-        self._narrator = Narrator(phrases)
+        self._narrator = Narrator(Wording(phrases=phrases))
         self._asked: dict[str, RequestTold] = {}
 
     def take(self, record: TraceRecord) -> None:
@@ -237,11 +236,9 @@ class _Teller:
             story.agents.append(record.source)
         story.end = max(story.end, record.stamp)
         sentence = self._narrator.tell(record)
-        if sentence is not None:
-            story.sentences.append(sentence)
-        self._note(record)
+        self._note(record, "" if sentence is None else sentence.text)
 
-    def _note(self, record: TraceRecord) -> None:
+    def _note(self, record: TraceRecord, text: str) -> None:
         detail = record.detail
         match record.kind:
             case "desire" | "desire_refused":
@@ -266,7 +263,7 @@ class _Teller:
             case "step_end":
                 self._step_end(record)
             case "request":
-                self._request(record)
+                self._request(record, text)
             case "reply":
                 self._reply(record)
             case "said":
@@ -308,7 +305,7 @@ class _Teller:
         plan = next((plan for plan in of_agent if number in (None, plan.number)), None)
         timed = None if plan is None or plan.makespan_s is None else plan.plan
         planned = None if timed is None else _find(timed, action, tuple(args), record.detail)
-        text = self._narrator.phrase(action, args)
+        text = self._narrator.wording.call(action, args)
         step = StepTold(record.source, plan, action, tuple(args), text, began, planned)
         self.story.steps.append(step)
         return step
@@ -319,14 +316,13 @@ class _Teller:
         step.ended = record.stamp
         step.outcome, step.message = record.detail["outcome"], record.detail.get("message", "")
 
-    def _request(self, record: TraceRecord) -> None:
-        sentence = self.story.sentences[-1]
+    def _request(self, record: TraceRecord, text: str) -> None:
         receiver = record.what.partition(" asks ")[2].partition(" ")[0]
         request = RequestTold(
             record.detail["id"],
             record.source,
             receiver,
-            sentence.text,
+            text,
             record.stamp,
             " desire " in record.what,
         )

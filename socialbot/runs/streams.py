@@ -11,9 +11,9 @@ import msgspec
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Mind, MindBelief, PersonDetection, PersonDetections
 from socialbot.runs.history import OF_TOPICS
+from socialbot.runs.narration import Teller
 from socialbot.runs.run import Run
-from socialbot.runs.sentences import Teller
-from socialbot.runs.state_at import AgentMoment
+from socialbot.runs.state import AgentMoment
 
 FAILURES = frozenset({"failure", "desire_refused", "refused", "silent"})
 LEAP = 3600 * SECOND

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.history import History
-from socialbot.runs.names import Wording
+from socialbot.runs.narration import Wording
 
 AWAY_S = 1.0
 """Who was not seen for so long was away."""

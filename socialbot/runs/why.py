@@ -11,8 +11,7 @@ import msgspec
 from socialbot.core.errors import RunError
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.history import History
-from socialbot.runs.names import Wording, plan_name
-from socialbot.runs.sentences import Teller, plan_of
+from socialbot.runs.narration import Teller, Wording, plan_name, plan_of
 
 SILENT = {"plan", "planning", "asked"}
 """Kinds of records that say nothing that those around them do not say."""

@@ -19,9 +19,9 @@ from socialbot.core.errors import ParameterError, SocialbotError
 from socialbot.core.messages import Message
 from socialbot.core.process import Ending
 from socialbot.graph.node import Graph
-from socialbot.runs.console import Display, RunDisplay
+from socialbot.runs.console import Display
 from socialbot.runs.record import WELL, RunTrace, versions
-from socialbot.runs.report import RunReport, write_report
+from socialbot.runs.report import write_report
 from socialbot.runs.telling import telling
 from socialbot.runtime.processes import RestartPolicy
 from socialbot.runtime.replay import keep_speech, observed_topics, parameters_of
@@ -223,10 +223,8 @@ def keep_minds(graph: Graph, folder: Path) -> Graph:
     return graph.with_parameters(kept)
 
 
-def display_of(graph: Graph, console: Console) -> Display | RunDisplay:
-    """What shows a live run of ``graph``: as a story where agents deliberate, else what is perceived and done."""
-    report = RunReport(graph)
-    if report.deliberates:
-        return RunDisplay(console, report.phrases, graph.without_sources())
+def display_of(graph: Graph, console: Console) -> Display:
+    """Return the terminal display of a live run of ``graph``."""
     now = WallClock().now()
-    return Display(console, start=now, until=now)
+    deliberates = any(placement.type.deliberates for placement in graph.placements)
+    return Display(console, graph.without_sources(), start=None if deliberates else now)

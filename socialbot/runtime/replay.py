@@ -30,7 +30,7 @@ from socialbot.deliberation.messages import PlanExecutionInfo
 from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, check_parameters
-from socialbot.runs.decisions import DECIDED, Comparison, compare
+from socialbot.runs.difference import DECIDED, Comparison, compare
 from socialbot.runs.record import RECORDED, STOPPED, WELL, RunRecord, versions
 from socialbot.runs.telling import Observer, telling, told_topics
 from socialbot.runtime.launch import Launch

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, FloatRect, Page, sync_playwright
 
-from socialbot.bags.images import pictures_of
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import CompressedImage
+from socialbot.runs.bag_images import pictures_of
 from socialbot.runs.folder import open_run
 from socialbot.runs.serving import Address, serving
 from tests.runs.runs import START, greeting

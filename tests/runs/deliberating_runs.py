@@ -8,8 +8,20 @@ import msgspec
 
 from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import TraceRecord
+from socialbot.graph.files import parse_graph
+from socialbot.graph.node import Node
 
 PHRASES = {"go": "goes from {1} to {2}", "ask_help": "asks {1} to help"}
+
+
+class Thinker(Node):
+    """Agent type with phrases that does nothing."""
+
+    deliberates = True
+    phrases = PHRASES
+
+
+GRAPH = parse_graph(f"name: g\nnodes:\n  ann: {{type: '{__name__}:Thinker'}}\n", where="deliberating_runs.py")
 
 
 def record(

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
-from socialbot.runs import state_index as courses
+from socialbot.runs import state as courses
 from socialbot.runs.folder import open_run
 from socialbot.runs.history import History
-from socialbot.runs.state_index import Course
+from socialbot.runs.state import Course
 from tests.runs.deliberating_runs import desire, plan, plan_end, record, step, step_end
 from tests.runs.runs import greeting
 

@@ -1,8 +1,11 @@
+"""Terminal display of a run."""
+
 from __future__ import annotations
 
 import io
 import itertools
 import math
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -17,8 +20,11 @@ from socialbot.core.messages import (
     PersonDetections,
     SpeechStatus,
     TraceRecord,
+    Utterance,
 )
+from socialbot.deliberation.messages import ActionExecutionInfo, Desire, PlanExecutionInfo
 from socialbot.runs.console import Display, people_text
+from tests.runs.deliberating_runs import DETOUR, GRAPH
 
 START = nanoseconds(100.0)
 
@@ -80,7 +86,7 @@ def shown(*messages: Message, terminal: bool = False) -> list[str]:
         (head(123.4, 20, -0.2), " 123.40 s  head     turns to 20°, 0° in 0.5 s"),
     ],
 )
-def test_each_thing_that_happens_is_a_line(message, line):
+def test_display_prints_a_line_per_event(message, line):
     assert shown(message) == [line]
 
 
@@ -94,11 +100,11 @@ def test_each_thing_that_happens_is_a_line(message, line):
         ActionRequest(stamp=at(1), id="1", agent="waldo", name="speak"),
     ],
 )
-def test_what_would_be_said_twice_or_interests_nobody_is_left_out(message):
+def test_display_omits_redundant_events(message):
     assert shown(message) == []
 
 
-def test_who_is_seen_is_told_when_the_number_changes_but_at_most_once_a_second():
+def test_display_prints_changes_of_the_person_count_at_most_once_a_second():
     flickering = [seen(tenth / 10, *[person(2.0)] * (tenth % 2)) for tenth in range(31)]
     told = [float(line.split()[0]) for line in shown(*flickering)]
     assert 2 <= len(told) <= 4
@@ -106,26 +112,69 @@ def test_who_is_seen_is_told_when_the_number_changes_but_at_most_once_a_second()
     assert len(shown(*(seen(tenth / 10, person(2.0)) for tenth in range(50)))) == 1
 
 
-def test_markup_in_a_text_is_no_markup():
+def test_display_escapes_markup():
     assert shown(record(0.0, "action", 'speak("[bold]hi[/bold] [/red]")'))[0].endswith(
         'speak("[bold]hi[/bold] [/red]")'
     )
 
 
-def test_a_long_text_stays_on_one_line():
+def test_display_keeps_long_texts_on_one_line():
     assert len(shown(record(0.0, "action", "x" * 300))) == 1
 
 
-def test_a_terminal_shows_the_present_moment_as_well():
+def test_terminal_shows_persons_and_head_in_the_status_line():
     text = "\n".join(shown(seen(5.0, person(2.0, -30)), head(10.0, 15, 0), terminal=True))
     assert "sees     1 person: 2.0 m 30° right" in text
     assert "head 15°, 0°" in text
-    assert "━━━━━━━━━━╌╌╌╌╌╌╌╌╌╌" in text
+    assert "━━━━━━━━━━━━╌╌╌╌╌╌╌╌╌╌╌╌" in text
 
 
-def test_people_are_named_from_near_to_far():
+def test_people_text_lists_the_nearest_first():
     assert people_text([]) == "nobody"
     assert people_text([person(2.04)]) == "1 person: 2.0 m ahead"
     assert people_text([person(None, None), person(5, -10), person(2, 0.4)]) == (
         "3 people: 2.0 m ahead, 5.0 m 10° right, somewhere ahead"
     )
+
+
+# Agents that deliberate
+
+
+def story_shown(*messages: Message, terminal: bool = False) -> str:
+    out = io.StringIO()
+    console = Console(file=out, width=120, force_terminal=terminal, color_system=None, highlight=False)
+    with Display(console, GRAPH) as display:
+        for message in messages:
+            display.show("/topic", message)
+    return out.getvalue()
+
+
+def info(seconds: float, agent: str, current: float, estimated: float, **more: Any) -> PlanExecutionInfo:
+    return PlanExecutionInfo(
+        stamp=nanoseconds(100.0 + seconds),
+        agent_id=agent,
+        target=Desire(name="be_home"),
+        actions_exec_info=(ActionExecutionInfo(index=0, name="go", args=()),),
+        current_time=current,
+        estimated_deadline=estimated,
+        **more,
+    )
+
+
+def test_display_prints_a_line_per_sentence_of_the_story():
+    lines = story_shown(*DETOUR).splitlines()
+    assert lines[0].split() == ["0.00", "s", "ann", "◆", "wants", "be_home", "within", "20", "s", "(desires.yaml)"]
+    assert "   3.00 s  ann  ✗ gives up plan 1 for be_home" in lines
+    assert "   7.00 s  ann  ✓ has reached be_home after 7.0 s" in lines
+    assert len(lines) == 13
+
+
+def test_terminal_shows_progress_and_current_steps():
+    present = story_shown(*DETOUR[:9], info(3.0, "ann", 3.0, 6.0), terminal=True)
+    assert "ann asks bob to help" in present
+    assert "━" * 12 + "╌" * 12 in present
+
+
+def test_display_ignores_other_messages():
+    assert story_shown(Utterance(stamp=1, id="a", text="hello")) == ""
+    assert story_shown(info(0.0, "ann", 0.0, 5.0)) == ""

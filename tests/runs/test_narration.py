@@ -3,12 +3,12 @@ from __future__ import annotations
 import pytest
 
 from socialbot.core.messages import TraceRecord
-from socialbot.runs.narration import Narrator
+from socialbot.runs.narration import Narrator, Wording
 from tests.runs.deliberating_runs import DETOUR, PHRASES, desire, plan, plan_end, record, request, step, step_end
 
 
 def told(*records: TraceRecord) -> list[str]:
-    narrator = Narrator(PHRASES)
+    narrator = Narrator(Wording(phrases=PHRASES))
     sentences = [narrator.tell(each) for each in records]
     return [f"{each.agent} {each.text}" for each in sentences if each is not None]
 
@@ -80,14 +80,6 @@ def test_a_desire_taken_up_again_has_a_plan_and_no_new_one():
     assert told(*again)[-1] == "a plans x: 0 steps, 5.0 s"
 
 
-def test_the_turns_of_a_run_are_marked():
-    narrator = Narrator({})
-    marks = {each.text: each.main for each in map(narrator.tell, DETOUR) if each is not None}
-    assert marks["gives up plan 1 for be_home"]
-    assert marks["makes a new plan for be_home: 1 step, 4.0 s"]
-    assert not marks["plans be_home: 2 steps, 5.0 s"]
-
-
 def test_an_action_that_nobody_has_words_for_is_said_as_in_the_plan():
     assert told(step(0, "a", "(fly a moon)")) == ["a fly a moon"]
 
@@ -103,11 +95,11 @@ def test_dropping_what_is_needed_no_more_is_no_failure():
     reached = record(1, "a", "desire_fulfilled", "go_one", one.id, reason="")
     needless = record(1, "a", "desire_dropped", "go_other", reached.id, reason="go_one is fulfilled")
     deeper = record(1, "a", "desire_dropped", "charge", reached.id, reason="go_other has ended")
-    narrator = Narrator({})
+    narrator = Narrator(Wording())
     sentences = [narrator.tell(each) for each in (whole, one, other, below, reached, needless, deeper)][-2:]
-    assert [(each.verb, each.text, each.main) for each in sentences if each is not None] == [
-        ("rests", "needs go_other no more: go_one is fulfilled", False),
-        ("rests", "needs charge no more: go_other has ended", False),
+    assert [(each.verb, each.text) for each in sentences if each is not None] == [
+        ("rests", "needs go_other no more: go_one is fulfilled"),
+        ("rests", "needs charge no more: go_other has ended"),
     ]
 
 
@@ -184,5 +176,5 @@ def test_a_failed_action_is_told_once():
     ]
 
 
-def test_an_action_that_lacks_an_object_is_told_as_it_was_called():
-    assert Narrator(PHRASES).phrase("go", ["a"]) == "go a"
+def test_action_without_enough_objects_keeps_its_call():
+    assert Wording(phrases=PHRASES).call("go", ["a"]) == "go a"

@@ -10,7 +10,7 @@ from rich.console import Console
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.history import History
-from socialbot.runs.names import Wording
+from socialbot.runs.narration import Wording
 from socialbot.runs.plan_trees import as_text, branches, trees_at, with_failure, with_news
 from tests.runs.deliberating_runs import plan, plan_end, record, step, step_end
 

@@ -15,7 +15,7 @@ import pytest
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import AgentAnswer, TraceRecord
 from socialbot.graph.files import load_graph
-from socialbot.runs import sentences as log
+from socialbot.runs import narration as log
 from socialbot.runs import server as server_module
 from socialbot.runs.folder import open_run
 from socialbot.runs.run import Picture, Run

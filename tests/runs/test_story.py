@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from socialbot.runs.story import story_of
-from tests.runs.deliberating_runs import DETOUR, HALL, PHRASES, desire, plan, record, step
+from tests.runs.deliberating_runs import DETOUR, HALL, PHRASES, desire, plan, plan_end, record, step
 
 
 def test_plans_have_their_ends_and_reasons():
@@ -111,3 +111,29 @@ def test_what_is_needed_no_more_is_not_said_to_be_dropped():
         "fulfilled",
         "needless",
     ]
+
+
+GIVEN_UP = (desire(0, "ann", "x"), plan(0, "ann", "x", 1), plan_end(1, "ann", "x", 1, "failed", "no way"))
+
+
+@pytest.mark.parametrize(
+    ("records", "again"),
+    [
+        ((*GIVEN_UP, plan(2, "ann", "x", 2)), True),
+        ((*GIVEN_UP, plan(2, "bob", "x", 2)), False),
+        ((*GIVEN_UP, plan(2, "ann", "y", 2)), False),
+        ((*GIVEN_UP[:2], plan_end(1, "ann", "x", 1, "succeeded"), plan(2, "ann", "x", 2)), False),
+        (
+            (
+                *GIVEN_UP,
+                record(2, "ann", "desire_dropped", "x", reason="deleted"),
+                desire(3, "ann", "x"),
+                plan(4, "ann", "x", 2),
+            ),
+            False,
+        ),
+    ],
+    ids=["after a failed plan", "other agent", "other desire", "after a successful plan", "desire adopted anew"],
+)
+def test_plan_is_again_only_after_a_failed_plan_for_the_same_desire(records, again):
+    assert story_of(records).plans[-1].again is again

@@ -8,7 +8,7 @@ from socialbot.core.errors import RunError
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.history import History
-from socialbot.runs.names import Wording, past
+from socialbot.runs.narration import Wording, past
 from socialbot.runs.why import MOST_LINKS, actions, decided_at, explain, why_not
 from tests.runs.deliberating_runs import PHRASES, desire, plan, record, request, step
 from tests.runs.runs import greeting
@@ -83,6 +83,14 @@ def test_what_was_done_before_is_told_by_its_last_step():
     assert explain(history, Wording(), history[3]).text() == (
         "At 3.00 s ann did walk(3),\n  after it did walk(2) (at 2.00 s) and 2 steps before."
     )
+
+
+@pytest.mark.parametrize(("agent", "link"), [("ann", "after"), ("bob", "because")])
+def test_only_an_earlier_action_of_the_same_agent_is_linked_by_after(agent, link):
+    history = following(record(0.0, agent, "action", "open(door)"), record(1.0, "ann", "action", "enter(room)"))
+    explanation = explain(history, Wording(), history[1])
+    assert [reason.link for reason in explanation.chain[1:]] == [link]
+    assert f"\n  {link} " in explanation.text()
 
 
 def test_of_a_chain_without_end_so_much_is_told_and_that_there_is_more():

@@ -7,15 +7,9 @@ import pytest
 from rich.console import Console
 
 from socialbot.graph.files import load_graph
-from socialbot.runs.console import Display, RunDisplay
 from socialbot.runtime.live import Surroundings, display_of, keep_minds, renewed
 from socialbot.runtime.supervisor import Supervisor
 from tests.runs.deliberating_runs import record
-
-
-@pytest.mark.parametrize(("graph", "kind"), [("waldo", Display), ("cleaner", RunDisplay), ("warehouse", RunDisplay)])
-def test_agents_that_deliberate_are_shown_by_what_they_want_and_do(graph, kind):
-    assert isinstance(display_of(load_graph(graph), Console(file=io.StringIO())), kind)
 
 
 def test_agents_keep_their_minds_below_the_folder_of_the_run(tmp_path):

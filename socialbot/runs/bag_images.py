@@ -1,4 +1,4 @@
-"""The pictures of a bag by time, as JPEG."""
+"""Pictures of a bag by time, as JPEG."""
 
 from __future__ import annotations
 
