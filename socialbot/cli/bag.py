@@ -95,7 +95,7 @@ def import_(
 ) -> None:
     """Makes a bag of a video, a folder of images or a camera; a camera is recorded until Ctrl-C."""
     from socialbot.bags.conversion import import_bag
-    from socialbot.vision.cameras import is_device, open_frames
+    from socialbot.vision.camera import is_device, open_frames
 
     with Ending().on_signals() as ending, bar(f"writing {out}", "pictures") as advance:
         made = import_bag(

@@ -98,7 +98,7 @@ def network() -> Finding:
     """Whether the neural network that finds people runs."""
     name = "person detector"
     try:
-        from socialbot.vision.network_detector import nanodet
+        from socialbot.vision.detectors import nanodet
 
         nanodet(0.5)
     except SocialbotError as error:
@@ -183,7 +183,7 @@ def _version(distribution: str) -> str | None:
 
 def _picture_size(device: Path) -> tuple[int, int] | None:
     from socialbot.core.errors import DeviceError
-    from socialbot.vision.cameras import open_frames
+    from socialbot.vision.camera import open_frames
 
     if not os.access(device, os.R_OK | os.W_OK):
         return None

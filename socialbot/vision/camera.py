@@ -1,20 +1,26 @@
-"""The camera as geometry: where a pixel points to.
-
-Directions are in the horizontal robot frame of REP-103: x forward, y left, z up. A pixel (u, v) is the
-ray ((u - cx) / fx, (v - cy) / fy, 1) of the camera, to the right, down and forward; tilting it by the pitch gives
-its direction in the robot frame. Lens distortion is not taken out.
-"""
+"""Camera geometry, image sources (device, video file, folder), and the node that publishes images."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
 
-from socialbot.core.errors import MessageError, ParameterError
-from socialbot.core.messages import CameraInfo
+import cv2
+import numpy as np
 
-__all__ = ["Box", "CameraModel"]
+from socialbot.core import paths
+from socialbot.core.clock import nanoseconds
+from socialbot.core.errors import DeviceError, ImageError, MessageError, ParameterError
+from socialbot.core.messages import CameraInfo, Image
+from socialbot.graph.node import Context, Delivery, Node, Output, Parameter, Timer
+
+__all__ = ["Box", "Camera", "CameraModel", "Frames", "is_device", "open_frames"]
+
 
 Box = Sequence[float]
 """x, y, w, h in pixels."""
@@ -95,3 +101,287 @@ class CameraModel:
     def horizon(self) -> float:
         """Where the horizon runs, as a share of the picture's height: 0 at the top, 1 at the bottom, or beyond."""
         return (self.cy - self.fy * math.tan(self.pitch_rad)) / self.height
+
+
+_IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
+_USUAL_RATE_HZ = 30.0
+_FOLDER_RATE_HZ = 10.0
+
+
+class Frames(Protocol):
+    """Pictures one after the other."""
+
+    rate_hz: float
+    """How many a second there are; for a folder, how many are usual."""
+    size: tuple[int, int]
+    """Width and height of the first picture, pixels."""
+
+    def read(self) -> np.ndarray | None:
+        """The next picture, shape (height, width, 3), uint8, blue first; None when there are no more.
+
+        Raises ImageError for one that cannot be read; the one after it is read next time.
+        """
+        ...
+
+    def close(self) -> None:
+        """Gives the camera or file back."""
+        ...
+
+
+def is_device(source: str) -> bool:
+    """Whether ``source`` names a camera: an index ("0") or a device file ("/dev/video0")."""
+    return source.isdecimal() or source.startswith("/dev/")
+
+
+def open_frames(source: str, *, width: int = 0, height: int = 0) -> Frames:
+    """The pictures of ``source``; a camera is asked for ``width`` x ``height`` pixels (0: its own choice).
+
+    Raises DeviceError when there is no such camera, file or folder, or nothing to read in it.
+    """
+    if is_device(source):
+        return _CameraFrames(source, width, height)
+    path = Path(source)
+    if path.is_dir():
+        return _FolderFrames(path)
+    if path.is_file():
+        return _VideoFrames(source)
+    raise DeviceError("no such camera, video file or folder", where=repr(source), remedy="check the parameter 'source'")
+
+
+class _VideoFrames:
+    """A video file."""
+
+    def __init__(self, source: str | int) -> None:
+        self._capture = cv2.VideoCapture(source)
+        if not self._capture.isOpened():
+            self._capture.release()
+            raise DeviceError("cannot be opened", where=str(source), remedy="check that it is a video and not damaged")
+        self._read_properties()
+
+    def _read_properties(self) -> None:
+        rate = self._capture.get(cv2.CAP_PROP_FPS)
+        self.rate_hz = rate if 0 < rate < 1000 else _USUAL_RATE_HZ
+        self.size = (
+            int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
+            int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
+        )
+
+    def read(self) -> np.ndarray | None:
+        good, pixels = self._capture.read()
+        return pixels if good else None
+
+    def close(self) -> None:
+        self._capture.release()
+
+
+class _CameraFrames(_VideoFrames):
+    """A camera of this computer."""
+
+    def __init__(self, source: str, width: int, height: int) -> None:
+        path = f"/dev/video{source}" if source.isdecimal() else source
+        # OpenCV complains at length on stderr about a device that is not there; asking first is quieter.
+        if sys.platform == "linux" and not Path(path).exists():
+            raise DeviceError("no such camera", where=path, remedy="plug it in, or choose one of /dev/video*")
+        try:
+            super().__init__(int(source) if source.isdecimal() else source)
+        except DeviceError:
+            remedy = "is another program using it? may you read it (group 'video')?"
+            raise DeviceError("the camera cannot be opened", where=path, remedy=remedy) from None
+        if width:
+            self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, width)
+        if height:
+            self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
+        # Without this a slow reader sees pictures that are several frames old.
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        self._read_properties()
+
+
+class _FolderFrames:
+    """The images of a folder in the order of their names, 2 before 10."""
+
+    rate_hz = _FOLDER_RATE_HZ
+
+    def __init__(self, folder: Path) -> None:
+        self._paths = sorted((path for path in folder.iterdir() if path.suffix.lower() in _IMAGES), key=_natural)
+        self._next = 0
+        if not self._paths:
+            raise DeviceError("no images in this folder", where=str(folder), remedy="put jpg or png files there")
+        height, width = _load(self._paths[0]).shape[:2]
+        self.size = (width, height)
+
+    def read(self) -> np.ndarray | None:
+        if self._next == len(self._paths):
+            return None
+        self._next += 1
+        return _load(self._paths[self._next - 1])
+
+    def close(self) -> None:
+        self._paths = self._paths[: self._next]
+
+
+def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
+    words = re.split(r"(\d+)", path.name)
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in words], path.name
+
+
+def _load(path: Path) -> np.ndarray:
+    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    if pixels is None:
+        raise ImageError("cannot be decoded", where=str(path), remedy="remove or replace this image")
+    return pixels
+
+
+_RETRY_S = 2.0
+_DEVICES = Path("/dev")
+
+
+class Camera(Node):
+    """Publishes pictures at a steady rate, and once the camera's intrinsics.
+
+    A camera that vanishes is an error once; then it is looked for every two seconds. A file
+    that ends stops quietly, or begins again with ``loop``; one that cannot is looked for like a camera.
+    """
+
+    image_raw = Output(Image, "/camera/image_raw", Delivery.NEWEST)
+    camera_info = Output(CameraInfo, "/camera/camera_info", Delivery.LATCHED)
+
+    source = Parameter("0", "camera index, device file, video file or folder of images", fixed=True)
+    rate_hz = Parameter(0.0, "pictures a second; 0: the source's own rate", minimum=0.0, maximum=1000.0)
+    loop = Parameter(False, "begin a file or folder again when it ends")
+    width = Parameter(0, "width of the pictures, pixels; 0: the source's own", minimum=0, maximum=16384, fixed=True)
+    height = Parameter(0, "height of the pictures, pixels; 0: the source's own", minimum=0, maximum=16384, fixed=True)
+    hfov_rad = Parameter(1.09, "horizontal field of view, rad", minimum=0.1, maximum=3.0)
+    frame_id = Parameter("camera_color_optical_frame", "name of the camera's frame", fixed=True)
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        super().__init__(name, context, parameters)
+        self._frames: Frames | None = None
+        self._timer: Timer | None = None
+        self._due = 0
+
+    def start(self) -> None:
+        """Raises DeviceError when there is no such source, ImageError when its first image is damaged.
+
+        Raises ParameterError for a file or folder outside of those that the user allows.
+        """
+        if not self.source.isdecimal():
+            paths.within(self.source, (*paths.workspace(), _DEVICES), where=f"{self.name}.source")
+        self._frames = self._open()
+        self._publish_info()
+        self._due = self.clock.now()
+        self._timer = self.call_after(0.0, self._tick)
+
+    def stop(self) -> None:
+        if self._timer:
+            self._timer.cancel()
+        self._close()
+
+    def on_parameter(self, name: str) -> None:
+        if name == "hfov_rad" and self._frames:
+            self._publish_info()
+
+    def _open(self) -> Frames:
+        return open_frames(self.source, width=self.width, height=self.height)
+
+    def _close(self) -> None:
+        if self._frames:
+            self._frames.close()
+            self._frames = None
+
+    def _tick(self) -> None:
+        """Publishes one picture; the next is arranged for first, so that a damaged one stops nothing."""
+        if self._frames is None:
+            return
+        self._arrange_next(self._frames)
+        pixels = self._read(self._frames)
+        if pixels is None:
+            self._on_end()
+        else:
+            self._publish(pixels)
+
+    def _arrange_next(self, frames: Frames) -> None:
+        """Keeps the rate without drift; what is a whole period late begins a new beat."""
+        period, now = nanoseconds(1 / (self.rate_hz or frames.rate_hz)), self.clock.now()
+        due = self._due + period
+        self._due = due if due > now else now + period
+        self._timer = self.context.call_at(self._due, self._tick)
+
+    def _read(self, frames: Frames) -> np.ndarray | None:
+        pixels = frames.read()
+        if pixels is not None or not self.loop or is_device(self.source):
+            return pixels
+        self._close()
+        try:
+            self._frames = self._open()
+        except (DeviceError, ImageError):
+            self._look_again()
+            self.say_health("failed", f"{self.source} cannot begin again")
+            raise
+        return self._frames.read()
+
+    def _on_end(self) -> None:
+        self._close()
+        if not (self.loop or is_device(self.source)):
+            if self._timer:
+                self._timer.cancel()
+            self.log.info("%s has ended", self.source)
+            self.say_health("waiting", f"{self.source} has ended")
+            return
+        self._look_again()
+        self.say_health("failed", f"{self.source} sends no more pictures")
+        raise DeviceError(
+            "the camera sends no more pictures",
+            where=self.source,
+            remedy=f"check that it is there; it is tried again every {_RETRY_S:g} s",
+        )
+
+    def _look_again(self) -> None:
+        if self._timer:
+            self._timer.cancel()
+        self._timer = self.call_after(_RETRY_S, self._reopen)
+
+    def _reopen(self) -> None:
+        """Looks for a camera that has vanished; it is back when it gives a picture."""
+        self._look_again()
+        try:
+            self._frames = self._open()
+            pixels = self._frames.read()
+        except (DeviceError, ImageError):
+            pixels = None
+        if self._frames is None or pixels is None:
+            self._close()
+            return
+        if self._timer:
+            self._timer.cancel()
+        self.log.info("camera %s is back", self.source)
+        self.say_health("ok")
+        self._publish_info()
+        self._publish(pixels)
+        self._arrange_next(self._frames)
+
+    def _publish(self, pixels: np.ndarray) -> None:
+        self.image_raw.publish(Image.from_bgr(self._fitted(pixels), stamp=self.clock.now(), frame_id=self.frame_id))
+
+    def _fitted(self, pixels: np.ndarray) -> np.ndarray:
+        height, width = pixels.shape[:2]
+        size = self._size(width, height)
+        return pixels if size == (width, height) else cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+
+    def _size(self, width: int, height: int) -> tuple[int, int]:
+        """The size to publish for a picture of ``width`` x ``height``; one given alone keeps the proportions."""
+        if not self.width and not self.height:
+            return width, height
+        return (
+            self.width or max(1, round(width * self.height / height)),
+            self.height or max(1, round(height * self.width / width)),
+        )
+
+    def _publish_info(self) -> None:
+        if not self._frames:
+            return
+        width, height = self._size(*self._frames.size)
+        model = CameraModel.from_field_of_view(width, height, self.hfov_rad)
+        k = (model.fx, 0.0, model.cx, 0.0, model.fy, model.cy, 0.0, 0.0, 1.0)
+        self.camera_info.publish(
+            CameraInfo(stamp=self.clock.now(), frame_id=self.frame_id, width=width, height=height, k=k, d=(0.0,) * 5)
+        )

@@ -1,21 +1,355 @@
-"""Nodes at the two ends of a network link: send a camera's images as JPEG, receive and republish them."""
+"""Send images over a network link that carries less than the camera takes, and receive them."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass, field
+from statistics import median
 
 import cv2
 
-from socialbot.core.clock import SECOND
+from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ImageError
 from socialbot.core.messages import CompressedImage, Image, PictureAck
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
-from socialbot.vision.image_link import ImageLink, StaleImageFilter
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 
-__all__ = ["ImageReceiver", "ImageSender"]
+__all__ = [
+    "BitrateControl",
+    "ImageLink",
+    "ImageReceiver",
+    "ImageSender",
+    "InFlightImage",
+    "LinkStatistics",
+    "SendWindow",
+    "StaleImageFilter",
+    "relative_size",
+]
+
+
+PATIENCE_S = 0.4
+"""While a picture is under way for longer, no other is sent after it."""
+
+LOST_S = 1.0
+"""With no answer for so long, the link is taken to be down."""
+
+FIRST_FLIGHTS, MOST_FLIGHTS = 4, 16
+"""Pictures under way at once: to begin with, one more with each answer, and at most."""
+
+MEASURE_S = 1.0
+"""For so long the link is watched before it is judged."""
+
+SETTLING_S = 0.2
+"""So long after all that was sent before a change has arrived it is measured again."""
+
+LATE_S = 0.15
+"""A link on which half of the pictures take longer is full."""
+
+REFUSED_SHARE = 0.1
+"""A link that has no room for more than this share of the pictures is full."""
+
+CARRIED_SHARE = 0.8
+"""How much of what a full link has carried it is given from then on."""
+
+TRIED_SHARE = 1.2
+"""How much more is tried, not knowing whether the link carries it."""
+
+LEAP_SHARE = 1.5
+"""How much more it is given at once, where single pictures go fast enough for that."""
+
+FIRST_TRIAL_S, LAST_TRIAL_S = 1.0, 64.0
+"""How long to wait before more is tried: to begin with, and after many trials in vain."""
+
+LEAST_BYTES_S = 4000.0
+LEAST_RATE_HZ = 1.0
+
+_ANY_HZ = 1e6
+
+QUALITY_STEP = 5
+"""Quality goes up by so much at least, as each change can be seen."""
+
+SIZE_EXPONENT = 0.5
+"""JPEG pictures shrink with this power of the coarseness of their quantisation; found with pictures of rooms."""
+
+STALE_S = 1.0
+REMEMBERED = 32
+
+
+@dataclass(frozen=True)
+class InFlightImage:
+    """A picture under way: its stamp, its size in bytes, when it was sent, and whether the link was free by then."""
+
+    stamp: int
+    size: int
+    sent: int
+    alone: bool
+
+
+class SendWindow:
+    """The pictures under way."""
+
+    def __init__(self) -> None:
+        self._flights: deque[InFlightImage] = deque()
+        self._limit = FIRST_FLIGHTS
+        self._heard = -math.inf
+        self.silent = False
+
+    @property
+    def oldest(self) -> float:
+        """When the oldest picture under way was sent (ns); infinite when there is none."""
+        return self._flights[0].sent if self._flights else math.inf
+
+    def has_room(self, now: int) -> bool:
+        """Whether one more may be sent. Notices that the link is down: then what was under way is given up."""
+        if not self._flights:
+            return not self.silent
+        oldest = self._flights[0].sent
+        if now - max(oldest, self._heard) > LOST_S * SECOND:
+            self._flights.clear()
+            self.silent = True
+            return False
+        return len(self._flights) < self._limit and now - oldest <= PATIENCE_S * SECOND
+
+    def stalls(self, now: int) -> bool:
+        """Whether pictures are waited for in vain, so that the link may be down."""
+        return bool(self._flights) and now - max(self._flights[0].sent, self._heard) > PATIENCE_S * SECOND
+
+    def send(self, stamp: int, size: int, now: int) -> None:
+        """Notes that a picture was sent."""
+        self._flights.append(InFlightImage(stamp, size, now, alone=not self._flights))
+
+    def answer(self, stamp: int, now: int) -> list[InFlightImage]:
+        """What has arrived by an answer for ``stamp``: that picture and all that were sent before it.
+
+        Any answer, also one for a picture given up, says that the link is up.
+        """
+        if self.silent:
+            self.silent, self._limit = False, FIRST_FLIGHTS
+        self._heard = now
+        if all(flight.stamp != stamp for flight in self._flights):
+            return []
+        arrived = [self._flights.popleft()]
+        while arrived[-1].stamp != stamp:
+            arrived.append(self._flights.popleft())
+        self._limit = min(self._limit + 1, MOST_FLIGHTS)
+        return arrived
+
+
+@dataclass
+class LinkStatistics:
+    """What happened on the link since ``begin``: of all pictures, the rate allowed those offered."""
+
+    begin: int
+    pictures: int = 0
+    offered: int = 0
+    refused: int = 0
+    sent_bytes: int = 0
+    arrived_bytes: int = 0
+    waits_s: list[float] = field(default_factory=list)
+    speeds: list[float] = field(default_factory=list)
+
+    def arrive(self, flight: InFlightImage, now: int) -> None:
+        """Notes that a picture has arrived. One that was alone on the link has waited for no other."""
+        delay_s = max(1, now - flight.sent) / SECOND
+        self.arrived_bytes += flight.size
+        self.waits_s.append(0.0 if flight.alone else delay_s)
+        if flight.alone:
+            self.speeds.append(flight.size / delay_s)
+
+    @property
+    def speed(self) -> float:
+        """Bytes a second that the link has carried at least, by the pictures that were alone on it; 0 without such."""
+        return median(self.speeds or [0.0])
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the link was given more than it could carry in time."""
+        return median(self.waits_s or [0.0]) > LATE_S or self.refused > REFUSED_SHARE * self.offered
+
+
+class BitrateControl:
+    """How many bytes a second the link is given: ``budget``, without bounds until it has been full."""
+
+    def __init__(self) -> None:
+        self.budget = math.inf
+        self._good = math.inf
+        self._failed = math.inf
+        self._on_trial = False
+        self._trial_s = FIRST_TRIAL_S
+        self._changed = 0
+
+    def judge(self, measure: LinkStatistics, now: int, *, wants_more: bool) -> bool:
+        """Draws the lesson from ``measure``, which ends ``now``. Returns whether the budget has changed."""
+        seconds = (now - measure.begin) / SECOND
+        if measure.is_full:
+            self._lower(measure.arrived_bytes / seconds, measure.sent_bytes / seconds)
+        elif math.isinf(self.budget) or not wants_more:
+            self._good = min(self.budget, measure.arrived_bytes / seconds)
+            return False
+        elif LEAP_SHARE * self.budget <= CARRIED_SHARE * measure.speed:
+            self._raise(LEAP_SHARE, on_trial=False)
+        elif now - self._changed >= self._trial_s * SECOND:
+            self._raise(TRIED_SHARE, on_trial=True)
+        else:
+            return False
+        self._changed = now
+        return True
+
+    def wait_from(self, now: int) -> None:
+        """Counts the time until the next trial from ``now``."""
+        self._changed = now
+
+    def _lower(self, arrived: float, sent: float) -> None:
+        """To what has ``arrived``; at least to what was good before, as an overfull link carries less than it could.
+
+        If that was too much as well, as when the link got worse, it comes to half of it each time.
+        """
+        if self._on_trial:
+            self._failed = self.budget
+            self._trial_s = min(2 * self._trial_s, LAST_TRIAL_S)
+        known = min(self.budget, max(sent, arrived)) if math.isinf(self._good) else self._good
+        least = CARRIED_SHARE * known if self._on_trial else known / 2
+        self.budget = self._good = max(CARRIED_SHARE * arrived, least, LEAST_BYTES_S)
+        self._on_trial = False
+
+    def _raise(self, share: float, *, on_trial: bool) -> None:
+        if self.budget > self._failed:
+            self._trial_s, self._failed = FIRST_TRIAL_S, math.inf
+        self._good = self.budget
+        self.budget *= share
+        self._on_trial = on_trial
+
+
+class ImageLink:
+    """What the sender asks about each picture: whether to send it, and at which ``quality`` (of JPEG).
+
+    ``best`` and ``least`` bound the quality, ``most_hz`` the pictures a second (infinite: all there are).
+    """
+
+    def __init__(self, *, best: int, least: int, most_hz: float, now: int) -> None:
+        self.quality = best
+        self.rate_hz = most_hz
+        self._best, self._least, self._most_hz = best, min(least, best), most_hz
+        self._window = SendWindow()
+        self._throttle = BitrateControl()
+        self._measure = _begun_soon(now)
+        self._credit = 1.0
+        self._asked = now
+        self._changed = -1
+        self._size_at_best = 0.0
+        self._pictures_hz = 0.0
+
+    @property
+    def silent(self) -> bool:
+        """Whether the link is taken to be down."""
+        return self._window.silent
+
+    @property
+    def budget(self) -> float:
+        """Bytes a second that the link is given; infinite while it has never been full."""
+        return self._throttle.budget
+
+    def bound(self, *, best: int, least: int, most_hz: float) -> None:
+        """Takes other bounds."""
+        self._size_at_best *= relative_size(best, self._best)
+        self._best, self._least, self._most_hz = best, min(least, best), most_hz
+        self._choose()
+
+    def takes(self, now: int) -> bool:
+        """Whether a picture that is there now is to be sent."""
+        if now < self._asked:
+            self._begin_anew(now)
+        allowed = self._is_allowed(now)
+        room = self._window.has_room(now)
+        if self.silent or self._window.oldest <= self._changed:
+            self._measure = _begun_soon(now)
+        if now >= self._measure.begin:
+            self._measure.pictures += 1
+            self._measure.offered += allowed
+            self._measure.refused += allowed and not room
+        if now - self._measure.begin >= MEASURE_S * SECOND and not self._window.stalls(now):
+            self._judge(now)
+        return allowed and room
+
+    def sent(self, stamp: int, size: int, now: int) -> None:
+        """Notes that the picture of ``stamp`` was sent as ``size`` bytes."""
+        self._window.send(stamp, size, now)
+        self._credit -= 1.0
+        if now >= self._measure.begin:
+            self._measure.sent_bytes += size
+        at_best = size / relative_size(self.quality, self._best)
+        self._size_at_best += (at_best - self._size_at_best) * (0.2 if self._size_at_best else 1.0)
+
+    def answered(self, stamp: int, now: int) -> None:
+        """Notes that the other end has the picture of ``stamp``, or says again that it is the last it has."""
+        for flight in self._window.answer(stamp, now):
+            if now >= self._measure.begin:
+                self._measure.arrive(flight, now)
+
+    def _begin_anew(self, now: int) -> None:
+        """After the clock was set back: what was noted before can be compared with nothing."""
+        self._window, self._measure, self._changed = SendWindow(), _begun_soon(now), -1
+        self._throttle.wait_from(now)
+
+    def _is_allowed(self, now: int) -> bool:
+        """Whether the rate allows a picture now; two may follow each other, as cameras are not punctual."""
+        since_s, self._asked = max(0, now - self._asked) / SECOND, now
+        self._credit = min(2.0, self._credit + since_s * min(self.rate_hz, _ANY_HZ))
+        return self._credit > 0.99
+
+    def _judge(self, now: int) -> None:
+        measure, self._measure = self._measure, LinkStatistics(now)
+        self._pictures_hz = measure.pictures * SECOND / (now - measure.begin)
+        if self._throttle.judge(measure, now, wants_more=(self.quality, self.rate_hz) != (self._best, self._most_hz)):
+            self._changed, self._measure = now, _begun_soon(now)
+        self._choose()
+
+    def _choose(self) -> None:
+        """The best quality that the budget allows at the full rate; the full rate, unless the least is too much."""
+        rate = min(self._most_hz, self._pictures_hz)
+        room = self.budget / rate if rate else math.inf
+        fitting = next((each for each in range(self._best, self._least, -1) if self._size(each) <= room), self._least)
+        if fitting < self.quality or fitting >= self.quality + QUALITY_STEP or fitting == self._best:
+            self.quality = fitting
+        needed = self._size(self._least)
+        self.rate_hz = self._most_hz if needed <= room else max(LEAST_RATE_HZ, self.budget / needed)
+
+    def _size(self, quality: int) -> float:
+        return self._size_at_best * relative_size(quality, self._best)
+
+
+def _begun_soon(now: int) -> LinkStatistics:
+    return LinkStatistics(now + nanoseconds(SETTLING_S))
+
+
+class StaleImageFilter:
+    """Tells pictures that have waited for a link that was down from those that come as they are taken.
+
+    The clocks of two machines may differ by any time, hence each picture is compared with the quickest of the last
+    ones. When all of them are late, no link was down: a clock was set.
+    """
+
+    def __init__(self) -> None:
+        self._ages_s: deque[float] = deque(maxlen=REMEMBERED)
+
+    def has_kept(self, stamp: int, now: int) -> bool:
+        """Whether the picture of ``stamp`` (ns), which arrives ``now``, is too late to be shown."""
+        age_s = (now - stamp) / SECOND
+        self._ages_s.append(age_s)
+        return age_s > min(self._ages_s) + STALE_S
+
+
+def relative_size(quality: int, other: int) -> float:
+    """About how large a JPEG of ``quality`` is, compared to the same picture with the ``other``."""
+    return (_coarseness(other) / _coarseness(quality)) ** SIZE_EXPONENT
+
+
+def _coarseness(quality: int) -> float:
+    """The factor by which libjpeg multiplies its table of quantisation."""
+    return 50.0 / max(1, quality) if quality < 50 else max(0.02, 2.0 - quality / 50.0)
 
 
 class ImageSender(Node):

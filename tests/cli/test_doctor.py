@@ -17,7 +17,7 @@ from socialbot.bridge.round_trip import Trial, cause
 from socialbot.cli import doctor as doctor_command
 from socialbot.cli import doctor as doctor_module
 from socialbot.core.errors import NodeError
-from socialbot.vision import network_detector as nanodet_module
+from socialbot.vision import detectors as nanodet_module
 
 ROOT = Path(__file__).parents[2]
 

@@ -5,7 +5,7 @@ import pytest
 from socialbot.core.errors import GraphError
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.runtime.deployment import Deployment, is_address, is_own
-from socialbot.vision.cameras import Camera
+from socialbot.vision.camera import Camera
 from tests.runtime.deployments import deployment
 
 EYES = Graph("eyes", (NodeConfig("camera", Camera),))

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from socialbot.core.clock import SECOND
-from socialbot.vision.image_link import ImageLink, relative_size
-from socialbot.vision.image_transport import LIFE_S
+from socialbot.vision.image_transport import LIFE_S, ImageLink, relative_size
 
 PACKET = 1400
 REPAIR_S = 0.03

@@ -11,9 +11,8 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
-from socialbot.vision import cameras as frames
-from socialbot.vision.camera import CameraModel
-from socialbot.vision.cameras import Camera
+from socialbot.vision import camera as frames
+from socialbot.vision.camera import Camera, CameraModel
 
 
 class Rig:

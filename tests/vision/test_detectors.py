@@ -7,8 +7,7 @@ import pytest
 
 from socialbot.core.errors import ParameterError
 from socialbot.vision.detector import iou
-from socialbot.vision.detectors import DETECTORS, DetectorSettings
-from socialbot.vision.network_detector import weights
+from socialbot.vision.detectors import DETECTORS, DetectorSettings, weights
 from tests.vision.drawn import add_person, corridor
 from tests.vision.networks import constant_network, echo_network, strict_network, yolov8_rows
 

@@ -9,11 +9,11 @@ import pytest
 from socialbot.bags.reader import open_bag
 from socialbot.core.errors import InstallationError
 from socialbot.core.messages import CompressedImage
-from socialbot.vision import network_detector as module
+from socialbot.vision import detectors as module
 from socialbot.vision.detector import iou
+from socialbot.vision.detectors import SHA256, nanodet, weights
 from socialbot.vision.images import bgr_from_compressed
 from socialbot.vision.metrics.truth import load_truth
-from socialbot.vision.network_detector import SHA256, nanodet, weights
 from tests.vision.drawn import corridor as empty_room
 
 

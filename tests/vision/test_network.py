@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from socialbot.core.errors import InstallationError, ParameterError
+from socialbot.vision.detectors import weights
 from socialbot.vision.network import OnnxModel
-from socialbot.vision.network_detector import weights
 from tests.vision.networks import echo_network, strict_network
 
 

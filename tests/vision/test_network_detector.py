@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from socialbot.core.errors import ParameterError
+from socialbot.vision.detectors import PIXELS, NetworkDetector, _gain
 from socialbot.vision.network import LAYOUTS, ModelOutput, OnnxModel, OutputLayout, fitting, whole
-from socialbot.vision.network_detector import PIXELS, NetworkDetector, _gain
 from tests.vision.networks import constant_network, echo_network, yolov8_rows
 
 CANVAS = (320, 240)

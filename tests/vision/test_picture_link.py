@@ -12,8 +12,14 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import CompressedImage, Image, Message, PictureAck
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
-from socialbot.vision.image_link import ImageLink, StaleImageFilter, relative_size
-from socialbot.vision.image_transport import LIFE_S, ImageReceiver, ImageSender
+from socialbot.vision.image_transport import (
+    LIFE_S,
+    ImageLink,
+    ImageReceiver,
+    ImageSender,
+    StaleImageFilter,
+    relative_size,
+)
 from tests.vision.simulated_link import PICTURE, Phase, Trial
 
 RAW, LINK, ACK, RECEIVED = (f"/camera/image_raw{end}" for end in ("", "/link", "/link/ack", "/received"))
