@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from socialbot.agents.hospital.ward.messages import ActionCommand, ActionResult
-from socialbot.agents.hospital.ward.world import JOINT
+from socialbot.agents.hospital.ward.ward import JOINT
 from socialbot.core.clock import SECOND, nanoseconds
 
 ROUNDED_NS = 1000

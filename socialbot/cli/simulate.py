@@ -217,7 +217,7 @@ def _show(
     port: int,
 ) -> None:
     from socialbot.agents.hospital.result import ward_in
-    from socialbot.agents.hospital.ward_show import WardShow
+    from socialbot.agents.hospital.ward_show import HospitalTerminal
     from socialbot.cli.main import new_run_folder, report_faults, with_changes
     from socialbot.core.messages import Message
     from socialbot.runs.record import RunRecord
@@ -231,7 +231,7 @@ def _show(
     console = Console(highlight=False)
     logging.getLogger("socialbot").setLevel(logging.ERROR)  # what fails is told as it happens
     ward = ward_in(what.graph)
-    shown = WardShow(console, ward) if ward is not None else None
+    shown = HospitalTerminal(console, ward) if ward is not None else None
     with RunRecord(folder) as record, _display(console, what, report) as display:
 
         def observe(topic: str, message: Message) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from socialbot.agents.hospital.event_log import TOLD, Chronicle
 from socialbot.core.messages import Message
+from socialbot.core.registry import event_log_of
 from socialbot.graph.node import Graph
 
 Observer = Callable[[str, Message], None]
@@ -16,18 +16,19 @@ TOLD_TOPIC = "told"
 
 def told_topics(graph: Graph) -> dict[str, type[Message]]:
     """The topics of ``graph`` whose messages tell what was decided."""
-    return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, TOLD)}
+    log = event_log_of(graph)
+    return {} if log is None else {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, log.kinds)}
 
 
 def telling(graph: Graph, observe: Observer) -> Observer:
     """``observe``, which also gets as records what the messages tell that it gets."""
-    if not told_topics(graph):
+    log = event_log_of(graph)
+    if log is None:
         return observe
-    chronicle = Chronicle()
 
     def tell(topic: str, message: Message) -> None:
         observe(topic, message)
-        for record in chronicle.take(message):
+        for record in log.take(message):
             observe(TOLD_TOPIC, record)
 
     return tell

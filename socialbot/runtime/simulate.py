@@ -11,7 +11,7 @@ from typing import Any, Literal, Protocol
 
 import msgspec
 
-from socialbot.agents.hospital.result import Infections, ward_in
+from socialbot.agents.hospital.result import MissionMonitor, ward_in
 from socialbot.bags.writer import BagWriter
 from socialbot.bridge.graph_observer import LatestStatistics, await_graph, expect_free_names, observe_graph
 from socialbot.core.clock import SECOND, nanoseconds
@@ -151,7 +151,7 @@ def left_in(graph: Graph) -> Left:
     """What knows whether anything is left to do in a run of ``graph``: of infected rooms, of desires, or to be seen."""
     ward = ward_in(graph)
     if ward is not None:
-        return Infections(ward)
+        return MissionMonitor(ward)
     worlds = frozenset(placement.name for placement in graph.placements if placement.type.is_simulator)
     wanted = any(issubclass(kind, DesireSet) for kind in graph.topics().values())
     return Worlds(worlds) if worlds and not wanted else Wishes()

@@ -1,7 +1,7 @@
-"""What goes on in a hospital as records of a trace, in the words in which deliberating agents tell of themselves.
+"""Event log of a hospital: trace records that follow from its messages.
 
-A mission is a desire of the coordinator, what it sends to a team is a plan, a command to the world is a step. So the
-same sentences, charts and comparisons tell of a hospital that tell of other agents.
+A mission is a desire of the coordinator, plans for a team are a plan, and a command to the world is a step. So
+narration, charts and comparisons treat a hospital like deliberating agents.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
-from socialbot.agents.hospital import messages as said
+from socialbot.agents.hospital import messages as content
 from socialbot.agents.hospital.messages import COORDINATOR, AclMessage, Missions, MissionView
 from socialbot.agents.hospital.ward.messages import CANCELLED, ActionCommand, ActionResult
 from socialbot.core.messages import Message, TraceRecord
+from socialbot.graph.node import Graph
 
 PHRASES = {
     "a_navigate_to": "goes to {1}",
@@ -29,18 +30,16 @@ PHRASES = {
     "a_charge": "charges",
     "a_infected_room": "says that {1} is to be disinfected",
 }
-"""How actions are said, by name."""
+"""Sentences for actions, by name."""
 
 TRIGGER = "trigger_"
-"""How the name of a belief begins that has a partner go on."""
+"""Prefix of beliefs that make a partner continue."""
 
-TOLD: tuple[type[Message], ...] = (AclMessage, Missions, ActionCommand, ActionResult)
-"""The messages that a chronicle is made of."""
 
 
 @dataclass
 class _Mission:
-    """A mission as it was told of last; ``plan`` is the number of its plan, 0 when it has none."""
+    """Latest state of a mission; ``plan`` is the number of its plan, 0 for none."""
 
     name: str
     view: MissionView
@@ -49,17 +48,19 @@ class _Mission:
 
 
 @dataclass
-class Chronicle:
-    """Takes the messages of a hospital in their order, and tells them as records."""
+class HospitalEventLog:
+    """Derives trace records from the messages of a hospital, in their order."""
+
+    kinds: ClassVar[tuple[type[Message], ...]] = (AclMessage, Missions, ActionCommand, ActionResult)
 
     _missions: dict[int, _Mission] = field(default_factory=dict)
     _plans: Iterator[int] = field(default_factory=lambda: itertools.count(1))
     _numbers: Iterator[int] = field(default_factory=lambda: itertools.count(1))
     _plan_of: dict[str, int] = field(default_factory=dict)
-    """The plan that each robot and nurse follows."""
+    """Plan number by robot or nurse."""
 
     def take(self, message: Message) -> list[TraceRecord]:
-        """The records that a message comes to; none for messages of other kinds."""
+        """The records that follow from a message."""
         match message:
             case Missions():
                 return [record for view in message.missions for record in self._mission(message.stamp, view)]
@@ -68,13 +69,13 @@ class Chronicle:
             case ActionResult():
                 return [_result(message)]
             case AclMessage():
-                return [_word(message)]
+                return [_speech_act(message)]
         return []
 
     def _mission(self, stamp: int, view: MissionView) -> Iterator[TraceRecord]:
         known = self._missions.get(view.id)
         if known is None:
-            known = self._missions[view.id] = _Mission(f"{view.kind} {view.room}", _untouched(view))
+            known = self._missions[view.id] = _Mission(f"{view.kind} {view.room}", view.untouched())
             wanted = self._record(stamp, "desire", known.name, f"{view.room} is infected", priority=view.priority)
             known.desire = wanted.id
             yield wanted
@@ -108,7 +109,6 @@ class Chronicle:
         )
 
     def _end(self, stamp: int, mission: _Mission, before: MissionView) -> TraceRecord:
-        """The end of a plan: done, given up after a problem, or given up before it met one."""
         view, number = mission.view, mission.plan
         mission.plan = 0
         for name, plan in list(self._plan_of.items()):
@@ -162,9 +162,9 @@ class Chronicle:
         )
 
 
-def _untouched(view: MissionView) -> MissionView:
-    """A mission before anything was done about it."""
-    return MissionView(id=view.id, kind=view.kind, room=view.room, priority=view.priority, status="waiting")
+def event_log(graph: Graph) -> HospitalEventLog | None:
+    """The event log of the hospital in ``graph``; None for a graph without a coordinator."""
+    return HospitalEventLog() if Missions in graph.topics().values() else None
 
 
 def _result(message: ActionResult) -> TraceRecord:
@@ -180,8 +180,8 @@ def _result(message: ActionResult) -> TraceRecord:
     )
 
 
-def _word(message: AclMessage) -> TraceRecord:
-    weight, text = _told(message)
+def _speech_act(message: AclMessage) -> TraceRecord:
+    weight, text = _sentence(message)
     return TraceRecord(
         stamp=message.stamp,
         id=message.id,
@@ -199,37 +199,37 @@ def _word(message: AclMessage) -> TraceRecord:
     )
 
 
-def _told(message: AclMessage) -> tuple[str, str]:
-    """How much weight a message has, and what it says."""
+def _sentence(message: AclMessage) -> tuple[str, str]:
+    """Weight and sentence of a speech act."""
     to = message.receiver
     match message.content:
-        case said.Register(kind=kind, capabilities=able):
+        case content.Register(kind=kind, capabilities=able):
             if message.performative == "agree":
                 return "", f"takes {to} on"
             return "", f"registers as {kind}, which can {', '.join(able)}" if kind else "asks everybody to register"
-        case said.Plan(label=label, plans=plans):
+        case content.Plan(label=label, plans=plans):
             return "plan", f"sends {to} {len(plans)} plans of {label}"
-        case said.Belief(literal=literal):
+        case content.Belief(literal=literal):
             if literal.startswith(TRIGGER):
                 return "word", f"gives {to} the word for {literal.removeprefix(TRIGGER).partition('(')[0]}"
             return "", f"tells {to}: {literal}"
-        case said.Start(arguments=arguments):
+        case content.Start(arguments=arguments):
             return "", f"has {to} start({', '.join(arguments)})"
-        case said.Stop(reason=reason):
+        case content.Stop(reason=reason):
             return "problem", f"has {to} stop: {reason}"
-        case said.End():
+        case content.End():
             return "", f"tells {to} that the mission is over"
-        case said.Ready(action=action):
+        case content.Ready(action=action):
             return "", f"is there for {action}, and waits for {to}"
-        case said.Done(action=action):
+        case content.Done(action=action):
             return "", f"begins {action} with {to}"
-        case said.Report(outcome=outcome, action=action, reason=reason):
+        case content.Report(outcome=outcome, action=action, reason=reason):
             return "", f"reports {action}: {outcome}{f', {reason}' if reason else ''}"
-        case said.Problem(kind=kind, action=action, args=args):
+        case content.Problem(kind=kind, action=action, args=args):
             return "problem", f"reports {kind}: {action}({', '.join(args)})"
-        case said.Finished():
+        case content.Finished():
             return "", "has done its part"
-        case said.InitialTrigger(mission_kind=kind, args=args):
+        case content.InitialTrigger(mission_kind=kind, args=args):
             return "plan", f"{'agrees to' if message.sender == COORDINATOR else 'asks for'} {kind} {' '.join(args)}"
-        case said.Refusal(reason=reason):
+        case content.Refusal(reason=reason):
             return "problem", f"refuses what {to} says: {reason}"

@@ -203,6 +203,10 @@ class MissionView(msgspec.Struct, frozen=True, kw_only=True):
     revisions: int = 0
     problem: str = ""
 
+    def untouched(self) -> MissionView:
+        """The mission before its first plan."""
+        return MissionView(id=self.id, kind=self.kind, room=self.room, priority=self.priority, status="waiting")
+
 
 class Missions(Structured, frozen=True, kw_only=True):
     """All missions that are not over, and the latest that are."""

@@ -1,4 +1,4 @@
-"""What comes of a run of the hospital: whether all is done, and how each mission went."""
+"""Result of a hospital run: its missions, its end, and its world view."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from socialbot.agents.hospital.messages import Missions, MissionView
+from socialbot.agents.hospital.ward.drawing import WardAnimation
 from socialbot.agents.hospital.ward.messages import WardState
 from socialbot.agents.hospital.ward.ward import Ward
 from socialbot.agents.hospital.ward.world_node import HospitalWorld, ward_of
@@ -14,22 +15,22 @@ from socialbot.core.messages import Message
 from socialbot.graph.node import Graph, check_parameters
 
 QUIET_S = 0.5
-"""A run is over when so long there was nothing to do."""
+"""A run is complete after this time without infected rooms and open missions."""
 
 
 def ward_in(graph: Graph) -> Ward | None:
-    """The ward of the hospital that ``graph`` runs; None where it has none. Raises ParameterError."""
-    for placement in graph.placements:
-        if issubclass(placement.type, HospitalWorld):
-            return ward_of(check_parameters(placement.type, placement.parameters, where=placement.name))
+    """The ward of the hospital in ``graph``; None for a graph without one. Raises ParameterError."""
+    for node in graph.placements:
+        if issubclass(node.type, HospitalWorld):
+            return ward_of(check_parameters(node.type, node.parameters, where=node.name))
     return None
 
 
 @dataclass
-class Infections:
-    """Knows whether anything is left to do: infections to come, rooms to be disinfected, missions that are not over.
+class MissionMonitor:
+    """Completion check of a run: no infection to come, no infected room, no open mission.
 
-    Rooms of missions that were given up are left as they are.
+    Rooms of failed missions may stay infected.
     """
 
     ward: Ward
@@ -39,7 +40,7 @@ class Infections:
     _quiet_since: int | None = None
 
     def observe(self, message: Message) -> None:
-        """Takes a message of the run."""
+        """Take a message of the run."""
         if isinstance(message, WardState):
             self._start = message.stamp if self._start is None else self._start
             self._state = message
@@ -53,7 +54,7 @@ class Infections:
             self._quiet_since = message.stamp
 
     def are_over(self, now: int) -> bool:
-        """Whether there was nothing to do for `QUIET_S`."""
+        """Whether the run is complete at ``now`` (ns)."""
         return self._quiet_since is not None and now - self._quiet_since >= nanoseconds(QUIET_S)
 
     def _is_quiet(self, now: int) -> bool:
@@ -63,13 +64,13 @@ class Infections:
         if now <= self._start + nanoseconds(last_s):
             return False
         given_up = {view.room for view in self._missions.values() if view.status == "failed"}
-        left = {room.name for room in self._state.rooms if room.infected}
-        return left <= given_up and all(view.status in ("finished", "failed") for view in self._missions.values())
+        infected = {room.name for room in self._state.rooms if room.infected}
+        return infected <= given_up and all(view.status in ("finished", "failed") for view in self._missions.values())
 
 
 @dataclass
-class MissionTold:
-    """How a mission went: actions of its first plan, times (ns), and the mission as it was told of last."""
+class MissionResult:
+    """Course of a mission: its latest state, number of actions in the first plan, times (ns) and problems."""
 
     view: MissionView
     planned: int = 0
@@ -78,32 +79,31 @@ class MissionTold:
     problems: list[str] = field(default_factory=list)
 
     def take(self, stamp: int, view: MissionView) -> None:
-        """Takes what is told of it at ``stamp`` (ns)."""
+        """Update the result from the state of the mission at ``stamp`` (ns)."""
         if self.began is None and view.status == "running":
             self.began, self.planned = stamp, len(view.actions)
-        is_given_up = self.ended is None and view.status == "failed"
+        has_failed = self.ended is None and view.status == "failed"
         if self.ended is None and view.status in ("finished", "failed"):
             self.ended = stamp
-        if view.problem and (is_given_up or view.recoveries > self.view.recoveries):
+        if view.problem and (has_failed or view.recoveries > self.view.recoveries):
             self.problems.append(view.problem)
         self.view = view
 
     @property
     def finished(self) -> bool:
-        """Whether it was done."""
         return self.view.status == "finished"
 
     @property
     def took_s(self) -> float | None:
-        """From its first plan to its end."""
+        """Time from the first plan to the end."""
         return None if self.began is None or self.ended is None else (self.ended - self.began) / SECOND
 
     def done(self, status: str = "done") -> int:
-        """How many of its actions were done; or failed."""
+        """Number of actions with this status."""
         return sum(each.status == status for each in self.view.actions)
 
     def results(self) -> dict[str, Any]:
-        """As plain data."""
+        """The result as plain data."""
         view = self.view
         return {
             "id": view.id,
@@ -121,18 +121,70 @@ class MissionTold:
 
 
 @dataclass
-class MissionsTold:
-    """All missions of a run, by number."""
+class MissionResults:
+    """Results of all missions of a run, by number."""
 
-    missions: dict[int, MissionTold] = field(default_factory=dict)
+    missions: dict[int, MissionResult] = field(default_factory=dict)
 
     def take(self, message: Message) -> None:
-        """Takes a message; those of other kinds are left alone."""
+        """Update the results from a message; ignore messages of other types."""
         if isinstance(message, Missions):
             for view in message.missions:
-                self.missions.setdefault(view.id, MissionTold(_unmet(view))).take(message.stamp, view)
+                self.missions.setdefault(view.id, MissionResult(view.untouched())).take(message.stamp, view)
+
+    def sorted(self) -> list[MissionResult]:
+        """The results by number."""
+        return [result for _, result in sorted(self.missions.items())]
 
 
-def _unmet(view: MissionView) -> MissionView:
-    """A mission before it met anything."""
-    return MissionView(id=view.id, kind=view.kind, room=view.room, priority=view.priority, status="waiting")
+class HospitalView(WardAnimation):
+    """World view of a hospital run: its ward and its missions."""
+
+    file = "ward.svg"
+
+    def __init__(self, ward: Ward) -> None:
+        super().__init__(ward)
+        self._results = MissionResults()
+
+    def take(self, message: Message) -> None:
+        super().take(message)
+        self._results.take(message)
+
+    def figures(self, start: int, end: int) -> list[tuple[str, str]]:
+        """Numbers of missions, problems and new plans, and the median duration of a mission."""
+        missions = self._results.sorted()
+        finished = [mission for mission in missions if mission.finished]
+        troubled = [mission for mission in missions if mission.problems]
+        recovered = sum(mission.finished for mission in troubled)
+        seconds = sorted(mission.took_s for mission in finished if mission.took_s is not None)
+        figures = [
+            (f"{len(finished)} of {len(missions)}", "missions done"),
+            (str(sum(len(mission.problems) for mission in missions)), "problems reported by agents"),
+            (f"{recovered} of {len(troubled)}" if troubled else "-", "missions done in spite of a problem"),
+            (str(sum(mission.view.revisions for mission in missions)), "plans revised before a problem"),
+        ]
+        return [*figures, (f"{seconds[len(seconds) // 2]:.2f} s", "median time of a mission")] if seconds else figures
+
+    def results(self, start: int, end: int) -> dict[str, Any]:
+        """``missions``: their results. ``infected``: the rooms that still need disinfection."""
+        rooms = self.state(end).rooms if self else ()
+        return {
+            "missions": [mission.results() for mission in self._results.sorted()],
+            "infected": [room.name for room in rooms if room.infected],
+        }
+
+    def summary(self, start: int, end: int) -> list[str]:
+        """Nothing: the terminal view prints the missions."""
+        return []
+
+
+def world_view(graph: Graph) -> HospitalView | None:
+    """The world view of the hospital in ``graph``; None for a graph without one. Raises ParameterError."""
+    ward = ward_in(graph)
+    return None if ward is None else HospitalView(ward)
+
+
+def completion(graph: Graph) -> MissionMonitor | None:
+    """The completion check of the hospital in ``graph``; None for a graph without one. Raises ParameterError."""
+    ward = ward_in(graph)
+    return None if ward is None else MissionMonitor(ward)

@@ -50,8 +50,7 @@ from socialbot.agents.hospital.ward.messages import (
     ActionResult,
     WardState,
 )
-from socialbot.agents.hospital.ward.ward import NURSE, ROBOTS, SPOT, UVD
-from socialbot.agents.hospital.ward.world import JOINT, ROLES
+from socialbot.agents.hospital.ward.ward import JOINT, NURSE, ROBOTS, ROLES, SPOT, UVD
 from socialbot.bdi.agentspeak.parser import parse_literal
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.core.errors import SocialbotError

@@ -1,4 +1,4 @@
-"""A run of the hospital in the terminal: the ward at its turns, and the tasks of plans as they are made and mended."""
+"""Terminal view of a hospital run: the ward at plan changes, task trees of plans, and a table of missions."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.agents.hospital.missions import DISINFECT
-from socialbot.agents.hospital.result import MissionsTold, MissionTold
+from socialbot.agents.hospital.result import MissionResult, MissionResults, ward_in
 from socialbot.agents.hospital.ward.drawing import WORD
 from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
 from socialbot.agents.hospital.ward.ward import NURSE, Room, Ward
 from socialbot.core.messages import Message, TraceRecord
-from socialbot.runs.plan_trees import TreeBranch as Branch
-from socialbot.runs.plan_trees import as_text, branches, with_failure, with_news
+from socialbot.graph.node import Graph
+from socialbot.runs.plan_trees import TreeBranch, as_text, branches, with_failure, with_news
 
 SMALL = 12
-"""Wards with no more rooms than this are drawn room by room."""
+"""Largest number of rooms that are listed one by one."""
 ROWS = 12
-"""Of more missions than this the table has only those that met a problem, or were not done."""
+"""Largest number of missions that are all listed; of more, only those with a problem and the unfinished ones."""
 TREES = 6
-"""So many trees are shown in a run, at most: of the first plan, and of plans that had to change."""
+"""Largest number of task trees of a run: of the first plan, and of changed plans."""
 
 
-class WardShow:
-    """Prints the ward and the trees of plans on ``console``, as the messages of a run come."""
+class HospitalTerminal:
+    """Prints the ward and the task trees of plans during a run."""
 
     def __init__(self, console: Console, ward: Ward) -> None:
-        self.missions = MissionsTold()
+        self.missions = MissionResults()
         self._console = console
         self._ward = ward
         self._state: WardState | None = None
         self._trees = 0
-        self._before: dict[str, list[Branch]] = {}
+        self._before: dict[str, list[TreeBranch]] = {}
         self._failed: dict[str, str] = {}
 
     def show(self, message: Message) -> None:
-        """Takes a message of the run, or a record of its trace."""
+        """Take a message of the run, or a derived trace record, and print what changed."""
         self.missions.take(message)
         match message:
             case WardState():
@@ -55,11 +55,10 @@ class WardShow:
                 self._show_end(message)
 
     def finish(self) -> None:
-        """Prints the ward as it is at the end, and a table of the missions."""
+        """Print the final state of the ward, and a table of the missions."""
         self._show_ward()
-        told = [mission for _, mission in sorted(self.missions.missions.items())]
-        if told:
-            self._console.print(missions_table(told))
+        if missions := self.missions.sorted():
+            self._console.print(missions_table(missions))
 
     def _show_plan(self, record: TraceRecord) -> None:
         made, before = branches(record.detail["tree"]), self._before.get(record.what)
@@ -69,7 +68,7 @@ class WardShow:
         self._show_tree(made if before is None else with_news(made, before))
 
     def _show_end(self, record: TraceRecord) -> None:
-        """The tree of a plan that is given up, with what has failed; and the ward."""
+        """Print the task tree of an abandoned plan with its failed action, and the ward."""
         if record.detail["outcome"] == "succeeded":
             return
         tree = branches(record.detail["tree"])
@@ -79,7 +78,7 @@ class WardShow:
         if len(self._ward.rooms) <= SMALL:
             self._show_ward()
 
-    def _show_tree(self, tree: list[Branch]) -> None:
+    def _show_tree(self, tree: list[TreeBranch]) -> None:
         self._trees += 1
         if self._trees <= TREES:
             self._console.print(as_text(tree, " " * 11), soft_wrap=True, end="")
@@ -92,10 +91,10 @@ class WardShow:
 
 
 def ward_text(ward: Ward, state: WardState) -> Table | Text:
-    """The ward for a terminal: each room of a small one, else how many rooms are how, and which are not disinfected."""
+    """The ward for the terminal: a table of rooms; for a large ward, numbers and the infected rooms."""
     if len(ward.rooms) > SMALL:
         return _in_figures(ward, state)
-    table = Table("room", "door", "tidy", "disinfected", "who is there", box=None, padding=(0, 2, 0, 0))
+    table = Table("room", "door", "tidy", "disinfected", "occupants", box=None, padding=(0, 2, 0, 0))
     for column in table.columns:
         column.header_style = "dim"
     for room in ward.rooms:
@@ -139,8 +138,8 @@ def _in_figures(ward: Ward, state: WardState) -> Text:
     return text
 
 
-def missions_table(missions: list[MissionTold]) -> Table:
-    """What was planned, what was done, what went wrong and whether it was mended, and how long it took."""
+def missions_table(missions: list[MissionResult]) -> Table:
+    """Table of missions: planned, done and failed actions, problems, recovery and duration."""
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
     for heading in ("mission", "room"):
         table.add_column(heading, no_wrap=True)
@@ -170,7 +169,7 @@ def missions_table(missions: list[MissionTold]) -> Table:
     return table
 
 
-def _sum(missions: list[MissionTold]) -> tuple[str, ...]:
+def _sum(missions: list[MissionResult]) -> tuple[str, ...]:
     met = [mission for mission in missions if mission.problems]
     return (
         f"all {len(missions)}",
@@ -183,3 +182,9 @@ def _sum(missions: list[MissionTold]) -> tuple[str, ...]:
         f"{sum(mission.finished for mission in missions)}",
         "",
     )
+
+
+def terminal_view(graph: Graph, console: Console) -> HospitalTerminal | None:
+    """The terminal view of the hospital in ``graph``; None for a graph without one. Raises ParameterError."""
+    ward = ward_in(graph)
+    return None if ward is None else HospitalTerminal(console, ward)

@@ -1,11 +1,12 @@
-"""Draw the floor of the warehouse (SVG), and its state over a run as an animation."""
+"""Drawing of the warehouse floor (SVG), and the world view of a run."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from typing import Any
 
+from socialbot.agents.base import svg
+from socialbot.agents.warehouse.gripper import GripperAgent
 from socialbot.agents.warehouse.messages import BoxPosition, BoxPositions, MoveStatus, Point
 from socialbot.agents.warehouse.scenario import (
     BASE_Y,
@@ -21,22 +22,23 @@ from socialbot.agents.warehouse.scenario import (
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
+from socialbot.graph.node import Graph
 from socialbot.runs.tracks import Moment, add, forget, latest, thinned
 
 SCALE = 112.0
 """Pixels a metre."""
 BOX = 34.0
-"""Pixels a box is wide; more than to scale, so that its name can be read."""
+"""Width of a box, pixels; not to scale, so that its name can be read."""
 LIFT = 15.0
-"""Pixels by which a box on another is moved up, so that both names can be read."""
+"""Upward shift of a box on another one, pixels."""
 HEAD = 58.0
-"""Pixels above the floor, where there is a title."""
+"""Height of the title, pixels."""
 MARGIN_M = 0.55
 RAIL = 26.0
-"""Pixels from the left edge to the first rail of the crane."""
+"""Distance from the left edge to the first rail of the crane, pixels."""
 
 COLOURS = ("#3f74a8", "#d9695f", "#3d8f5f", "#c79a2c", "#8a5fa8", "#4aa3a8")
-"""Of carriers, bays, deposits and boxes, by letter."""
+"""Colours of carriers, bays, deposits and boxes, by letter."""
 
 TONES = {
     "ink": ("#2b2f33", "#e4e7ea"),
@@ -46,39 +48,32 @@ TONES = {
     "rail": ("#d3d7da", "#3a424a"),
     "plate": ("#dfe3e6", "#2f363d"),
 }
-"""All other colours, light and dark."""
+"""Other colours, light and dark."""
 
 
-def _style() -> str:
-    def rules(which: int) -> str:
-        return "".join(
-            f".floor .f-{name}{{fill:{tones[which]}}}.floor .s-{name}{{stroke:{tones[which]}}}"
-            for name, tones in TONES.items()
-        )
-
-    grip = ".floor .closed,.floor .holding .open{display:none}.floor .holding .closed{display:inline}"
-    return f"<style>{rules(0)}{grip}@media(prefers-color-scheme:dark){{{rules(1)}}}</style>"
+_RULES = ".floor .closed,.floor .holding .open{display:none}.floor .holding .closed{display:inline}"
+_STYLE = svg.style("floor", TONES, _RULES)
 
 
 def world_svg(world: Warehouse, title: str = "") -> str:
-    """The floor as it is now."""
-    robots = {name: world.whereabouts(name).position for name in (GRIPPER, *world.cast.carriers)}
-    return floor_svg(world.cast, robots, world.boxes(), title)
+    """The floor of a simulated world at its present time."""
+    robots = {name: world.pose(name).position for name in (GRIPPER, *world.scenario.carriers)}
+    return floor_svg(world.scenario, robots, world.boxes(), title)
 
 
-def floor_svg(cast: Scenario, robots: Mapping[str, Point], boxes: Sequence[BoxPosition], title: str = "") -> str:
-    """The floor with ``robots`` (the gripper, the carriers) and ``boxes`` where they are; unknown ones are left out."""
-    return FloorDrawing(cast).draw(robots, boxes, title)
+def floor_svg(scenario: Scenario, robots: Mapping[str, Point], boxes: Sequence[BoxPosition], title: str = "") -> str:
+    """The floor with robots (gripper, carriers) and boxes at their positions. Unknown names are left out."""
+    return FloorDrawing(scenario).draw(robots, boxes, title)
 
 
 class FloorDrawing:
-    """The picture of one cast; ``head`` are pixels above the floor, for the title."""
+    """Drawing of one scenario; ``head`` is the height above the floor for the title, pixels."""
 
-    def __init__(self, cast: Scenario, *, head: float = HEAD) -> None:
-        self.cast = cast
+    def __init__(self, scenario: Scenario, *, head: float = HEAD) -> None:
+        self.scenario = scenario
         self.head = max(head, 16.0)
-        self.layout = FloorLayout(cast)
-        shelves = [self.layout.stored(deposit, 2 * SHELF - 1) for deposit in cast.deposits]
+        self.layout = FloorLayout(scenario)
+        shelves = [self.layout.stored(deposit, 2 * SHELF - 1) for deposit in scenario.deposits]
         points = [*self.layout.places.values(), *self.layout.deposits.values(), *shelves]
         self.left = min(point.y for point in points) - MARGIN_M
         self.top = min(point.x for point in points) - MARGIN_M
@@ -86,109 +81,93 @@ class FloorDrawing:
         self.height = (max(point.x for point in points) + MARGIN_M - self.top) * SCALE + self.head
         self.colours = {
             name: COLOURS[number % len(COLOURS)]
-            for number, group in enumerate(zip(cast.carriers, cast.bays, cast.deposits, strict=True))
-            for name in (*group, *cast.loads[number])
+            for number, group in enumerate(zip(scenario.carriers, scenario.bays, scenario.deposits, strict=True))
+            for name in (*group, *scenario.loads[number])
         }
 
     def draw(self, robots: Mapping[str, Point], boxes: Sequence[BoxPosition], title: str = "") -> str:
-        """The whole picture. What stands on the floor comes first, what hangs above it last."""
+        """The complete drawing, from the floor up to the crane."""
         known = sorted((box for box in boxes if box.name in self.colours), key=lambda box: (box.position.z, box.name))
         holding = any(box.holder == GRIPPER for box in known)
         parts = [
-            f'<svg xmlns="http://www.w3.org/2000/svg" class="floor" viewBox="0 0 {self.width:.0f} {self.height:.0f}" '
-            f'width="{self.width:.0f}" height="{self.height:.0f}" font-family="system-ui, sans-serif" role="img">',
-            f"<title>{escape(title or 'The floor of the warehouse')}</title>{_style()}",
-            _rectangle(0, 0, self.width, self.height, "f-paper"),
-            _rectangle(8, self.head - 8, self.width - 16, self.height - self.head, "f-ground", rx=10),
-            *([_text(20, 33, title, size=19, anchor="start", weight=600)] if title else []),
+            _STYLE,
+            svg.rectangle(0, 0, self.width, self.height, "f-paper"),
+            svg.rectangle(8, self.head - 8, self.width - 16, self.height - self.head, "f-ground", rx=10),
+            *([svg.text(20, 33, title, size=19, anchor="start", weight=600)] if title else []),
             *self._places(),
-            *(self._carrier(name, robots[name]) for name in self.cast.carriers if name in robots),
+            *(self._carrier(name, robots[name]) for name in self.scenario.carriers if name in robots),
             f'<g class="boxes">{"".join(map(self._box, known))}</g>',
             *(self._crane(robots[GRIPPER], holding) if GRIPPER in robots else ()),
-            "</svg>",
         ]
-        return "\n".join(parts) + "\n"
+        return svg.document("floor", (self.width, self.height), title or "The floor of the warehouse", parts)
 
     def at(self, point: Point) -> tuple[float, float]:
-        """Where a point of the floor is in the picture."""
+        """Position of a point of the floor in the drawing, pixels."""
         return (point.y - self.left) * SCALE, (point.x - self.top) * SCALE + self.head
 
     def box_at(self, box: BoxPosition) -> tuple[float, float]:
-        """Where a box is in the picture: moved up when it stands on others."""
+        """Position of a box in the drawing: moved up if it stands on others."""
         x, y = self.at(box.position)
         if box.holder == GRIPPER:
             return x, y
-        ground = DECK_M if box.holder in self.cast.carriers else 0.0
+        ground = DECK_M if box.holder in self.scenario.carriers else 0.0
         return x, y - round((box.position.z - ground) / BOX_M - 0.5) * LIFT
 
     def _places(self) -> Iterator[str]:
         for bay, deposit in zip(self.layout.bays, self.layout.deposits, strict=True):
             (x, y), (end, _) = self.at(self.layout.bays[bay]), self.at(self.layout.deposits[deposit])
             for side in (-14, 14):
-                yield _line(x, y + side, end, y + side, "s-rail", width=2)
+                yield svg.line(x, y + side, end, y + side, "s-rail", width=2)
             colour = self.colours[bay]
             yield _area(x, y, FOOTPRINT[1] * SCALE + 14, FOOTPRINT[0] * SCALE + 14, colour)
-            yield _text(x, y + 45, bay, colour=colour)
+            yield svg.text(x, y + 45, bay, colour=colour)
             shelf = self.at(self.layout.stored(deposit, SHELF - 1))[0]
             first, last = end - FOOTPRINT[1] / 2 * SCALE - 10, shelf + BOX / 2 + 12
             yield _area((first + last) / 2, y, last - first, FOOTPRINT[0] * SCALE + 34, colour)
-            yield _text((first + last) / 2, y + 53, deposit, colour=colour)
-        for base in self.cast.bases:
+            yield svg.text((first + last) / 2, y + 53, deposit, colour=colour)
+        for base in self.scenario.bases:
             x, y = self.at(self.layout.places[base])
-            yield _rectangle(x - 25, y - 25, 50, 50, "f-plate", rx=6)
-            yield _text(x, y + 41, base)
+            yield svg.rectangle(x - 25, y - 25, 50, 50, "f-plate", rx=6)
+            yield svg.text(x, y + 41, base)
         x, y = self.at(self.layout.places[START])
         yield f'<circle cx="{x:.1f}" cy="{y:.1f}" r="15" fill="none" class="s-soft" stroke-dasharray="4 4"/>'
-        yield _text(x, y + 32, START)
+        yield svg.text(x, y + 32, START)
 
     def _carrier(self, name: str, at: Point) -> str:
         wide, high, colour = FOOTPRINT[1] * SCALE, FOOTPRINT[0] * SCALE, self.colours[name]
         wheels = "".join(
-            _rectangle(wheel - 9, -high / 2 - 4, 18, high + 8, "f-ink", rx=3)
+            svg.rectangle(wheel - 9, -high / 2 - 4, 18, high + 8, "f-ink", rx=3)
             for wheel in (-wide / 2 + 20, wide / 2 - 20)
         )
-        deck = _rectangle(-wide / 2, -high / 2, wide, high, "f-paper", rx=7, stroke=colour, width=3)
-        letter = _text(wide / 2 - 11, 6, name.removeprefix("carrier_"), size=16, colour=colour, weight=700)
-        return _group(name, *self.at(at), f"<title>{name}</title>{wheels}{deck}{letter}")
+        deck = svg.rectangle(-wide / 2, -high / 2, wide, high, "f-paper", rx=7, stroke=colour, width=3)
+        letter = svg.text(wide / 2 - 11, 6, name.removeprefix("carrier_"), size=16, colour=colour, weight=700)
+        return svg.group(f"<title>{name}</title>{wheels}{deck}{letter}", self.at(at), name=name)
 
     def _box(self, box: BoxPosition) -> str:
         square = (
             f'<rect x="{-BOX / 2:.1f}" y="{-BOX / 2:.1f}" width="{BOX:.1f}" height="{BOX:.1f}" rx="4" '
             f'fill="{self.colours[box.name]}" class="s-paper" stroke-width="1.5"/>'
         )
-        name = _text(0, BOX / 2 - 4, box.name.removeprefix("box_"), size=12, colour="#ffffff", weight=600)
-        return _group(box.name, *self.box_at(box), square + name)
+        name = svg.text(0, BOX / 2 - 4, box.name.removeprefix("box_"), size=12, colour="#ffffff", weight=600)
+        return svg.group(square + name, self.box_at(box), name=box.name)
 
     def _crane(self, at: Point, holding: bool) -> Iterator[str]:
         x, y = self.at(at)
         right = (BASE_Y + FOOTPRINT[1] / 2 + 0.2 - self.left) * SCALE
         for rail in (RAIL, right):
-            yield _line(rail, self.head + 4, rail, self.height - 20, "s-soft", width=4)
-        beams = "".join(_line(RAIL, side, right, side, "s-ink", width=5, opacity=0.55) for side in (-24, 24))
-        ends = "".join(_rectangle(rail - 7, -32, 14, 64, "f-ink", rx=4) for rail in (RAIL, right))
-        yield _group("bridge", 0.0, y, beams + ends)
+            yield svg.line(rail, self.head + 4, rail, self.height - 20, "s-soft", width=4)
+        beams = "".join(svg.line(RAIL, side, right, side, "s-ink", width=5, opacity=0.55) for side in (-24, 24))
+        ends = "".join(svg.rectangle(rail - 7, -32, 14, 64, "f-ink", rx=4) for rail in (RAIL, right))
+        yield svg.group(beams + ends, (0.0, y), name="bridge")
         frame = '<rect x="-24" y="-28" width="48" height="56" rx="6" fill="none" class="s-ink" stroke-width="4"/>'
         jaws = "".join(
             f'<g class="{kind}">'
-            + "".join(_line(side * 24, 0, side * reach, 0, "s-ink", width=6) for side in (-1, 1))
+            + "".join(svg.line(side * 24, 0, side * reach, 0, "s-ink", width=6) for side in (-1, 1))
             + "</g>"
             for kind, reach in (("open", 12), ("closed", 18))
         )
-        name = _text(0, -34, GRIPPER, size=11, weight=600)
-        yield _group(GRIPPER, x, y, frame + jaws + name, kind="holding" if holding else "")
-
-
-def _group(name: str, x: float, y: float, content: str, *, kind: str = "") -> str:
-    return f'<g data-name="{name}" class="{kind}" transform="translate({x:.1f} {y:.1f})">{content}</g>'
-
-
-def _rectangle(
-    x: float, y: float, wide: float, high: float, tone: str, *, rx: float = 0, stroke: str = "none", width: float = 0
-) -> str:
-    return (
-        f'<rect x="{x:.1f}" y="{y:.1f}" width="{wide:.1f}" height="{high:.1f}" rx="{rx}" class="{tone}" '
-        f'stroke="{stroke}" stroke-width="{width}"/>'
-    )
+        name = svg.text(0, -34, GRIPPER, size=11, weight=600)
+        yield svg.group(frame + jaws + name, (x, y), name=GRIPPER, kind="holding" if holding else "")
 
 
 def _area(x: float, y: float, wide: float, high: float, colour: str) -> str:
@@ -199,74 +178,85 @@ def _area(x: float, y: float, wide: float, high: float, colour: str) -> str:
     )
 
 
-def _line(x: float, y: float, to_x: float, to_y: float, tone: str, *, width: float, opacity: float = 1.0) -> str:
-    return (
-        f'<line x1="{x:.1f}" y1="{y:.1f}" x2="{to_x:.1f}" y2="{to_y:.1f}" class="{tone}" '
-        f'stroke-width="{width}" stroke-linecap="round" opacity="{opacity}"/>'
-    )
+class FloorView:
+    """World view of a warehouse run, from the messages of its sensors."""
 
+    file = "floor.svg"
 
-def _text(
-    x: float, y: float, text: str, *, size: float = 12, colour: str = "", anchor: str = "middle", weight: int = 400
-) -> str:
-    tone = f'fill="{colour}"' if colour else 'class="f-ink"'
-    return (
-        f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}" font-weight="{weight}" {tone} '
-        f'text-anchor="{anchor}">{escape(text)}</text>'
-    )
-
-
-class Film:
-    """Takes the messages of sensors as they come; `at` and `tracks` tell of them."""
-
-    def __init__(self, cast: Scenario) -> None:
-        self.cast = cast
-        self._floor = FloorDrawing(cast, head=0.0)
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self._drawing = FloorDrawing(scenario, head=0.0)
         self._robots: dict[str, list[tuple[int, Point]]] = {}
         self._boxes: list[tuple[int, tuple[BoxPosition, ...]]] = []
 
     def take(self, message: Message) -> None:
-        """Takes a message; those of other kinds are left alone."""
+        """Update the view from a message; ignore messages of other types and messages from the past."""
         if isinstance(message, MoveStatus):
             add(self._robots.setdefault(message.robot, []), message.stamp, message.current_pos)
         elif isinstance(message, BoxPositions):
             add(self._boxes, message.stamp, message.boxes)
 
     def forget(self, stamp: int) -> None:
-        """Forgets what was before ``stamp`` (ns), but for where everything was by then."""
+        """Drop the changes before ``stamp`` (ns) and keep the state at that time."""
         for track in self._robots.values():
             forget(track, stamp)
         forget(self._boxes, stamp)
 
     def __bool__(self) -> bool:
-        """Whether anything was seen."""
         return bool(self._boxes and self._robots)
 
     def boxes(self, stamp: int) -> tuple[BoxPosition, ...]:
-        """Where the boxes were at ``stamp`` (ns)."""
+        """Positions of the boxes at ``stamp`` (ns)."""
         return latest(self._boxes, stamp)
 
     def picture(self, stamp: int, title: str = "") -> str:
-        """The floor at ``stamp`` (ns), as SVG; without a title it is that of `tracks`."""
+        """The floor at ``stamp`` (ns) as SVG. Without a title it has the coordinates of `film`."""
         robots = {name: latest(track, stamp) for name, track in self._robots.items()}
-        floor = FloorDrawing(self.cast) if title else self._floor
-        return floor.draw(robots, self.boxes(stamp), title)
+        drawing = FloorDrawing(self.scenario) if title else self._drawing
+        return drawing.draw(robots, self.boxes(stamp), title)
 
-    def tracks(self, start: int) -> dict[str, Any]:
-        """How everything moves in the picture, for a page: by name, moments of s from ``start``, x and y (pixels).
+    def film(self, start: int) -> dict[str, Any]:
+        """The animation of the run from ``start`` (ns).
 
-        Those of boxes also have the height (m), to tell which covers which. ``holding`` says when the gripper has one.
+        Returns:
+            ``picture`` (SVG with named groups), ``crane`` (its name) and tracks. ``robots`` and ``boxes`` hold tuples
+            of time (s), x and y (pixels) by name; for boxes also the height (m). ``holding`` holds times, and 1 while
+            the gripper has a box.
         """
-        moves: dict[str, list[Moment]] = {}
-        for name, track in self._robots.items():
-            moves[name] = thinned([((stamp - start) / SECOND, *self._floor.at(point)) for stamp, point in track])
-        held: list[Moment] = []
+        robots = {
+            name: thinned([((stamp - start) / SECOND, *self._drawing.at(point)) for stamp, point in track])
+            for name, track in self._robots.items()
+        }
+        holding: list[Moment] = []
         boxes: dict[str, list[Moment]] = {}
         for stamp, found in self._boxes:
             second = (stamp - start) / SECOND
             for box in found:
-                boxes.setdefault(box.name, []).append((second, *self._floor.box_at(box), box.position.z))
-            holding = float(any(box.holder == GRIPPER for box in found))
-            if not held or held[-1][1] != holding:
-                held.append((round(second, 2), holding))
-        return {"robots": moves, "boxes": {name: thinned(track) for name, track in boxes.items()}, "holding": held}
+                boxes.setdefault(box.name, []).append((second, *self._drawing.box_at(box), box.position.z))
+            held = float(any(box.holder == GRIPPER for box in found))
+            if not holding or holding[-1][1] != held:
+                holding.append((round(second, 2), held))
+        tracks = {"robots": robots, "boxes": {name: thinned(track) for name, track in boxes.items()}}
+        return {"picture": self.picture(start), "crane": GRIPPER, **tracks, "holding": holding}
+
+    def figures(self, start: int, end: int) -> list[tuple[str, str]]:
+        """Number of boxes in their deposits."""
+        stored = [box.holder.startswith("deposit") for box in self.boxes(end)]
+        return [(f"{sum(stored)} of {len(stored)}", "boxes in their deposits")]
+
+    def results(self, start: int, end: int) -> dict[str, Any]:
+        """``boxes``: the holder of each box at the end."""
+        return {"boxes": {box.name: box.holder for box in self.boxes(end)}}
+
+    def summary(self, start: int, end: int) -> list[str]:
+        """The boxes of each holder at the end."""
+        holders: dict[str, list[str]] = {}
+        for box in self.boxes(end):
+            holders.setdefault(box.holder, []).append(box.name)
+        return [f"{holder}: {', '.join(sorted(boxes))}" for holder, boxes in sorted(holders.items())]
+
+
+def world_view(graph: Graph) -> FloorView | None:
+    """The view of the warehouse that ``graph`` runs; None for a graph without a gripper."""
+    grippers = (node.type for node in graph.placements if issubclass(node.type, GripperAgent))
+    return next((FloorView(gripper.scenario) for gripper in grippers), None)

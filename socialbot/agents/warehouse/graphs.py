@@ -15,8 +15,8 @@ KINDS = {6: (World, Gripper), 12: (World12, Gripper12), 24: (World24, Gripper24)
 
 
 def scenario_with(boxes: int) -> Scenario:
-    """The cast with so many boxes, one of `KINDS`."""
-    return KINDS[boxes][1].cast
+    """The scenario with so many boxes, one of `KINDS`."""
+    return KINDS[boxes][1].scenario
 
 
 def warehouse(boxes: int = 6, *, run: Literal[1, 2] = 1, seed: int = 0, faults: str = "") -> Graph:
@@ -25,7 +25,7 @@ def warehouse(boxes: int = 6, *, run: Literal[1, 2] = 1, seed: int = 0, faults: 
     In the second ``run`` one carrier leaves as soon as it has one box.
     """
     world, gripper = KINDS[boxes]
-    carriers = gripper.cast.carriers
+    carriers = gripper.scenario.carriers
     hasty = {carriers[-1]: {"init_reactive_rules_set": HASTY_CARRIER_RULES.name}} if run == 2 else {}
     files = {"init_bset": "gripper_beliefs.yaml", "init_dset": "gripper_desires.yaml"} if boxes == 6 else {}
     return Graph(

@@ -355,8 +355,8 @@ class Boxes(FactSensor):
     )
     deadline_s = SILENT_S
 
-    def __init__(self, cast: Scenario) -> None:
-        self.cast = cast
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
 
     def tell(self, percept: BoxPositions) -> Iterator[Fact]:
         held: dict[str, list[BoxPosition]] = {}
@@ -364,9 +364,9 @@ class Boxes(FactSensor):
             held.setdefault(box.holder, []).append(box)
         yield from (predicate("holding", GRIPPER, box.name) for box in held.get(GRIPPER, ()))
         yield fluent("holding_boxes", GRIPPER, value=len(held.get(GRIPPER, ())))
-        for base in (*self.cast.bases, *self.cast.bays):
+        for base in (*self.scenario.bases, *self.scenario.bays):
             yield from self._stack(base, sorted(held.get(base, ()), key=lambda box: box.position.z))
-        for carrier, deposit in zip(self.cast.carriers, self.cast.deposits, strict=True):
+        for carrier, deposit in zip(self.scenario.carriers, self.scenario.deposits, strict=True):
             riding = held.get(carrier, ())
             yield fluent("moving_boxes", carrier, value=len(riding))
             for box in (*riding, *held.get(deposit, ())):
@@ -378,7 +378,7 @@ class Boxes(FactSensor):
         for below, box in itertools.pairwise(names):
             yield predicate("on", box, below, base)
             yield predicate("in", box, base)
-        if base in self.cast.bases or boxes:
+        if base in self.scenario.bases or boxes:
             yield predicate("clear", names[-1])
 
 
@@ -388,7 +388,7 @@ class GripperAgent(Deliberating):
     folder = FOLDER
     actions_known = ACTIONS
     phrases = PHRASES
-    cast: ClassVar[Scenario] = SIX
+    scenario: ClassVar[Scenario] = SIX
 
     motors_move_status = Input(MoveStatus, f"/{GRIPPER}/motors_move_status")
     gripper_status = Input(GripperStatus, f"/{GRIPPER}/gripper_status")
@@ -408,12 +408,12 @@ class GripperAgent(Deliberating):
     fingers_rest = False
 
     def sensors(self) -> Sequence[FactSensor]:
-        cast = self.cast
-        self.boxes_sensor = Boxes(cast)
-        self.whereabouts = Whereabouts(cast.bays)
+        scenario = self.scenario
+        self.boxes_sensor = Boxes(scenario)
+        self.whereabouts = Whereabouts(scenario.bays)
         self.carriers = {
             carrier: CarrierStatus(carrier, bay, deposit)
-            for carrier, bay, deposit in zip(cast.carriers, cast.bays, cast.deposits, strict=True)
+            for carrier, bay, deposit in zip(scenario.carriers, scenario.bays, scenario.deposits, strict=True)
         }
         return (self.whereabouts, self.boxes_sensor, *self.carriers.values())
 
@@ -449,17 +449,17 @@ class GripperAgent(Deliberating):
         return self.motors is not None and self.motors.current_name == place
 
     def beliefs_at_first(self) -> Sequence[Fact]:
-        return super().beliefs_at_first() if self.init_bset else gripper_beliefs(self.cast)
+        return super().beliefs_at_first() if self.init_bset else gripper_beliefs(self.scenario)
 
     def desires_at_first(self) -> Sequence[Desire]:
-        return super().desires_at_first() if self.init_dset else gripper_desires(self.cast)
+        return super().desires_at_first() if self.init_dset else gripper_desires(self.scenario)
 
 
 def gripper_of(boxes: int, carriers: int, name: str) -> type[GripperAgent]:
     """The node type, called ``name``, of a gripper for so many boxes and carriers."""
-    cast = scenario_of(boxes, carriers)
-    members: dict[str, Any] = {"cast": cast, "__doc__": GripperAgent.__doc__}
-    for carrier in cast.carriers:
+    scenario = scenario_of(boxes, carriers)
+    members: dict[str, Any] = {"scenario": scenario, "__doc__": GripperAgent.__doc__}
+    for carrier in scenario.carriers:
         members |= _ears_for(carrier)
     return type(name, (GripperAgent,), members)
 

@@ -137,7 +137,7 @@ STALL_S = (0.1, 0.5)
 
 
 @dataclass(frozen=True)
-class Whereabouts:
+class RobotPose:
     """Where a robot is and where it goes at a moment; see `messages.MoveStatus`."""
 
     start_name: str
@@ -149,7 +149,7 @@ class Whereabouts:
     progress: float
 
 
-class Robot:
+class WarehouseRobot:
     """The crane, or a carrier. ``speed`` (m/s) and stalls vary by ``noise``, each robot by a chance of its own."""
 
     def __init__(
@@ -190,7 +190,7 @@ class Robot:
         end = self._places[target] if stop is None else stop
         if target == self._target_name and end == self.drive.target:
             return
-        here = self.whereabouts(now)
+        here = self.pose(now)
         if here.current_name != MOVING:
             self._start_name = here.current_name
         self._target_name = target
@@ -205,13 +205,13 @@ class Robot:
         """By how much it is faster or slower this time."""
         return 1.0 + self._chance.uniform(-self._noise, self._noise)
 
-    def whereabouts(self, now: int) -> Whereabouts:
+    def pose(self, now: int) -> RobotPose:
         """Where it is and where it goes."""
         position, target = self.drive.position(now), self._places[self._target_name]
         left = flat_distance(position, target)
         there = left == 0.0 and self.rests(now)
         share = 1.0 - left / self._total_m if self._total_m else 0.0
-        return Whereabouts(
+        return RobotPose(
             start_name=self._start_name,
             current_name=self._target_name if there else MOVING,
             target_name=self._target_name,

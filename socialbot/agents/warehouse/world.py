@@ -8,13 +8,11 @@ grasps the box that it touches. Commands that make no sense are refused and chan
 
 from __future__ import annotations
 
-import heapq
-import itertools
 import math
-from collections.abc import Callable
 
+from socialbot.agents.base.simulation import SimulatedWorld, WorldFault
 from socialbot.agents.warehouse.messages import BoxPosition, Point
-from socialbot.agents.warehouse.robots import Drive, Robot, Whereabouts
+from socialbot.agents.warehouse.robots import Drive, RobotPose, WarehouseRobot
 from socialbot.agents.warehouse.scenario import (
     BOX_M,
     BOX_WIDTH_M,
@@ -25,8 +23,6 @@ from socialbot.agents.warehouse.scenario import (
     START,
     FloorLayout,
     Scenario,
-    WarehouseFault,
-    carrier_places,
     flat_distance,
     is_over,
 )
@@ -54,7 +50,7 @@ BEFORE_BAY_M = 1.0
 """A carrier stops this far before a bay in which a box stands."""
 
 
-class Warehouse:
+class Warehouse(SimulatedWorld):
     """The world with its clock: ``advance`` lets time pass, commands act at the time reached, questions are about it.
 
     ``noise`` is by how much speeds differ from what they should be, at most (0.1 is 10 %); with it, movements stall.
@@ -63,36 +59,38 @@ class Warehouse:
 
     def __init__(
         self,
-        cast: Scenario = SIX,
+        scenario: Scenario = SIX,
         *,
         seed: int = 0,
         noise: float = 0.1,
-        faults: tuple[WarehouseFault, ...] = (),
+        faults: tuple[WorldFault, ...] = (),
         start: int = 0,
     ) -> None:
-        self.cast = cast
-        self.layout = FloorLayout(cast)
-        self.now = start
+        super().__init__(start)
+        self.scenario = scenario
+        self.layout = FloorLayout(scenario)
         speed = _speed_for(self.layout.longest_m, CRANE_LONGEST_S, CRANE_ACCELERATION)
-        self.crane = Robot(
+        self.crane = WarehouseRobot(
             GRIPPER, self.layout.places, START, speed=speed, acceleration=CRANE_ACCELERATION, noise=noise, seed=seed
         )
         self.carriers = {
-            carrier: Robot(
+            carrier: WarehouseRobot(
                 carrier,
-                carrier_places(self.layout.bays[bay], self.layout.deposits[deposit]),
+                {"base": self.layout.bays[bay], "deposit": self.layout.deposits[deposit]},
                 "deposit",
                 speed=CARRIER_SPEED,
                 acceleration=CARRIER_ACCELERATION,
                 noise=noise,
                 seed=seed,
             )
-            for carrier, bay, deposit in zip(cast.carriers, cast.bays, cast.deposits, strict=True)
+            for carrier, bay, deposit in zip(scenario.carriers, scenario.bays, scenario.deposits, strict=True)
         }
-        self.load: dict[str, list[str]] = {base: [] for base in (START, *cast.bases, *cast.bays, *cast.deposits)}
+        self.load: dict[str, list[str]] = {
+            base: [] for base in (START, *scenario.bases, *scenario.bays, *scenario.deposits)
+        }
         """What bears which boxes, from bottom to top or in the order in which they came."""
-        self.load |= {robot: [] for robot in (GRIPPER, *cast.carriers, FLOOR)}
-        for base, stack in zip(cast.bases, cast.stacks, strict=True):
+        self.load |= {robot: [] for robot in (GRIPPER, *scenario.carriers, FLOOR)}
+        for base, stack in zip(scenario.bases, scenario.stacks, strict=True):
             self.load[base] += stack
         self._spots: dict[str, Point] = {}
         """Where boxes on carriers are, from the carrier's middle; and where those on the floor are."""
@@ -104,18 +102,8 @@ class Warehouse:
         """When carriers that unload have done so."""
         self._slips = 0
         self._silence: dict[str, int] = {}
-        self._events: list[tuple[int, int, Callable[[], None]]] = []
-        self._sequence = itertools.count()
         for fault in faults:
             self._after(fault.time_s, lambda fault=fault: self._go_wrong(fault))
-
-    def advance(self, time: int) -> None:
-        """Lets time pass until ``time`` (ns); nothing happens when that is past."""
-        while self._events and self._events[0][0] <= time:
-            due, _, happen = heapq.heappop(self._events)
-            self.now = max(self.now, due)
-            happen()
-        self.now = max(self.now, time)
 
     # Commands
 
@@ -158,7 +146,7 @@ class Warehouse:
         """Makes a carrier that rests at its deposit put down its boxes there, which takes `UNLOAD_S`."""
         if carrier not in self.carriers:
             return f"there is no {carrier!r}"
-        if self.whereabouts(carrier).current_name != "deposit":
+        if self.pose(carrier).current_name != "deposit":
             return f"{carrier} is not at its deposit"
         if carrier not in self._unloading:
             self._unloading[carrier] = due = self.now + nanoseconds(UNLOAD_S)
@@ -167,9 +155,9 @@ class Warehouse:
 
     # Questions
 
-    def whereabouts(self, robot: str) -> Whereabouts:
+    def pose(self, robot: str) -> RobotPose:
         """Where the crane or a carrier is and where it goes. Raises KeyError for one that is not there."""
-        return (self.crane if robot == GRIPPER else self.carriers[robot]).whereabouts(self.now)
+        return (self.crane if robot == GRIPPER else self.carriers[robot]).pose(self.now)
 
     def is_silent(self, sensor: str) -> bool:
         """Whether the sensor of a robot, or `faults.BOXES`, says nothing now."""
@@ -214,12 +202,6 @@ class Warehouse:
         return Point(at.x, at.y, (number + 0.5) * BOX_M)
 
     # What happens
-
-    def _at(self, time: int, happen: Callable[[], None]) -> None:
-        heapq.heappush(self._events, (time, next(self._sequence), happen))
-
-    def _after(self, seconds: float, happen: Callable[[], None]) -> None:
-        self._at(self.now + nanoseconds(seconds), happen)
 
     def _lift(self) -> None:
         self._lowering += 1
@@ -307,13 +289,13 @@ class Warehouse:
         return next((name for name, robot in self.carriers.items() if is_over(robot.drive.position(self.now), at)), "")
 
     def _stack_at(self, at: Point) -> str:
-        places = (START, *self.cast.bases, *self.cast.bays)
+        places = (START, *self.scenario.bases, *self.scenario.bays)
         return next((name for name in places if flat_distance(self.layout.places[name], at) <= REACH_M), "")
 
     def _send(self, carrier: str, target: str) -> None:
         """Sends a carrier as far as the boxes in its bay let it."""
         self._unloading.pop(carrier, None)
-        bay = self.cast.bays[self.cast.carriers.index(carrier)]
+        bay = self.scenario.bays[self.scenario.carriers.index(carrier)]
         place = self.layout.bays[bay]
         blocked = target == "base" and self.load[bay]
         stop = Point(place.x, place.y + BEFORE_BAY_M, place.z) if blocked else None
@@ -321,8 +303,8 @@ class Warehouse:
 
     def _clear_way(self, place: str) -> None:
         """Lets the carrier of a bay know that a box was put there or taken away."""
-        if place in self.cast.bays:
-            carrier = self.cast.carriers[self.cast.bays.index(place)]
+        if place in self.scenario.bays:
+            carrier = self.scenario.carriers[self.scenario.bays.index(place)]
             if self.carriers[carrier].target_name == "base":
                 self._send(carrier, "base")
 
@@ -333,23 +315,24 @@ class Warehouse:
         boxes = self.load[carrier]
         for box in boxes:
             del self._spots[box]
-        self.load[self.cast.deposits[self.cast.carriers.index(carrier)]] += boxes
+        self.load[self.scenario.deposits[self.scenario.carriers.index(carrier)]] += boxes
         self.load[carrier] = []
 
-    def _go_wrong(self, fault: WarehouseFault) -> None:
+    def _go_wrong(self, fault: WorldFault) -> None:
+        seconds = fault.duration_s or 0.0
         match fault.kind:
             case "leaves":
-                self._send(fault.who, "deposit")
+                self._send(fault.target, "deposit")
             case "slips":
                 self._slips += 1
             case "silent":
-                until = self.now + nanoseconds(fault.duration_s)
-                self._silence[fault.who] = max(until, self._silence.get(fault.who, 0))
-            case "stalls" if fault.who == GRIPPER:
-                self.crane.drive.pause(self.now, fault.duration_s)
-                self._fingers.pause(self.now, fault.duration_s)
+                until = self.now + nanoseconds(seconds)
+                self._silence[fault.target] = max(until, self._silence.get(fault.target, 0))
+            case "stalls" if fault.target == GRIPPER:
+                self.crane.drive.pause(self.now, seconds)
+                self._fingers.pause(self.now, seconds)
             case _:
-                self.carriers[fault.who].drive.pause(self.now, fault.duration_s)
+                self.carriers[fault.target].drive.pause(self.now, seconds)
 
 
 def _overlap(a: Point, b: Point, width: float) -> bool:

@@ -53,12 +53,12 @@ class WarehouseWorld(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         """Raises ParameterError for faults that cannot be."""
         super().__init__(name, context, parameters)
-        cast = scenario_of(self.boxes, self.carriers)
+        scenario = scenario_of(self.boxes, self.carriers)
         self.world = Warehouse(
-            cast,
+            scenario,
             seed=self.seed,
             noise=self.noise,
-            faults=parse_faults(self.faults, cast),
+            faults=parse_faults(self.faults, scenario),
             start=self.clock.now(),
         )
 
@@ -89,7 +89,7 @@ class WarehouseWorld(Node):
         if not self.world.is_silent(GRIPPER):
             self.motors_move_status.publish(self._move_status(GRIPPER))
             self.gripper_status.publish(GripperStatus(stamp=now, status="close" if self.world.is_closed else "open"))
-        for carrier in self.world.cast.carriers:
+        for carrier in self.world.scenario.carriers:
             if not self.world.is_silent(carrier):
                 self._publish(f"{carrier}_move_status", self._move_status(carrier))
         if not self.world.is_silent(BOXES):
@@ -100,7 +100,7 @@ class WarehouseWorld(Node):
         self.context.publish(self.outputs()[output], message)
 
     def _move_status(self, robot: str) -> MoveStatus:
-        place = self.world.whereabouts(robot)
+        place = self.world.pose(robot)
         z = self.world.finger_z if robot == GRIPPER else 0.0
         return MoveStatus(
             stamp=self.world.now,

@@ -53,7 +53,7 @@ def test_rooms_that_were_given_up_are_left_and_others_are_not():
 
 def test_a_graph_whose_ward_cannot_be_is_an_error_with_a_remedy():
     graph = hospital(world={"ward": "large", "rooms": 3, "nurses": 5})
-    with pytest.raises(ParameterError, match="have no more nurses than rooms"):
+    with pytest.raises(ParameterError, match="set nurses to at most the number of rooms"):
         ward_in(graph)
 
 

@@ -4,7 +4,8 @@ import io
 
 from rich.console import Console
 
-from socialbot.agents.hospital.ward.ward import WardFault, large_ward, paper_ward
+from socialbot.agents.base.simulation import WorldFault
+from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.agents.hospital.ward_show import TREES, WardShow, ward_text
 from socialbot.core.clock import SECOND
@@ -30,7 +31,7 @@ def shown(messages: list, ward=None) -> str:
 
 
 def test_a_small_ward_is_shown_room_by_room():
-    world = WardWorld(paper_ward(), faults=(WardFault(1.0, "enters", "room2", 9.0), WardFault(1.0, "dirty", "room1")))
+    world = WardWorld(paper_ward(), faults=(WorldFault(1.0, "enters", "room2", 9.0), WorldFault(1.0, "dirty", "room1")))
     world.advance(2 * SECOND)
     lines = [line.split() for line in printed(ward_text(world.ward, world.state())).splitlines()]
     assert ["room1", "closed", "dirty", "✗", "infected", "nurse1"] in lines
@@ -39,7 +40,7 @@ def test_a_small_ward_is_shown_room_by_room():
 
 
 def test_a_large_ward_is_shown_in_figures():
-    world = WardWorld(large_ward(), faults=(WardFault(1.0, "drains", "uvdrobot2"), WardFault(1.0, "dirty", "room7")))
+    world = WardWorld(large_ward(), faults=(WorldFault(1.0, "drains", "uvdrobot2"), WorldFault(1.0, "dirty", "room7")))
     world.advance(2 * SECOND)
     text = printed(ward_text(world.ward, world.state()))
     assert text.startswith("51 rooms: 50 disinfected, 1 infected: room")

@@ -4,16 +4,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.warehouse.scenario import SIX, WarehouseFault, parse_faults, random_faults
+from socialbot.agents.base.simulation import WorldFault
+from socialbot.agents.warehouse.scenario import SIX, parse_faults, random_faults
 from socialbot.core.errors import ParameterError
 
 
 def test_faults_are_read_in_the_order_in_which_they_are_written():
     assert parse_faults("30 leaves carrier_c; 40.5 slips ; 50 silent boxes 10; 60 stalls gripper_a 3;", SIX) == (
-        WarehouseFault(30.0, "leaves", "carrier_c"),
-        WarehouseFault(40.5, "slips"),
-        WarehouseFault(50.0, "silent", "boxes", 10.0),
-        WarehouseFault(60.0, "stalls", "gripper_a", 3.0),
+        WorldFault(30.0, "leaves", "carrier_c"),
+        WorldFault(40.5, "slips"),
+        WorldFault(50.0, "silent", "boxes", 10.0),
+        WorldFault(60.0, "stalls", "gripper_a", 3.0),
     )
     assert parse_faults("", SIX) == ()
 
@@ -40,9 +41,9 @@ def test_any_text_is_read_or_refused(text):
 @pytest.mark.parametrize(
     "fault",
     [
-        WarehouseFault(50.0, "silent", "boxes", 0.0),
-        WarehouseFault(123456.789012, "slips"),
-        WarehouseFault(0.1, "stalls", "carrier_a", 1e-7),
+        WorldFault(50.0, "silent", "boxes", 0.0),
+        WorldFault(123456.789012, "slips"),
+        WorldFault(0.1, "stalls", "carrier_a", 1e-7),
     ],
 )
 def test_a_fault_that_is_written_down_is_read_as_it_was(fault):

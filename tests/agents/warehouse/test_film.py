@@ -4,7 +4,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from socialbot.agents.warehouse.drawing import Film
+from socialbot.agents.warehouse.drawing import FloorView
 from socialbot.agents.warehouse.messages import GripperPose, GripperStatus, MoveCommand
 from socialbot.agents.warehouse.scenario import GRIPPER, SIX
 from socialbot.core.clock import SECOND
@@ -35,8 +35,8 @@ def hall() -> Hall:
 
 
 @pytest.fixture(scope="module")
-def film(hall: Hall) -> Film:
-    film = Film(SIX)
+def film(hall: Hall) -> FloorView:
+    film = FloorView(SIX)
     for message in sorted((m for said in hall.said.values() for m in said), key=lambda m: m.stamp):
         film.take(message)
     return film
@@ -65,34 +65,34 @@ def test_where_boxes_are_is_known_at_every_moment(film):
 @pytest.mark.parametrize("second", [0.0, 3.3, 5.7, 7.1, 8.5, 11.2, 12.9, 17.0, 19.0, 30.0])
 def test_what_moves_by_its_track_is_where_the_pictures_have_it(film, second):
     shown = places(film.picture(START + round(second * SECOND)))
-    tracks = film.tracks(START)
+    tracks = film.film(START)
     for name, track in (tracks["robots"] | tracks["boxes"]).items():
         x, y = (float(word) for word in shown[name].removeprefix("translate(").rstrip(")").split())
         assert at(track, second)[:2] == pytest.approx([x, y], abs=8.0 if name in (GRIPPER, "box_a2") else 4.0), name
 
 
 def test_tracks_leave_out_what_lies_on_the_way(film, hall):
-    tracks = film.tracks(START)
+    tracks = film.film(START)
     assert len(tracks["boxes"]["box_b1"]) == 2
     assert len(tracks["robots"][GRIPPER]) < 60
 
 
 def test_tracks_tell_when_the_gripper_holds_a_box(film):
-    (_, before), (taken, held), (put, after) = film.tracks(START)["holding"]
+    (_, before), (taken, held), (put, after) = film.film(START)["holding"]
     assert (before, held, after) == (0.0, 1.0, 0.0)
     assert 7.0 <= taken < 8.0
     assert 18.0 <= put < 19.0
 
 
 def test_a_film_of_nothing_is_empty():
-    film = Film(SIX)
+    film = FloorView(SIX)
     assert not film
     film.take(Utterance(stamp=1, id="a", text="a"))
     assert not film
 
 
 def test_messages_from_the_past_are_left_out(film, hall):
-    late = Film(SIX)
+    late = FloorView(SIX)
     for message in hall.said["/warehouse/boxes"]:
         late.take(message)
         late.take(hall.said["/warehouse/boxes"][0])
@@ -100,7 +100,7 @@ def test_messages_from_the_past_are_left_out(film, hall):
 
 
 def test_what_was_long_ago_is_forgotten_and_the_rest_stays_as_it_was(hall):
-    forgetful, film = Film(SIX), Film(SIX)
+    forgetful, film = FloorView(SIX), FloorView(SIX)
     for message in sorted((m for said in hall.said.values() for m in said), key=lambda m: m.stamp):
         forgetful.take(message)
         film.take(message)

@@ -7,12 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from socialbot.agents.base.simulation import WorldFault
 from socialbot.agents.warehouse.messages import Point
 from socialbot.agents.warehouse.scenario import (
     GRIPPER,
     SIX,
-    WarehouseFault,
-    carried,
     is_carried,
     random_faults,
     scenario_of,
@@ -24,7 +23,7 @@ from socialbot.core.clock import SECOND
 class Story:
     """A world that is told one thing after the other."""
 
-    def __init__(self, *faults: WarehouseFault, noise: float = 0.0, seed: int = 0) -> None:
+    def __init__(self, *faults: WorldFault, noise: float = 0.0, seed: int = 0) -> None:
         self.world = Warehouse(faults=faults, noise=noise, seed=seed)
 
     def wait(self, seconds: float) -> None:
@@ -33,7 +32,7 @@ class Story:
     def go(self, place: str) -> None:
         assert self.world.move_crane(place) == ""
         self.wait(6.0)
-        assert self.world.whereabouts(GRIPPER).current_name == place
+        assert self.world.pose(GRIPPER).current_name == place
 
     def send(self, carrier: str, target: str, seconds: float = 6.0) -> None:
         assert self.world.move_carrier(carrier, target) == ""
@@ -61,7 +60,8 @@ class Story:
 
     def carried(self, carrier: str) -> tuple[str, ...]:
         boxes = {box.name: box.position for box in self.world.boxes()}
-        return carried(self.world.whereabouts(carrier).position, boxes)
+        deck = self.world.pose(carrier).position
+        return tuple(sorted(name for name, box in boxes.items() if is_carried(deck, box)))
 
 
 def test_two_boxes_ride_to_the_deposit_and_are_unloaded_there():
@@ -100,14 +100,14 @@ def test_a_status_tells_start_target_and_progress_on_the_way():
     story = Story()
     story.world.move_crane("base_1")
     story.wait(1.2)
-    status = story.world.whereabouts(GRIPPER)
+    status = story.world.pose(GRIPPER)
     assert (status.start_name, status.current_name, status.target_name) == ("start", "moving", "base_1")
     assert 0.0 < status.progress < 1.0
     story.wait(2.0)
-    status = story.world.whereabouts(GRIPPER)
+    status = story.world.pose(GRIPPER)
     assert (status.current_name, status.progress, status.left_m) == ("base_1", 1.0, 0.0)
     story.world.move_crane("base_1")
-    assert story.world.whereabouts(GRIPPER) == status, "it is there already"
+    assert story.world.pose(GRIPPER) == status, "it is there already"
 
 
 def test_what_is_let_go_where_no_carrier_is_stands_in_the_bay_and_is_in_the_way():
@@ -116,13 +116,13 @@ def test_what_is_let_go_where_no_carrier_is_stands_in_the_bay_and_is_in_the_way(
     story.put("base_a")
     assert story.holder("box_a2") == "base_a"
     story.send("carrier_a", "base", seconds=10.0)
-    status = story.world.whereabouts("carrier_a")
+    status = story.world.pose("carrier_a")
     assert status.current_name == "moving"
     assert 0.6 < status.progress < 1.0
     story.fingers("low", "close", "high")
     assert story.world.held == "box_a2"
     story.wait(6.0)
-    assert story.world.whereabouts("carrier_a").current_name == "base"
+    assert story.world.pose("carrier_a").current_name == "base"
 
 
 def test_a_carrier_on_its_way_stops_before_a_box_that_is_put_down_in_its_bay():
@@ -134,18 +134,18 @@ def test_a_carrier_on_its_way_stops_before_a_box_that_is_put_down_in_its_bay():
     story.wait(1.0)
     story.fingers("open")
     story.wait(10.0)
-    assert story.world.whereabouts("carrier_a").current_name == "moving"
+    assert story.world.pose("carrier_a").current_name == "moving"
     assert story.holder("box_a2") == "base_a"
 
 
 def test_a_carrier_that_leaves_before_the_gripper_lets_go_leaves_the_box_behind():
-    story = Story(WarehouseFault(30.0, "leaves", "carrier_a"))
+    story = Story(WorldFault(30.0, "leaves", "carrier_a"))
     story.send("carrier_a", "base")
     story.take("base_1")
     story.go("base_a1")
     story.fingers("low")
     story.world.advance(36 * SECOND)
-    assert story.world.whereabouts("carrier_a").current_name == "deposit"
+    assert story.world.pose("carrier_a").current_name == "deposit"
     assert story.holder("box_a2") == GRIPPER
     story.fingers("open")
     assert story.carried("carrier_a") == ()
@@ -164,7 +164,7 @@ def test_a_second_box_in_the_same_place_of_a_carrier_stands_on_the_first_and_is_
 
 
 def test_a_box_that_slips_stays_where_it_is_and_can_be_taken_again():
-    story = Story(WarehouseFault(0.0, "slips"))
+    story = Story(WorldFault(0.0, "slips"))
     story.take("base_1")
     assert story.world.held == ""
     assert story.holder("box_a2") == "base_1"
@@ -192,10 +192,10 @@ def test_the_crane_lifts_its_fingers_before_it_moves_and_lowers_them_when_it_res
     assert low == pytest.approx(0.66)
     story.world.move_crane("base_3")
     story.wait(0.3)
-    assert story.world.whereabouts(GRIPPER).progress == 0.0
+    assert story.world.pose(GRIPPER).progress == 0.0
     assert story.world.finger_z > low
     story.wait(0.8)
-    assert story.world.whereabouts(GRIPPER).progress > 0.0
+    assert story.world.pose(GRIPPER).progress > 0.0
     assert story.world.finger_z == 1.5
     story.world.set_fingers("low")
     story.wait(0.1)
@@ -215,15 +215,15 @@ def test_what_is_dropped_on_the_way_lies_on_the_floor():
 
 
 def test_a_robot_that_stalls_goes_on_afterwards_and_a_silent_sensor_speaks_again():
-    story = Story(WarehouseFault(2.0, "stalls", "carrier_a", 3.0), WarehouseFault(1.0, "silent", "carrier_a", 10.0))
+    story = Story(WorldFault(2.0, "stalls", "carrier_a", 3.0), WorldFault(1.0, "silent", "carrier_a", 10.0))
     story.world.move_carrier("carrier_a", "base")
     story.wait(8.3)
     assert story.world.is_silent("carrier_a")
     assert not story.world.is_silent("carrier_b")
-    assert story.world.whereabouts("carrier_a").current_name == "moving"
+    assert story.world.pose("carrier_a").current_name == "moving"
     story.wait(2.8)
     assert not story.world.is_silent("carrier_a")
-    assert story.world.whereabouts("carrier_a").current_name == "base"
+    assert story.world.pose("carrier_a").current_name == "base"
 
 
 def test_a_carrier_that_is_sent_away_while_it_unloads_keeps_its_boxes():
@@ -261,8 +261,8 @@ def test_what_makes_no_sense_is_refused_with_a_reason_and_changes_nothing(tell):
 
 
 def state(world: Warehouse) -> list[Any]:
-    robots = (GRIPPER, *world.cast.carriers)
-    return [world.now, world.boxes(), world.finger_z, *(world.whereabouts(robot) for robot in robots)]
+    robots = (GRIPPER, *world.scenario.carriers)
+    return [world.now, world.boxes(), world.finger_z, *(world.pose(robot) for robot in robots)]
 
 
 PLACES = [*Warehouse().layout.places, "nowhere"]
@@ -313,7 +313,7 @@ def check(world: Warehouse) -> None:
         for b in spots[one + 1 :]:
             assert max(abs(a.x - b.x), abs(a.y - b.y)) > 0.27 or abs(a.z - b.z) > 0.21
     for carrier in SIX.carriers:
-        at = world.whereabouts(carrier).position
+        at = world.pose(carrier).position
         riding = [box for box in world.boxes() if box.holder == carrier]
         low = [box for box in riding if box.position.z < 0.4]
         assert all(is_carried(at, box.position) for box in low)

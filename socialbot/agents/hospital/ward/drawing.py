@@ -1,4 +1,4 @@
-"""Draw the ward (SVG), and its state over a run as an animation."""
+"""Drawing of a ward (SVG), and animation of its states over a run."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
+from socialbot.agents.base import svg
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, AgentState, RoomState, WardState
 from socialbot.agents.hospital.ward.ward import CORRIDOR_M, NURSE, ROOM_M, SPOT, UVD, Position, Room, Ward
 from socialbot.core.clock import SECOND
@@ -14,13 +15,13 @@ from socialbot.core.messages import Message
 from socialbot.runs.tracks import Moment, add, forget, latest, thinned
 
 WIDE = 1180.0
-"""Pixels that a large ward is wide; a small one is as large as `LARGEST` allows."""
+"""Width of the drawing of a large ward, pixels."""
 LARGEST = 62.0
-"""Pixels a metre, at most."""
+"""Largest scale, pixels a metre."""
 HEAD = 52.0
 FOOT = 62.0
 EDGE = 18.0
-"""Pixels above the ward for the title, below it for the legend, and around it."""
+"""Space for the title, for the legend, and around the ward, pixels."""
 DOOR_M = 1.1
 
 TONES = {
@@ -39,10 +40,9 @@ TONES = {
     "yellow": ("#f3c322", "#e0b321"),
     "dark": ("#26323a", "#12181c"),
 }
-"""Colours, light and dark."""
 
 TALLY = "tally"
-"""The name of the group that tells how many rooms are left."""
+"""Name of the group with the number of infected rooms."""
 
 COAT = {SPOT: "yellow", UVD: "violet", NURSE: "teal"}
 WORD = {SPOT: "spot", UVD: "uvd", NURSE: "nurse"}
@@ -64,41 +64,31 @@ SIGNS = {
     ),
     "nurse absent": ("soft", '<path d="M0-4V4M-4 0H4" class="l-paper"/><path d="M-5.6 5.6 5.6-5.6" class="l-ink"/>'),
 }
-"""Signs by what they say: the colour of the disc, and what is on it."""
+"""Signs by meaning: tone of the disc, and markup on it."""
 
 
-def _style() -> str:
-    def rules(which: int) -> str:
-        return "".join(
-            f".ward .f-{name}{{fill:{tones[which]}}}.ward .s-{name}{{stroke:{tones[which]}}}"
-            f".ward .l-{name}{{fill:none;stroke:{tones[which]};stroke-width:2;stroke-linecap:round}}"
-            for name, tones in TONES.items()
-        )
-
-    return f"<style>{rules(0)}.ward .t{{stroke-width:1.3}}@media(prefers-color-scheme:dark){{{rules(1)}}}</style>"
+_STYLE = svg.style("ward", TONES, ".ward .t{stroke-width:1.3}")
 
 
 def ward_svg(ward: Ward, state: WardState, title: str = "") -> str:
-    """The ward as ``state`` tells of it; rooms that it leaves out are grey, robots and nurses are not drawn."""
+    """The ward in a state. Rooms that it lacks are grey, robots and nurses that it lacks are not drawn."""
     return WardDrawing(ward).draw(state, title)
 
 
 @dataclass(frozen=True)
 class DrawingGroup:
-    """A part of the picture that has a name: what it looks like, and where it is (pixels) if it moves."""
+    """A named part of the drawing; one that moves has a place (pixels)."""
 
     name: str
     drawing: str
     place: tuple[float, float] | None = None
 
     def svg(self) -> str:
-        """It as a group of the picture."""
-        at = "" if self.place is None else f' transform="translate({self.place[0]:.1f} {self.place[1]:.1f})"'
-        return f'<g data-name="{escape(self.name)}"{at}>{self.drawing}</g>'
+        return svg.group(self.drawing, self.place, name=self.name)
 
 
 class WardDrawing:
-    """The picture of one ward."""
+    """Drawing of one ward."""
 
     def __init__(self, ward: Ward) -> None:
         self.ward = ward
@@ -110,20 +100,19 @@ class WardDrawing:
         bottom = max(max(room.corner.y + ROOM_M[1], room.corridor_y + CORRIDOR_M / 2) for room in ward.rooms)
         self.scale = min((WIDE - 2 * EDGE) / (right - self.left), LARGEST)
         self.is_roomy = self.scale > 40.0
-        """Whether there is room for words beside signs."""
         self.icon = 17.0 if self.is_roomy else 9.5
-        """Half of a robot's size."""
+        """Half of the size of a robot, pixels."""
         self.wide = max((right - self.left) * self.scale + 2 * EDGE, 720.0)
         self.high = (bottom - self.top) * self.scale + HEAD + FOOT
         self.offset = (self.wide - (right - self.left) * self.scale) / 2
 
     def draw(self, state: WardState, title: str = "") -> str:
-        """The whole picture."""
+        """The complete drawing."""
         return self.framed(title, [group.svg() for group in self.groups(state)])
 
     def groups(self, state: WardState) -> Iterator[DrawingGroup]:
-        """All that may change: how many rooms are left, each room, and who is somewhere in the ward."""
-        tally = _text(self.wide - EDGE - 4, 33, _tally(state), size=13, anchor="end", tone="f-soft")
+        """The parts that change: number of infected rooms, each room, and each robot or nurse in the ward."""
+        tally = svg.text(self.wide - EDGE - 4, 33, _tally(state), size=13, anchor="end", tone="f-soft")
         yield DrawingGroup(TALLY, tally)
         lit = {_room_lit(agent) for agent in state.agents}
         away = {agent.home for agent in state.agents if agent.kind == NURSE and agent.place == AWAY}
@@ -133,23 +122,20 @@ class WardDrawing:
             yield DrawingGroup(agent.name, self._agent(agent), place)
 
     def framed(self, title: str, groups: Iterable[str]) -> str:
-        """A picture of some groups, with what never changes around them."""
+        """A drawing of groups with title, corridors and legend."""
         title = title or "The ward"
         parts = [
-            f'<svg xmlns="http://www.w3.org/2000/svg" class="ward" viewBox="0 0 {self.wide:.0f} {self.high:.0f}" '
-            f'width="{self.wide:.0f}" height="{self.high:.0f}" font-family="system-ui, sans-serif" role="img">',
-            f"<title>{escape(title)}</title>{_style()}",
-            _rectangle(0, 0, self.wide, self.high, "f-paper"),
-            _text(EDGE + 4, 33, title, size=19, anchor="start", weight=600),
+            _STYLE,
+            svg.rectangle(0, 0, self.wide, self.high, "f-paper"),
+            svg.text(EDGE + 4, 33, title, size=19, anchor="start", weight=600),
             *self._corridors(),
             *groups,
             *self._legend(),
-            "</svg>",
         ]
-        return "\n".join(parts) + "\n"
+        return svg.document("ward", (self.wide, self.high), title, parts)
 
     def at(self, point: Position) -> tuple[float, float]:
-        """Where a point of the ward is in the picture."""
+        """Position of a point of the ward in the drawing, pixels."""
         return (point.x - self.left) * self.scale + self.offset, (point.y - self.top) * self.scale + HEAD
 
     def _corridors(self) -> Iterator[str]:
@@ -166,21 +152,23 @@ class WardDrawing:
 
     def _area(self, corner: Position, wide: float, high: float, tone: str) -> str:
         x, y = self.at(corner)
-        return _rectangle(x, y, wide * self.scale + 0.5, high * self.scale + 0.5, tone)
+        return svg.rectangle(x, y, wide * self.scale + 0.5, high * self.scale + 0.5, tone)
 
     def _room(self, room: Room, state: RoomState | None, lit: bool, away: bool) -> str:
         x, y = self.at(room.corner)
         wide, high = ROOM_M[0] * self.scale, ROOM_M[1] * self.scale
         tone = "unknown" if state is None else "fresh" if state.disinfected else "infected"
         parts = [f"<title>{escape(_words_of(room.name, state))}</title>"]
-        parts.append(_rectangle(x, y, wide, high, f"f-{tone} s-ink", width=2.5 if self.is_roomy else 1.6))
+        parts.append(svg.rectangle(x, y, wide, high, f"f-{tone} s-ink", width=2.5 if self.is_roomy else 1.6))
         if lit:
-            inner = _rectangle(x + 3, y + 3, wide - 6, high - 6, "f-violet s-violet", width=3, rx=3)
+            inner = svg.rectangle(x + 3, y + 3, wide - 6, high - 6, "f-violet s-violet", width=3, rx=3)
             parts.append(f'<g fill-opacity=".22" stroke-opacity=".8">{inner}</g>')
         parts.append(self._door(room, state))
         label = y + (20 if self.is_roomy else 13) if room.is_above else y + high - (10 if self.is_roomy else 6)
         size = 14 if self.is_roomy else 10.5
-        parts.append(_text(x + (12 if self.is_roomy else 6), label, room.name, size=size, anchor="start", weight=600))
+        parts.append(
+            svg.text(x + (12 if self.is_roomy else 6), label, room.name, size=size, anchor="start", weight=600)
+        )
         signs = _signs_of(state, away)
         size = 1.15 if self.is_roomy else 0.72
         step = 19.0 * size
@@ -190,27 +178,27 @@ class WardDrawing:
         return "".join(parts)
 
     def _door(self, room: Room, state: RoomState | None) -> str:
-        """The gap in the wall, and the leaf: across the gap, or swung into the room."""
+        """The gap in the wall, and the leaf: closed, or open into the room."""
         x, y = self.at(room.door)
         half = DOOR_M / 2 * self.scale
         wall = 2.5 if self.is_roomy else 1.6
-        gap = _line(x - half, y, x + half, y, "s-corridor", wall + 2.5)
+        gap = svg.line(x - half, y, x + half, y, "s-corridor", wall + 2.5)
         if state is None or (state.door_open and room.name == self.ward.dock):
             return gap
         if not state.door_open:
-            return gap + _line(x - half, y, x + half, y, "s-red", wall + 2)
+            return gap + svg.line(x - half, y, x + half, y, "s-red", wall + 2)
         inward = -1 if room.is_above else 1
         end = y + inward * half * 2
         arc = (
             f'<path d="M{x + half:.1f} {y:.1f}A{2 * half:.1f} {2 * half:.1f} 0 0 {0 if room.is_above else 1} '
             f'{x - half:.1f} {end:.1f}" class="l-soft t" stroke-dasharray="2 3" opacity=".7"/>'
         )
-        return gap + arc + _line(x - half, y, x - half, end, "s-ink", wall + 0.5)
+        return gap + arc + svg.line(x - half, y, x - half, end, "s-ink", wall + 0.5)
 
-    # Who is where
+    # Robots and nurses
 
     def _whereabouts(self, agents: Sequence[AgentState]) -> Iterator[tuple[AgentState, tuple[float, float]]]:
-        """Where each one is drawn who is in the ward."""
+        """Places of the agents in the ward, pixels."""
         inside: dict[str, list[AgentState]] = {}
         outside: dict[str, list[AgentState]] = {}
         for agent in agents:
@@ -226,7 +214,7 @@ class WardDrawing:
                 yield agent, (x + (number - (len(those) - 1) / 2) * 2.6 * self.icon, y)
 
     def _places(self, room: Room, count: int) -> list[tuple[float, float]]:
-        """Where so many stand in a room: in rows."""
+        """Places for ``count`` agents in a room: in rows."""
         columns = 3 if count in (3, 5, 6) else min(count, 4)
         rows = -(-count // columns)
         x, y = self.at(room.centre)
@@ -248,23 +236,25 @@ class WardDrawing:
         parts += self._figure(agent.kind, coat)
         ink = "f-dark" if agent.kind == SPOT else "f-paper"
         letters = size * (1.05 if len(number) < 2 else 0.9)
-        parts.append(_text(0, size * 0.37, number[:3], size=letters, weight=700, tone=ink))
+        parts.append(svg.text(0, size * 0.37, number[:3], size=letters, weight=700, tone=ink))
         below = size * 1.5
         if agent.kind != NURSE:
             parts.append(_battery(agent, size, below))
             below += 5
         if self.is_roomy:
-            parts.append(_text(0, below + 11, WORD.get(agent.kind, agent.kind), size=11.5, weight=600))
-            parts.append(_text(0, below + 24, _action_words(agent.busy), size=11, tone="f-soft"))
+            parts.append(svg.text(0, below + 11, WORD.get(agent.kind, agent.kind), size=11.5, weight=600))
+            parts.append(svg.text(0, below + 24, _action_words(agent.busy), size=11, tone="f-soft"))
         return "".join(parts)
 
     def _figure(self, kind: str, coat: str) -> Iterator[str]:
-        """A four-legged robot, a lamp on a round base, or a person with a cap."""
+        """A four-legged robot, a lamp on a round base, or a person."""
         size = self.icon
         if kind == SPOT:
             for x, y in ((-0.72, -0.7), (-0.72, 0.7), (0.72, -0.7), (0.72, 0.7)):
                 yield f'<circle cx="{x * size:.1f}" cy="{y * size:.1f}" r="{size * 0.26:.1f}" class="f-ink"/>'
-            yield _rectangle(-size, -size * 0.62, 2 * size, size * 1.24, f"f-{coat} s-dark", width=1.2, rx=size * 0.4)
+            yield svg.rectangle(
+                -size, -size * 0.62, 2 * size, size * 1.24, f"f-{coat} s-dark", width=1.2, rx=size * 0.4
+            )
         elif kind == UVD:
             yield f'<circle r="{size:.1f}" class="f-{coat} s-ink" stroke-width="1.2"/>'
             yield f'<circle r="{size * 0.74:.1f}" fill="none" class="s-paper" stroke-width="1" opacity=".7"/>'
@@ -273,21 +263,21 @@ class WardDrawing:
             yield f'<circle cy="{-size * 0.1:.1f}" r="{size * 0.78:.1f}" class="f-{coat} s-paper" stroke-width="1.4"/>'
 
     def _legend(self) -> Iterator[str]:
-        """What signs and figures mean, in a row."""
+        """The meanings of signs and figures, in a row."""
         entries = [(word, _sign(word, 0, 0, 1.0)) for word in SIGNS]
-        entries.append(("closed door", _line(-8, 0, 8, 0, "s-red", 4.5)))
+        entries.append(("closed door", svg.line(-8, 0, 8, 0, "s-red", 4.5)))
         if not self.is_roomy:
             entries += [(WORD[kind], "".join(self._figure(kind, COAT[kind]))) for kind in COAT]
         widths = [34.0 + 7.0 * len(word) for word, _ in entries]
         x, y = (self.wide - sum(widths)) / 2, self.high - FOOT / 2 + 6
         for (word, drawing), width in zip(entries, widths, strict=True):
-            entry = drawing + _text(14, 4.5, word, size=12.5, anchor="start")
-            yield f'<g transform="translate({x + 10:.1f} {y:.1f})">{entry}</g>'
+            entry = drawing + svg.text(14, 4.5, word, size=12.5, anchor="start")
+            yield svg.group(entry, (x + 10, y))
             x += width
 
 
 def _room_lit(agent: AgentState) -> str:
-    """The room that a robot lights now, if it does."""
+    """The room where a robot uses its light, or an empty string."""
     return agent.place if agent.busy.startswith("a_disinfect_room(") else ""
 
 
@@ -328,8 +318,8 @@ def _action_words(busy: str) -> str:
 def _battery(agent: AgentState, size: float, y: float) -> str:
     tone = "red" if agent.low_battery else "amber" if agent.battery < 0.5 else "green"
     high = size * 0.36
-    case = _rectangle(-size, y - high / 2, 2 * size, high, "f-paper s-ink", width=0.9, rx=1.2)
-    return case + _rectangle(-size + 1, y - high / 2 + 1, (2 * size - 2) * agent.battery, high - 2, f"f-{tone}")
+    case = svg.rectangle(-size, y - high / 2, 2 * size, high, "f-paper s-ink", width=0.9, rx=1.2)
+    return case + svg.rectangle(-size + 1, y - high / 2 + 1, (2 * size - 2) * agent.battery, high - 2, f"f-{tone}")
 
 
 def _sign(word: str, x: float, y: float, size: float) -> str:
@@ -340,92 +330,66 @@ def _sign(word: str, x: float, y: float, size: float) -> str:
     )
 
 
-def _rectangle(x: float, y: float, wide: float, high: float, tone: str, *, rx: float = 0, width: float = 0) -> str:
-    return (
-        f'<rect x="{x:.1f}" y="{y:.1f}" width="{wide:.1f}" height="{high:.1f}" rx="{rx:.1f}" class="{tone}" '
-        f'stroke-width="{width}"/>'
-    )
-
-
-def _line(x: float, y: float, to_x: float, to_y: float, tone: str, width: float) -> str:
-    return (
-        f'<line x1="{x:.1f}" y1="{y:.1f}" x2="{to_x:.1f}" y2="{to_y:.1f}" class="{tone}" '
-        f'stroke-width="{width}" stroke-linecap="round"/>'
-    )
-
-
-def _text(
-    x: float, y: float, text: str, *, size: float = 12, tone: str = "f-ink", anchor: str = "middle", weight: int = 400
-) -> str:
-    return (
-        f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size:.1f}" font-weight="{weight}" class="{tone}" '
-        f'text-anchor="{anchor}">{escape(text)}</text>'
-    )
-
-
-class WardFilm:
-    """Takes the messages of sensors as they come; `picture` and `tracks` tell of them."""
+class WardAnimation:
+    """States of a ward over a run, as drawings and as an animation."""
 
     def __init__(self, ward: Ward) -> None:
-        self._picture = WardDrawing(ward)
+        self._drawing = WardDrawing(ward)
         self._states: list[tuple[int, WardState]] = []
 
     def take(self, message: Message) -> None:
-        """Takes a message; those of other kinds are left alone."""
+        """Take a state of the ward; ignore messages of other types. The last state of a stamp counts."""
         if isinstance(message, WardState):
             if self._states and message.stamp == self._states[-1][0]:
                 self._states.pop()
             add(self._states, message.stamp, message)
 
     def forget(self, stamp: int) -> None:
-        """Forgets what was before ``stamp`` (ns), but for how the ward was by then."""
+        """Drop the changes before ``stamp`` (ns) and keep the state at that time."""
         forget(self._states, stamp)
 
     def __bool__(self) -> bool:
-        """Whether anything was seen."""
         return bool(self._states)
 
     def state(self, stamp: int) -> WardState:
         """The ward at ``stamp`` (ns)."""
         return latest(self._states, stamp)
 
-    def picture(self, stamp: int, title: str) -> str:
-        """The ward at ``stamp`` (ns), as SVG."""
-        return self._picture.draw(self.state(stamp), title)
+    def picture(self, stamp: int, title: str = "") -> str:
+        """The ward at ``stamp`` (ns) as SVG."""
+        return self._drawing.draw(self.state(stamp), title)
 
-    def stage(self, stamp: int, title: str) -> str:
-        """The picture in which `tracks` move things: as `picture`, with an empty group for who is not to be seen."""
-        seen = list(self._picture.groups(self.state(stamp)))
-        missing = set(self._picture.ward.member_by_name) - {group.name for group in seen}
-        return self._picture.framed(
-            title, [group.svg() for group in (*seen, *(DrawingGroup(name, "") for name in missing))]
-        )
+    def film(self, start: int) -> dict[str, Any]:
+        """The animation of the run from ``start`` (ns).
 
-    def tracks(self, start: int) -> dict[str, Any]:
-        """How everything changes, for a page; times are s from ``start``.
-
-        ``robots`` are places (pixels) by name, ``faces`` what things look like by name, as numbers of ``drawings``.
+        Returns:
+            ``picture``: SVG with a named group for each room, robot and nurse. ``robots``: tuples of time (s), x and y
+            (pixels) by name. ``faces``: tuples of time and index in ``drawings`` by name. ``drawings``: contents of
+            groups. ``crane`` is empty.
         """
+        seen = list(self._drawing.groups(self.state(start)))
+        missing = set(self._drawing.ward.member_by_name) - {group.name for group in seen}
+        groups = [*seen, *(DrawingGroup(name, "") for name in sorted(missing))]
+        picture = self._drawing.framed("The ward", [group.svg() for group in groups])
+        return {"picture": picture, "crane": "", **self._tracks(start)}
+
+    def _tracks(self, start: int) -> dict[str, Any]:
         places: dict[str, list[Moment]] = {}
         faces: dict[str, list[Moment]] = {}
         drawings: dict[str, int] = {"": 0}
         for stamp, state in self._states:
             second = round((stamp - start) / SECOND, 3)
-            groups = {group.name: group for group in self._picture.groups(state)}
+            groups = {group.name: group for group in self._drawing.groups(state)}
             for name, group in groups.items():
                 if group.place is not None:
                     places.setdefault(name, []).append((second, *group.place))
-                _look(faces.setdefault(name, []), second, drawings.setdefault(group.drawing, len(drawings)))
+                _add_face(faces.setdefault(name, []), second, drawings.setdefault(group.drawing, len(drawings)))
             for name in faces.keys() - groups.keys():
-                _look(faces[name], second, 0)
-        return {
-            "robots": {name: thinned(track) for name, track in places.items()},
-            "faces": faces,
-            "drawings": list(drawings),
-        }
+                _add_face(faces[name], second, 0)
+        robots = {name: thinned(track) for name, track in places.items()}
+        return {"robots": robots, "faces": faces, "drawings": list(drawings)}
 
 
-def _look(track: list[Moment], second: float, face: int) -> None:
-    """Notes what something looks like from ``second`` on, if that is new."""
+def _add_face(track: list[Moment], second: float, face: int) -> None:
     if not track or track[-1][1] != face:
         track.append((second, face))

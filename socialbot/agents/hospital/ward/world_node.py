@@ -1,4 +1,4 @@
-"""The ward as a node: it obeys the commands of robots and nurses, and publishes what became of them and its sensors."""
+"""Node of the simulated ward: executes commands, and publishes results and sensor data."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ S = TypeVar("S", RoomState, AgentState)
 
 
 class HospitalWorld(Node):
-    """The ward in place of a simulator or the real thing."""
+    """Simulator of a hospital ward."""
 
     is_simulator = True
 
@@ -45,45 +45,42 @@ class HospitalWorld(Node):
     state = Output(WardState, STATE, Delivery.LATCHED)
 
     ward = Parameter(
-        "paper", "the ward: the paper's four rooms, or a large one", choices=("paper", "large"), fixed=True
+        "paper", "ward: the four rooms of the paper, or a large one", choices=("paper", "large"), fixed=True
     )
-    rooms = Parameter(50, "rooms of the large ward", minimum=1, maximum=1000, fixed=True)
-    spots = Parameter(4, "robots that patrol, in the large ward", minimum=0, maximum=100, fixed=True)
-    uvds = Parameter(4, "robots that disinfect, in the large ward", minimum=0, maximum=100, fixed=True)
-    nurses = Parameter(0, "nurses of the large ward; 0: one in each room", minimum=0, maximum=1000, fixed=True)
-    every_s = Parameter(
-        3.0, "s from one infection to the next in the large ward", minimum=0.0, maximum=3600.0, fixed=True
+    rooms = Parameter(50, "number of rooms of the large ward", minimum=1, maximum=1000, fixed=True)
+    spots = Parameter(4, "number of patrol robots in the large ward", minimum=0, maximum=100, fixed=True)
+    uvds = Parameter(4, "number of disinfection robots in the large ward", minimum=0, maximum=100, fixed=True)
+    nurses = Parameter(
+        0, "number of nurses in the large ward; 0: one in each room", minimum=0, maximum=1000, fixed=True
     )
-    pace = Parameter("paper", "how long things take", choices=tuple(DURATIONS), fixed=True)
-    seed = Parameter(0, "chance of the run: the same seed gives the same durations and problems", fixed=True)
-    rate = Parameter(0.0, "% of the infections that meet a problem", minimum=0.0, maximum=100.0, fixed=True)
-    noise = Parameter(
-        0.0, "by how much durations differ from what they should be, at most", minimum=0.0, maximum=0.5, fixed=True
-    )
-    faults = Parameter("", "what goes wrong besides: 2 dirty room1; 7 silent uvdrobot1 5; 8 slow state 5", fixed=True)
-    period_s = Parameter(0.2, "s from one report of the sensors to the next", minimum=0.01, maximum=10.0)
+    every_s = Parameter(3.0, "period of infections in the large ward (s)", minimum=0.0, maximum=3600.0, fixed=True)
+    pace = Parameter("paper", "durations of actions", choices=tuple(DURATIONS), fixed=True)
+    seed = Parameter(0, "random seed of durations and problems", fixed=True)
+    rate = Parameter(0.0, "percentage of infections with a problem", minimum=0.0, maximum=100.0, fixed=True)
+    noise = Parameter(0.0, "largest relative deviation of durations", minimum=0.0, maximum=0.5, fixed=True)
+    faults = Parameter("", "further faults: 2 dirty room1; 7 silent uvdrobot1 5; 8 slow state 5", fixed=True)
+    period_s = Parameter(0.2, "period of the sensors (s)", minimum=0.01, maximum=10.0)
     pause_s = Parameter(
         0.0,
-        "least s before a change is reported; for wards so large that each one is too many",
+        "shortest time between reports of changes (s); reduces the load of large wards",
         minimum=0.0,
         maximum=10.0,
     )
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        """Raises ParameterError for faults that cannot be, or more nurses than rooms."""
+        """Raises ParameterError for unknown faults, or more nurses than rooms."""
         super().__init__(name, context, parameters)
         self.world = self._new_world()
         self._seen: dict[str, tuple[int, RoomState | AgentState]] = {}
-        """What slow sensors saw last, and when."""
+        """Last values of slow sensors, with their times."""
         self._timer: Timer | None = None
-        self._told = -1
-        """The count of changes that was last told."""
-        self._told_at = -1
+        self._published = self._published_at = -1
+        """Number of changes at the last report, and its time."""
 
     def start(self) -> None:
-        # Nothing happens before all are there to see it.
+        # The clock of the world starts when all nodes run.
         self.world = self._new_world()
-        self._tell(due=True)
+        self._publish(due=True)
         self.context.call_at(self.clock.now() + nanoseconds(self.period_s), self._report)
 
     def _new_world(self) -> WardWorld:
@@ -94,7 +91,7 @@ class HospitalWorld(Node):
             rate=self.rate,
             noise=self.noise,
             faults=parse_faults(self.faults, ward),
-            pace=DURATIONS[self.pace],
+            durations=DURATIONS[self.pace],
             start=self.clock.now(),
         )
 
@@ -102,36 +99,36 @@ class HospitalWorld(Node):
     def on_command(self, command: ActionCommand) -> None:
         self.world.advance(self.clock.now())
         self.world.command(command.id, command.robot, command.action, command.args)
-        self._tell()
+        self._publish()
 
     @cancels
     def on_cancel(self, cancel: ActionCancel) -> None:
         self.world.advance(self.clock.now())
         self.world.cancel(cancel.id)
-        self._tell()
+        self._publish()
 
     def _report(self) -> None:
         self.world.advance(self.clock.now())
-        self._tell(due=True)
+        self._publish(due=True)
         self.context.call_at(self.clock.now() + nanoseconds(self.period_s), self._report)
 
     def _on_event(self) -> None:
         self._timer = None
         self.world.advance(self.clock.now())
-        self._tell()
+        self._publish()
 
-    def _tell(self, *, due: bool = False) -> None:
-        """Publishes results, and the state where it is ``due`` or has changed; comes again at the next event."""
+    def _publish(self, *, due: bool = False) -> None:
+        """Publish results, and the state if it is due or has changed; schedule the next event."""
         for result in self.world.take_results():
             if result.reason:
                 self.log.info("%s of %s failed: %s", result.action, result.robot, result.reason)
             self.results.publish(result)
-        changed = self.world.changes != self._told
-        rested = self._told_at + nanoseconds(self.pause_s)
-        if (changed and self.world.now >= rested) or (due and self.world.now != self._told_at):
+        changed = self.world.changes != self._published
+        due_at = self._published_at + nanoseconds(self.pause_s)
+        if (changed and self.world.now >= due_at) or (due and self.world.now != self._published_at):
             self._publish_state()
             changed = False
-        times = [rested] if changed and self.world.now < rested else []
+        times = [due_at] if changed and self.world.now < due_at else []
         times += [] if self.world.next_event is None else [self.world.next_event]
         if self._timer is not None:
             self._timer.cancel()
@@ -139,16 +136,16 @@ class HospitalWorld(Node):
 
     def _publish_state(self) -> None:
         world = self.world
-        slow = world.is_slow(STATE_SENSOR) and world.now - self._told_at < nanoseconds(SLOW_S)
+        slow = world.is_slow(STATE_SENSOR) and world.now - self._published_at < nanoseconds(SLOW_S)
         if world.is_silent(STATE_SENSOR) or slow:
             return
-        self._told, self._told_at = world.changes, world.now
+        self._published, self._published_at = world.changes, world.now
         rooms = (self._seen_by(room, world.room_state) for room in world.rooms if not world.is_silent(room))
         agents = (self._seen_by(agent, world.agent_state) for agent in world.agents if not world.is_silent(agent))
         self.state.publish(WardState(stamp=world.now, rooms=tuple(rooms), agents=tuple(agents)))
 
     def _seen_by(self, who: str, look: Callable[[str], S]) -> S:
-        """What the sensor of a room or agent says, which is old where it is slow."""
+        """Value of the sensor of a room or agent; an old one for a slow sensor."""
         now = self.world.now
         if not self.world.is_slow(who):
             self._seen.pop(who, None)
@@ -161,11 +158,11 @@ class HospitalWorld(Node):
 
 
 def ward_of(parameters: Mapping[str, Any]) -> Ward:
-    """The ward that a world with these parameters has. Raises ParameterError for more nurses than rooms."""
+    """The ward of a `HospitalWorld` with these parameters. Raises ParameterError for more nurses than rooms."""
     if parameters["ward"] == "paper":
         return paper_ward()
     sizes = (parameters[name] for name in ("rooms", "spots", "uvds", "nurses"))
     try:
         return large_ward(*sizes, every_s=parameters["every_s"])
     except ValueError as error:
-        raise ParameterError(str(error), where="ward", remedy="have no more nurses than rooms") from error
+        raise ParameterError(str(error), where="ward", remedy="set nurses to at most the number of rooms") from error

@@ -7,15 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from socialbot.agents.base.simulation import WorldFault
 from socialbot.agents.hospital.ward.messages import PROBLEMS
 from socialbot.agents.hospital.ward.ward import (
     PROBLEM_OF,
-    WardFault,
     drawn_problems,
     large_ward,
     paper_ward,
     parse_faults,
-    random_faults,
 )
 from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import SECOND
@@ -30,15 +29,15 @@ def test_faults_are_read_in_the_order_in_which_they_are_written():
         "7 silent uvdrobot1 5; 7 silent room1 5; 8 slow state 5; 9 stalls uvdrobot1 3;"
     )
     assert parse_faults(text, PAPER) == (
-        WardFault(2.0, "dirty", "room1"),
-        WardFault(3.5, "closes", "room2"),
-        WardFault(4.0, "drains", "spotrobot1"),
-        WardFault(5.0, "enters", "room1", 10.0),
-        WardFault(6.0, "leaves", "nurse_disinfected1", 10.0),
-        WardFault(7.0, "silent", "uvdrobot1", 5.0),
-        WardFault(7.0, "silent", "room1", 5.0),
-        WardFault(8.0, "slow", "state", 5.0),
-        WardFault(9.0, "stalls", "uvdrobot1", 3.0),
+        WorldFault(2.0, "dirty", "room1"),
+        WorldFault(3.5, "closes", "room2"),
+        WorldFault(4.0, "drains", "spotrobot1"),
+        WorldFault(5.0, "enters", "room1", 10.0),
+        WorldFault(6.0, "leaves", "nurse_disinfected1", 10.0),
+        WorldFault(7.0, "silent", "uvdrobot1", 5.0),
+        WorldFault(7.0, "silent", "room1", 5.0),
+        WorldFault(8.0, "slow", "state", 5.0),
+        WorldFault(9.0, "stalls", "uvdrobot1", 3.0),
     )
     assert parse_faults("", PAPER) == ()
 
@@ -66,17 +65,6 @@ def test_any_text_is_read_or_refused_and_what_is_read_can_be_written_down(text):
     except ParameterError:
         return
     assert parse_faults("; ".join(map(str, faults)), PAPER) == faults
-
-
-def test_random_faults_depend_on_the_seed_only_and_can_be_written_down():
-    kinds = set()
-    for seed in range(100):
-        faults = random_faults(LARGE, seed)
-        assert 1 <= len(faults) <= 6
-        assert faults == random_faults(LARGE, seed) == parse_faults("; ".join(map(str, faults)), LARGE)
-        assert [fault.time_s for fault in faults] == sorted(fault.time_s for fault in faults)
-        kinds |= {fault.kind for fault in faults}
-    assert kinds == {*PROBLEM_OF, "silent", "slow", "stalls"}
 
 
 def binomial_interval(runs: int, rate: float, outside: float = 0.01) -> range:
@@ -116,11 +104,11 @@ def test_in_a_large_ward_all_rooms_and_kinds_have_their_share_at_any_time(rate):
         assert set(kinds) == set(PROBLEMS)
         assert max(kinds.values()) < 1.2 * min(kinds.values())
         times = {room: time_s for time_s, room in LARGE.infections}
-        late = [problem.time_s - times[problem.who] for problem in problems if problem.kind == "dirty"]
+        late = [problem.time_s - times[problem.target] for problem in problems if problem.kind == "dirty"]
         assert min(late) >= 0.0
         assert max(late) <= 10.0
         assert sum(late) / len(late) == pytest.approx(5.0, abs=0.5)
-        assert {problem.who for problem in problems if problem.kind == "dirty"} == set(times)
+        assert {problem.target for problem in problems if problem.kind == "dirty"} == set(times)
 
 
 def test_a_higher_rate_only_adds_problems():

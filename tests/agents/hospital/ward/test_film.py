@@ -6,19 +6,20 @@ from xml.etree import ElementTree
 
 import pytest
 
-from socialbot.agents.hospital.ward.drawing import TALLY, WardFilm
+from socialbot.agents.base.simulation import WorldFault
+from socialbot.agents.hospital.ward.drawing import TALLY, WardAnimation
 from socialbot.agents.hospital.ward.messages import WardState
-from socialbot.agents.hospital.ward.ward import NURSE, SPOT, WardFault, paper_ward
+from socialbot.agents.hospital.ward.ward import NURSE, SPOT, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import SECOND
 
 
 @pytest.fixture(scope="module")
-def film() -> WardFilm:
+def film() -> WardAnimation:
     """The first five seconds of a ward: a nurse is away from 3 s on, a robot goes to another room."""
-    world = WardWorld(paper_ward(), faults=(WardFault(3.0, "leaves", f"{NURSE}1", 9.0),))
+    world = WardWorld(paper_ward(), faults=(WorldFault(3.0, "leaves", f"{NURSE}1", 9.0),))
     world.command("a", f"{SPOT}1", "a_navigate_to", (f"{SPOT}1", "room2"))
-    film = WardFilm(world.ward)
+    film = WardAnimation(world.ward)
     for tick in range(51):
         world.advance(tick * SECOND // 10)
         film.take(world.state())
@@ -31,27 +32,27 @@ def face(tracks: dict, name: str, second: float) -> str:
 
 
 def test_rooms_look_as_they_were(film):
-    tracks = film.tracks(0)
+    tracks = film.film(0)
     assert "room1: door closed, tidy, disinfected" in face(tracks, "room1", 0.9)
     assert "room1: door closed, tidy, to be disinfected" in face(tracks, "room1", 1.0)
     assert "1 room to be disinfected" in face(tracks, TALLY, 2.0)
 
 
 def test_who_goes_somewhere_moves(film):
-    track = film.tracks(0)["robots"][f"{SPOT}1"]
+    track = film.film(0)["robots"][f"{SPOT}1"]
     assert track[0][1:] != track[-1][1:]
     assert 2 < len(track) < 30, "what lies on a straight way is left out"
 
 
 def test_who_is_away_looks_like_nothing(film):
-    tracks = film.tracks(0)
+    tracks = film.film(0)
     assert face(tracks, f"{NURSE}1", 2.9)
     assert face(tracks, f"{NURSE}1", 3.0) == ""
 
 
 def test_the_stage_has_a_group_for_everybody(film):
     for second in (0, 4):
-        stage = ElementTree.fromstring(film.stage(second * SECOND, "The ward"))
+        stage = ElementTree.fromstring(film.film(second * SECOND)["picture"])
         named = {part.attrib["data-name"] for part in stage.iter() if "data-name" in part.attrib}
         assert named == {TALLY, *paper_ward().room_by_name, *paper_ward().member_by_name}
 
@@ -63,7 +64,7 @@ def test_a_picture_shows_a_moment(film):
 
 def test_of_several_states_of_one_moment_the_last_one_counts():
     world = WardWorld(paper_ward())
-    film, first = WardFilm(world.ward), world.state()
+    film, first = WardAnimation(world.ward), world.state()
     assert not film
     film.take(first)
     world.rooms["room3"].cleaned = False

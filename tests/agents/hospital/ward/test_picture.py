@@ -5,9 +5,10 @@ from xml.etree import ElementTree
 import msgspec
 import pytest
 
+from socialbot.agents.base.simulation import WorldFault
 from socialbot.agents.hospital.ward.drawing import TALLY, WardDrawing, ward_svg
 from socialbot.agents.hospital.ward.messages import WardState
-from socialbot.agents.hospital.ward.ward import Ward, WardFault, large_ward, paper_ward
+from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import SECOND
 from tests.agents.hospital.listings import NURSE, SPOT, UVD
@@ -17,7 +18,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 WARDS = [paper_ward(), large_ward(), large_ward(1, 1, 1), large_ward(120, 20, 12, 9)]
 
 
-def at(second: float, *faults: WardFault, ward: Ward | None = None) -> WardState:
+def at(second: float, *faults: WorldFault, ward: Ward | None = None) -> WardState:
     world = WardWorld(ward or paper_ward(), faults=faults)
     world.advance(round(second * SECOND))
     return world.state()
@@ -55,10 +56,10 @@ def test_signs_say_what_colours_say():
     assert "to be disinfected" in words(group(after, "room1"), "title")
     assert "disinfected" in words(group(after, "room2"), "title")
     faults = (
-        WardFault(1.0, "dirty", "room2"),
-        WardFault(1.0, "enters", "room3", 9.0),
-        WardFault(1.0, "leaves", NURSE, 9.0),
-        WardFault(1.0, "closes", "room2"),
+        WorldFault(1.0, "dirty", "room2"),
+        WorldFault(1.0, "enters", "room3", 9.0),
+        WorldFault(1.0, "leaves", NURSE, 9.0),
+        WorldFault(1.0, "closes", "room2"),
     )
     troubled = ward_svg(paper_ward(), at(2.0, *faults))
     assert "dirty" in words(group(troubled, "room2"), "title")
@@ -69,7 +70,7 @@ def test_signs_say_what_colours_say():
 
 
 def test_batteries_show_how_full_they_are_and_what_is_done_is_told():
-    world = WardWorld(paper_ward(), faults=(WardFault(1.0, "drains", UVD),))
+    world = WardWorld(paper_ward(), faults=(WorldFault(1.0, "drains", UVD),))
     world.command("a", SPOT, "a_navigate_to", (SPOT, "room1"))
     world.advance(round(0.5 * SECOND))
     spot = group(ward_svg(world.ward, world.state()), SPOT)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 
+from socialbot.agents.base.simulation import WorldFault
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, ActionResult
 from socialbot.agents.hospital.ward.ward import (
     CLINIC,
@@ -9,7 +10,6 @@ from socialbot.agents.hospital.ward.ward import (
     PAPER,
     ActionDurations,
     Ward,
-    WardFault,
     large_ward,
     paper_ward,
 )
@@ -22,9 +22,9 @@ class Story:
     """A world that is told one thing after the other."""
 
     def __init__(
-        self, *faults: WardFault, ward: Ward | None = None, rate: float = 0.0, pace: ActionDurations = PAPER, **more
+        self, *faults: WorldFault, ward: Ward | None = None, rate: float = 0.0, durations: ActionDurations = PAPER, **more
     ) -> None:
-        self.world = WardWorld(ward or paper_ward(), rate=rate, pace=pace, faults=faults, **more)
+        self.world = WardWorld(ward or paper_ward(), rate=rate, durations=durations, faults=faults, **more)
         self.results: dict[str, ActionResult] = {}
         self.count = 0
         self.until(1.0)
@@ -79,9 +79,9 @@ def test_with_the_problem_the_patrol_fails_and_tidying_up_costs_little_time():
     assert story.seconds == pytest.approx(4.50, abs=0.005)
 
 
-@pytest.mark.parametrize(("pace", "seconds"), [(INSTANT, 1.0), (CLINIC, 359.0)])
-def test_other_paces_do_the_same_in_another_time(pace, seconds):
-    story = Story(pace=pace)
+@pytest.mark.parametrize(("durations", "seconds"), [(INSTANT, 1.0), (CLINIC, 359.0)])
+def test_other_durations_give_the_same_results_in_another_time(durations, seconds):
+    story = Story(durations=durations)
     assert [story.do(*action) for action in LISTING_3] == [""] * 9
     assert story.seconds == pytest.approx(seconds)
 
@@ -109,10 +109,10 @@ def test_who_is_inside_is_not_kept_by_a_door_that_closes():
 
 
 def test_a_door_that_closes_on_the_way_keeps_the_robot_before_it():
-    story = Story(WardFault(1.5, "closes", "room2"))
+    story = Story(WorldFault(1.5, "closes", "room2"))
     assert story.do("a_navigate_to", SPOT, "room2") == ""
     assert story.world.agent_state(SPOT).inside
-    story = Story(WardFault(1.2, "closes", "room2"))
+    story = Story(WorldFault(1.2, "closes", "room2"))
     assert story.do("a_navigate_to", SPOT, "room2") == ""
     assert not story.world.agent_state(SPOT).inside
 
@@ -193,7 +193,7 @@ def test_what_makes_no_sense_fails_at_once_with_a_sentence_and_changes_nothing(r
 
 
 def test_a_low_battery_stops_what_takes_power_and_charging_fills_it():
-    story = Story(WardFault(1.4, "drains", SPOT))
+    story = Story(WorldFault(1.4, "drains", SPOT))
     assert story.do("a_navigate_to", SPOT, ROOM) == "low battery"
     assert story.seconds == pytest.approx(1.4)
     spot = story.world.agent_state(SPOT)
@@ -207,7 +207,7 @@ def test_a_low_battery_stops_what_takes_power_and_charging_fills_it():
 
 
 def test_a_robot_that_breaks_off_charging_keeps_what_it_has():
-    story = Story(WardFault(1.0, "drains", UVD))
+    story = Story(WorldFault(1.0, "drains", UVD))
     charging = story.begin("a_charge", UVD)
     story.until(1.0 + 3.0 * 0.45)
     story.world.cancel(charging)
@@ -231,7 +231,7 @@ def test_ways_and_work_take_power_and_in_time_the_battery_is_low():
 
 
 def test_a_person_who_walks_in_is_seen_on_patrol_and_stops_the_light():
-    story = Story(WardFault(2.0, "enters", ROOM, 3.0), WardFault(20.2, "enters", ROOM, 3.0))
+    story = Story(WorldFault(2.0, "enters", ROOM, 3.0), WorldFault(20.2, "enters", ROOM, 3.0))
     story.bring_in()
     assert story.world.room_state(ROOM).people == ("person1",)
     assert story.do("a_patrol_room", SPOT, ROOM) == "person in the room"
@@ -248,7 +248,7 @@ def test_a_person_who_walks_in_is_seen_on_patrol_and_stops_the_light():
 
 
 def test_a_nurse_who_is_called_away_lets_everybody_down_until_she_is_back():
-    story = Story(WardFault(2.5, "leaves", NURSE, 4.0))
+    story = Story(WorldFault(2.5, "leaves", NURSE, 4.0))
     story.bring_in()
     waits = story.begin("a_authenticate_nurse", SPOT, NURSE, robot=NURSE)
     story.until(2.5)
@@ -263,7 +263,7 @@ def test_a_nurse_who_is_called_away_lets_everybody_down_until_she_is_back():
 
 
 def test_a_nurse_who_is_away_comes_when_she_is_called():
-    story = Story(WardFault(1.0, "leaves", NURSE, 100.0))
+    story = Story(WorldFault(1.0, "leaves", NURSE, 100.0))
     assert story.do("a_navigate_to", SPOT, ROOM) == ""
     assert story.do("a_open_door", SPOT, ROOM) == ""
     assert story.do("a_navigate_to", NURSE, ROOM) == ""
@@ -320,7 +320,7 @@ def test_cancelling_one_partner_ends_a_joint_action_that_has_begun_and_else_only
 
 
 def test_a_robot_that_stalls_goes_on_afterwards_and_takes_that_much_longer():
-    story = Story(WardFault(1.3, "stalls", SPOT, 5.0))
+    story = Story(WorldFault(1.3, "stalls", SPOT, 5.0))
     story.begin("a_navigate_to", SPOT, ROOM)
     story.until(1.3)
     at = story.world.agent_state(SPOT)

@@ -164,7 +164,7 @@ def test_the_large_ward_has_the_rooms_and_robots_asked_for():
 def test_parameters_that_cannot_be_are_refused_when_the_node_is_made():
     with pytest.raises(ParameterError, match="remedy: write faults as"):
         House(faults="30 explodes")
-    with pytest.raises(ParameterError, match="have no more nurses than rooms"):
+    with pytest.raises(ParameterError, match="set nurses to at most the number of rooms"):
         House(ward="large", rooms=3, nurses=4)
     with pytest.raises(ParameterError, match="rate"):
         House(rate=101.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,14 +11,31 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from socialbot.agents.base.simulation import WorldFault
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, ActionResult
-from socialbot.agents.hospital.ward.ward import large_ward, random_faults
-from socialbot.agents.hospital.ward.world import JOINT, ROLES, WardWorld
+from socialbot.agents.hospital.ward.ward import JOINT, NURSE, ROLES, STATE_SENSOR, Ward, large_ward
+from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import SECOND
 
 SMALL = large_ward(6, 2, 2, 3)
 AGENTS = [*SMALL.member_by_name, "nobody"]
 NAMES = [*AGENTS, *SMALL.room_by_name, "nowhere"]
+
+
+def random_faults(ward: Ward, seed: int, *, until_s: float = 60.0) -> tuple[WorldFault, ...]:
+    """One to six faults of any kind before ``until_s``."""
+    chance = random.Random(f"faults {seed}")
+    rooms, members = list(ward.room_by_name), list(ward.member_by_name)
+    sensors = [*rooms, *members, STATE_SENSOR]
+    targets = {"dirty": rooms, "closes": rooms, "enters": rooms, "silent": sensors, "slow": sensors, "stalls": members}
+    targets |= {"drains": list(ward.robots), "leaves": list(ward.of_kind(NURSE))}
+    found = []
+    for _ in range(chance.randint(1, 6)):
+        time_s, duration_s = chance.uniform(0.0, until_s), chance.uniform(1.0, 15.0)
+        kind = chance.choice([kind for kind, names in targets.items() if names])
+        lasts = kind not in ("dirty", "closes", "drains")
+        found.append(WorldFault(time_s, kind, chance.choice(targets[kind]), duration_s if lasts else None))
+    return tuple(found)
 
 
 def whole(draw: Any) -> tuple[str, str, tuple[str, ...]]:

@@ -1,0 +1,92 @@
+"""Simulated worlds: event queue, and faults that a parameter lists."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+
+from socialbot.core.clock import nanoseconds
+from socialbot.core.errors import ParameterError
+
+LONGEST_S = 1e6
+
+
+class SimulatedWorld:
+    """World with a clock of its own: `advance` runs the events that are due. Times are ns."""
+
+    def __init__(self, start: int = 0) -> None:
+        self.now = start
+        self._events: list[tuple[int, int, Callable[[], None]]] = []
+        self._sequence = itertools.count()
+
+    def advance(self, time: int) -> None:
+        """Run all events until ``time``. A time in the past has no effect."""
+        while self._events and self._events[0][0] <= time:
+            due, _, happen = heapq.heappop(self._events)
+            self.now = max(self.now, due)
+            happen()
+        self.now = max(self.now, time)
+
+    @property
+    def next_event(self) -> int | None:
+        """Time of the next event, unless a command adds an earlier one."""
+        return self._events[0][0] if self._events else None
+
+    def _at(self, time: int, happen: Callable[[], None]) -> None:
+        heapq.heappush(self._events, (time, next(self._sequence), happen))
+
+    def _after(self, seconds: float, happen: Callable[[], None]) -> None:
+        self._at(self.now + nanoseconds(seconds), happen)
+
+
+@dataclass(frozen=True, slots=True)
+class WorldFault:
+    """Fault of a world at ``time_s`` after its start. Only lasting kinds of faults have a duration."""
+
+    time_s: float
+    kind: str
+    target: str = ""
+    duration_s: float | None = None
+
+    def __str__(self) -> str:
+        times = [f"{seconds!r}".removesuffix(".0") for seconds in (self.time_s, self.duration_s) if seconds is not None]
+        return " ".join(filter(None, (times[0], self.kind, self.target, *times[1:])))
+
+
+@dataclass(frozen=True)
+class FaultSyntax:
+    """Syntax of the faults of a world.
+
+    ``targets`` lists the possible targets of each kind; None for a kind without a target. Faults of the kinds in
+    ``lasting`` have a duration. ``examples`` are for error messages.
+    """
+
+    targets: Mapping[str, Collection[str] | None]
+    lasting: Collection[str]
+    examples: str
+
+    def parse(self, text: str) -> tuple[WorldFault, ...]:
+        """Parse faults that are separated by semicolons. Raises ParameterError."""
+        return tuple(self._fault(part.split()) for part in text.split(";") if part.strip())
+
+    def _fault(self, words: list[str]) -> WorldFault:
+        time, kind, *rest = words if len(words) > 1 else (*words, "")
+        remedy = f"write faults as: {self.examples}"
+        lasts, targets = kind in self.lasting, self.targets.get(kind)
+        target = rest[0] if targets is not None and rest else ""
+        unknown = kind not in self.targets or (targets is not None and target not in targets)
+        if unknown or len(rest) != (targets is not None) + lasts:
+            raise ParameterError(f"unknown fault {' '.join(words)!r}", where="faults", remedy=remedy)
+        try:
+            return WorldFault(_seconds(time), kind, target, _seconds(rest[-1]) if lasts else None)
+        except ValueError as error:
+            raise ParameterError(f"invalid time: {error}", where=f"fault {' '.join(words)!r}", remedy=remedy) from error
+
+
+def _seconds(word: str) -> float:
+    seconds = float(word)
+    if not 0.0 <= seconds <= LONGEST_S:
+        raise ValueError(f"{word} is not between 0 and {LONGEST_S:.0f} s")
+    return seconds
