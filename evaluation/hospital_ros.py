@@ -18,7 +18,7 @@ from evaluation.hospital_noted import Notes, Work, name_of, noting, read_notes
 from evaluation.hospital_record import Configuration, MissionRecord, Share
 from evaluation.hospital_runs import LIMIT_S, graph_for, is_drawn
 from socialbot.agents.hospital.coordinator import MISSIONS
-from socialbot.agents.hospital.graphs import WORLD
+from socialbot.agents.hospital.demo import WORLD
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState
 from socialbot.agents.hospital.ward.ward import paper_ward

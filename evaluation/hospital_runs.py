@@ -15,7 +15,7 @@ from typing import Any
 
 from evaluation.hospital_record import Configuration, MissionRecord, Share
 from socialbot.agents.hospital.coordinator import MISSIONS, HospitalCoordinator
-from socialbot.agents.hospital.graphs import WORLD, hospital
+from socialbot.agents.hospital.demo import WORLD, hospital
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.scripted import ScriptedCoordinator, scripted
 from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, ActionResult

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from evaluation.hospital_check import violations
 from socialbot.agents.hospital.coordinator import MISSIONS, Coordinator, HospitalCoordinator
-from socialbot.agents.hospital.graphs import WORLD, large_hospital
+from socialbot.agents.hospital.demo import WORLD, large_hospital
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, Plan, Problem
 from socialbot.agents.hospital.missions import Policy
 from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState

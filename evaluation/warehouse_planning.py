@@ -14,7 +14,7 @@ from unittest import mock
 
 from evaluation.warehouse_runs import Story, play
 from socialbot.agents.base import deliberating
-from socialbot.agents.warehouse.graphs import scenario_with
+from socialbot.agents.warehouse.demo import scenario_with
 from socialbot.agents.warehouse.scenario import GRIPPER, GRIPPER_DOMAIN, gripper_beliefs, gripper_desires
 from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock

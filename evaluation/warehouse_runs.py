@@ -13,7 +13,7 @@ from typing import Literal
 
 from evaluation.trace_check import TraceCheck
 from socialbot.agents.base.deliberating import Deliberating
-from socialbot.agents.warehouse.graphs import scenario_with, warehouse
+from socialbot.agents.warehouse.demo import scenario_with, warehouse
 from socialbot.agents.warehouse.scenario import CARRIER_DOMAIN, GRIPPER, GRIPPER_DOMAIN, Scenario, random_faults
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.agents.warehouse.world_node import WarehouseWorld

@@ -75,7 +75,7 @@ def warehouse(
 
     Exit codes beside the usual ones: 10 not all that was wanted was reached.
     """
-    from socialbot.agents.warehouse.graphs import warehouse as graph_of
+    from socialbot.agents.warehouse.demo import warehouse as graph_of
     from socialbot.runtime.simulate import Run
 
     graph = graph_of(int(boxes.value), run=2 if run == 2 else 1, seed=seed, faults=faults)
@@ -126,8 +126,8 @@ def hospital(
 
     Exit codes beside the usual ones: 10 not all missions were done.
     """
-    from socialbot.agents.hospital.graphs import hospital as small
-    from socialbot.agents.hospital.graphs import large_hospital
+    from socialbot.agents.hospital.demo import hospital as small
+    from socialbot.agents.hospital.demo import large_hospital
     from socialbot.runtime.simulate import Run
 
     world, coordinator = {"faults": faults}, {"policy": policy, "proactive": foresight}
@@ -217,7 +217,7 @@ def _show(
     port: int,
 ) -> None:
     from socialbot.agents.hospital.result import ward_in
-    from socialbot.agents.hospital.ward_show import HospitalTerminal
+    from socialbot.agents.hospital.terminal import HospitalTerminal
     from socialbot.cli.main import new_run_folder, report_faults, with_changes
     from socialbot.core.messages import Message
     from socialbot.runs.record import RunRecord

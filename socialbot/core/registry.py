@@ -107,6 +107,10 @@ class WorldView(Protocol):
         """The state at ``stamp`` (ns) as SVG."""
         ...
 
+    def film(self, start: int) -> dict[str, Any]:
+        """The animation from ``start`` (ns): ``picture`` (SVG with named groups), ``crane`` and tracks."""
+        ...
+
     def figures(self, start: int, end: int) -> list[tuple[str, str]]:
         """Key figures of the run from ``start`` to ``end`` (ns): pairs of value and label."""
         ...

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.agents.hospital.graphs import hospital
+from socialbot.agents.hospital.demo import hospital
 from socialbot.agents.hospital.ward.messages import ActionCancel, ActionCommand, ActionResult
 from socialbot.agents.warehouse.messages import MoveCommand
 from socialbot.bags.reader import open_bag

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.agents.warehouse.graphs import KINDS, scenario_with, warehouse
+from socialbot.agents.warehouse.demo import KINDS, scenario_with, warehouse
 from socialbot.bags.reader import open_bag
 from socialbot.cli.new import write_project
 from socialbot.core.clock import SECOND, nanoseconds

@@ -35,6 +35,11 @@ AGENT = AgentPackage(
     ),
     recorded=("socialbot.agents.hospital.messages:MISSION_MESSAGES",),
     phrases="socialbot.agents.hospital.event_log:PHRASES",
+    world_view="socialbot.agents.hospital.result:world_view",
+    event_log="socialbot.agents.hospital.event_log:event_log",
+    completion="socialbot.agents.hospital.result:completion",
+    terminal_view="socialbot.agents.hospital.terminal:terminal_view",
+    demos={"hospital": "socialbot.agents.hospital.demo:demo"},
 )
 
 __all__ = [

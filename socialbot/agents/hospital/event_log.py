@@ -36,7 +36,6 @@ TRIGGER = "trigger_"
 """Prefix of beliefs that make a partner continue."""
 
 
-
 @dataclass
 class _Mission:
     """Latest state of a mission; ``plan`` is the number of its plan, 0 for none."""

@@ -12,4 +12,6 @@ AGENT = AgentPackage(
     },
     graphs={"warehouse": "graph.yaml"},
     messages=("socialbot.agents.warehouse.messages:WAREHOUSE_MESSAGES",),
+    world_view="socialbot.agents.warehouse.drawing:world_view",
+    demos={"warehouse": "socialbot.agents.warehouse.demo:demo"},
 )

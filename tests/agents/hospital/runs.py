@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from socialbot.agents.hospital.graphs import hospital
+from socialbot.agents.hospital.demo import hospital
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.graph.node import Graph
 from socialbot.runs.report import RunReport

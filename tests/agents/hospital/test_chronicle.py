@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from socialbot.agents.hospital.event_log import Chronicle
+from socialbot.agents.hospital.event_log import HospitalEventLog
 from socialbot.agents.hospital.messages import (
     AclMessage,
     Belief,
@@ -22,9 +22,9 @@ from tests.agents.hospital.runs import paper_run
 GO = PlannedAction(action="a_navigate_to", args=("spotrobot1", "room1"), agents=("spotrobot1",))
 
 
-def told(*views: MissionView, chronicle: Chronicle | None = None) -> list[TraceRecord]:
-    chronicle = chronicle or Chronicle()
-    return [record for view in views for record in chronicle.take(Missions(stamp=5, missions=(view,)))]
+def told(*views: MissionView, log: HospitalEventLog | None = None) -> list[TraceRecord]:
+    log = log or HospitalEventLog()
+    return [record for view in views for record in log.take(Missions(stamp=5, missions=(view,)))]
 
 
 def view(status: MissionStatus = "running", label: str = "mission_1_1", **more: Any) -> MissionView:
@@ -79,16 +79,16 @@ def test_a_mission_that_was_over_before_anybody_looked_has_no_plan():
 
 
 def test_what_a_robot_does_belongs_to_the_plan_that_its_team_has():
-    chronicle = Chronicle()
+    log = HospitalEventLog()
     command = ActionCommand(stamp=6, id="c", robot="spotrobot1", action=GO.action, args=GO.args)
-    [alone] = chronicle.take(command)
+    [alone] = log.take(command)
     assert "plan" not in alone.detail
-    _, plan = told(view(), chronicle=chronicle)
-    [step] = chronicle.take(command)
+    _, plan = told(view(), log=log)
+    [step] = log.take(command)
     assert (step.kind, step.what, step.detail["plan"]) == ("step", "(a_navigate_to spotrobot1 room1)", 1)
     assert plan.detail["plan"] == 1
-    told(view("finished"), chronicle=chronicle)
-    [after] = chronicle.take(command)
+    told(view("finished"), log=log)
+    [after] = log.take(command)
     assert "plan" not in after.detail
 
 
@@ -96,7 +96,7 @@ def test_what_a_robot_does_belongs_to_the_plan_that_its_team_has():
     ("reason", "outcome"), [("", "successful"), ("dirty room", "failed"), (CANCELLED, "cancelled")]
 )
 def test_results_are_ends_of_steps(reason, outcome):
-    [end] = Chronicle().take(
+    [end] = HospitalEventLog().take(
         ActionResult(
             stamp=7, id="c", robot="spotrobot1", action="a_charge", args=("spotrobot1",), reason=reason,
             outcome="failure" if reason else "success",
@@ -114,7 +114,7 @@ def test_results_are_ends_of_steps(reason, outcome):
     ],
 )
 def test_words_have_weight(content, weight, text):
-    [word] = Chronicle().take(
+    [word] = HospitalEventLog().take(
         AclMessage(stamp=8, id="m", sender="s", receiver="uvdrobot1", performative="inform", content=content)
     )
     assert (word.kind, word.what, word.detail["weight"]) == ("said", text, weight)

@@ -10,7 +10,7 @@ from typing import get_args
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.graphs import WORLD, hospital
+from socialbot.agents.hospital.demo import WORLD, hospital
 from socialbot.agents.hospital.messages import (
     COORDINATOR,
     EVERYBODY,

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agents.hospital.graphs import hospital, large_hospital
+from socialbot.agents.hospital.demo import hospital, large_hospital
 from socialbot.agents.hospital.messages import Missions, MissionStatus, MissionView
-from socialbot.agents.hospital.result import QUIET_S, Infections, MissionsTold, ward_in
+from socialbot.agents.hospital.result import QUIET_S, MissionMonitor, MissionResults, ward_in
 from socialbot.agents.hospital.ward.messages import RoomState, WardState
 from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
 from socialbot.core.clock import nanoseconds
@@ -26,7 +26,7 @@ def missions_at(seconds: float, status: MissionStatus, **more) -> Missions:
 
 
 def over(*messages: WardState | Missions, at: float) -> bool:
-    left = Infections(paper_ward())
+    left = MissionMonitor(paper_ward())
     for message in messages:
         left.observe(message)
     return left.are_over(nanoseconds(at))
@@ -72,7 +72,7 @@ def test_the_ward_of_a_graph_is_known(graph, ward):
 
 
 def test_missions_are_told_with_their_problems():
-    told = MissionsTold()
+    told = MissionResults()
     problem = {"problem": "dirty room", "recoveries": 1}
     for message in (
         missions_at(1.0, "waiting"),

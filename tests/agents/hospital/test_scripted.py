@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from socialbot.agents.hospital.graphs import hospital, large_hospital
+from socialbot.agents.hospital.demo import hospital, large_hospital
 from socialbot.agents.hospital.messages import (
     TOPIC,
     AclMessage,

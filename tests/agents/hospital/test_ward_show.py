@@ -5,9 +5,9 @@ import io
 from rich.console import Console
 
 from socialbot.agents.base.simulation import WorldFault
+from socialbot.agents.hospital.terminal import TREES, HospitalTerminal, ward_text
 from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
-from socialbot.agents.hospital.ward_show import TREES, WardShow, ward_text
 from socialbot.core.clock import SECOND
 from tests.agents.hospital.runs import paper_run
 from tests.runs.test_plan_trees import MENDED, PLANNED, given_up_at, made_at
@@ -23,7 +23,7 @@ def printed(*things: object) -> str:
 
 def shown(messages: list, ward=None) -> str:
     out = io.StringIO()
-    show = WardShow(Console(file=out, width=120, color_system=None, highlight=False), ward or paper_ward())
+    show = HospitalTerminal(Console(file=out, width=120, color_system=None, highlight=False), ward or paper_ward())
     for message in messages:
         show.show(message)
     show.finish()

@@ -22,7 +22,12 @@ class Story:
     """A world that is told one thing after the other."""
 
     def __init__(
-        self, *faults: WorldFault, ward: Ward | None = None, rate: float = 0.0, durations: ActionDurations = PAPER, **more
+        self,
+        *faults: WorldFault,
+        ward: Ward | None = None,
+        rate: float = 0.0,
+        durations: ActionDurations = PAPER,
+        **more,
     ) -> None:
         self.world = WardWorld(ward or paper_ward(), rate=rate, durations=durations, faults=faults, **more)
         self.results: dict[str, ActionResult] = {}

@@ -1,8 +1,10 @@
-"""The warehouse as a graph: the demonstrative runs, and larger ones."""
+"""Graphs of the warehouse for three numbers of boxes, and its demo."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
+
+import typer
 
 from socialbot.agents.warehouse.carrier import Carrier
 from socialbot.agents.warehouse.gripper import Gripper, Gripper12, Gripper24
@@ -15,14 +17,18 @@ KINDS = {6: (World, Gripper), 12: (World12, Gripper12), 24: (World24, Gripper24)
 
 
 def scenario_with(boxes: int) -> Scenario:
-    """The scenario with so many boxes, one of `KINDS`."""
+    """The scenario with this number of boxes, a key of `KINDS`."""
     return KINDS[boxes][1].scenario
 
 
 def warehouse(boxes: int = 6, *, run: Literal[1, 2] = 1, seed: int = 0, faults: str = "") -> Graph:
-    """The graph for so many ``boxes``, one of `KINDS`; see the world's parameters for ``seed`` and ``faults``.
+    """The graph of a warehouse.
 
-    In the second ``run`` one carrier leaves as soon as it has one box.
+    Args:
+        boxes: Number of boxes, a key of `KINDS`.
+        run: In run 2 one carrier leaves as soon as it has one box.
+        seed: Seed of the world.
+        faults: Faults of the world; see its parameter.
     """
     world, gripper = KINDS[boxes]
     carriers = gripper.scenario.carriers
@@ -36,3 +42,19 @@ def warehouse(boxes: int = 6, *, run: Literal[1, 2] = 1, seed: int = 0, faults: 
             NodeConfig(GRIPPER, gripper, files),
         ),
     )
+
+
+def demo(
+    run: Annotated[int, typer.Option(min=1, max=2, help="2: a carrier leaves too early, and plans change.")] = 1,
+    boxes: Annotated[Literal["6", "12", "24"], typer.Option(help="6 and 12 with three carriers, 24 with six.")] = "6",
+    seed: Annotated[int, typer.Option(help="Seed of speeds and stalls.")] = 0,
+    faults: Annotated[
+        str, typer.Option(metavar="TEXT", help="Faults: '30 leaves carrier_c; 40 slips; 50 silent carrier_a 10'.")
+    ] = "",
+) -> tuple[str, Graph]:
+    """A gripper sorts boxes onto carriers, which take them away.
+
+    Exit codes beside the usual ones: 10 not all goals were reached.
+    """
+    graph = warehouse(int(boxes), run=2 if run == 2 else 1, seed=seed, faults=faults)
+    return f"The warehouse, run {run}" + ("" if boxes == "6" else f", {boxes} boxes"), graph
