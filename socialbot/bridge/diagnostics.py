@@ -1,4 +1,4 @@
-"""Publish what a node costs and how it fares on /diagnostics, once a second."""
+"""ROS diagnostics: the statistics of each node on /diagnostics, once a second."""
 
 from __future__ import annotations
 
@@ -11,129 +11,153 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from socket import gethostname
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-from rclpy.node import Node as RosNode
 
-from socialbot.bridge.callback_queue import InputQueue
-from socialbot.bridge.transport import reason_of, wire
+from socialbot.bridge.transport import message_class, open_transport, refusal_reason
 from socialbot.core.errors import MessageError
 from socialbot.graph.node import Graph
 
+if TYPE_CHECKING:
+    from rclpy.node import Node as RosNode
+
+    from socialbot.bridge.callback_queue import InputQueue
+
 DIAGNOSTICS_TOPIC = "/diagnostics"
 SEAL = "seal"
-"""The key of the value that holds name and values under a seal."""
+"""The key of the value with the sealed copy of name and values."""
 
-Take = Callable[[str, dict[str, str]], None]
-"""Takes the name of a node and what it tells of itself."""
+UNCONNECTED = "unconnected"
+"""The key of the topics that a node lacks a peer on; empty when it is connected."""
+
+MACHINE_VARIABLE = "SOCIALBOT_MACHINE"
+"""The name of this machine in a deployment; the default is its host name."""
+
+RESTARTS_VARIABLE = "SOCIALBOT_RESTARTS"
+"""The number of restarts of this process, set by its supervisor."""
+
+LAST_ERROR_VARIABLE = "SOCIALBOT_LAST_ERROR"
+"""The error that ended the previous process, set by its supervisor."""
+
+TICK_S = 0.1
+TICKS_PER_REPORT = 10
+PERCENTILE_WINDOW = 600
+PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
+
+OnStatus = Callable[[str, dict[str, str]], None]
+"""Takes the name of a node and the values of its status."""
 
 log = logging.getLogger("socialbot.diagnostics")
 _DECODER = msgspec.json.Decoder(tuple[str, dict[str, str]])
 
 
+def is_power_of_ten(count: int) -> bool:
+    """Whether ``count`` is 1, 10, 100, ...: how often a repeated failure is logged."""
+    return str(count).strip("0") == "1"
+
+
 class DiagnosticsPublisher:
-    """Tells through the rclpy node ``ros`` how nodes fare."""
+    """Publishes the statuses of nodes through the rclpy node ``ros``, sealed where keys are set."""
 
     def __init__(self, ros: Any) -> None:
         self._ros = ros
-        self._stream = wire().stream(DIAGNOSTICS_TOPIC)
-        self._publisher = ros.create_publisher(DiagnosticArray, DIAGNOSTICS_TOPIC, 10)
+        self._stream = open_transport().stream(DIAGNOSTICS_TOPIC)
+        self._array = message_class("diagnostic_msgs/msg/DiagnosticArray")
+        self._publisher = ros.create_publisher(self._array, DIAGNOSTICS_TOPIC, 10)
 
-    def publish(self, statuses: list[DiagnosticStatus]) -> None:
-        """Sends what there is to tell."""
+    def publish(self, statuses: list[Any]) -> None:
+        """Publish DiagnosticStatus messages."""
         for status in statuses:
             self._seal(status)
-        array = DiagnosticArray(status=statuses)
+        array = self._array(status=statuses)
         array.header.stamp = self._ros.get_clock().now().to_msg()
         self._publisher.publish(array)
 
-    def _seal(self, status: DiagnosticStatus) -> None:
+    def _seal(self, status: Any) -> None:
         if self._stream is not None:
             text = msgspec.json.encode((status.name, values_of(status))).decode()
-            status.values = [*status.values, KeyValue(key=SEAL, value=self._stream.seal(text))]
+            status.values = [*status.values, _key_value(SEAL, self._stream.seal(text))]
 
 
 class DiagnosticsSubscriber:
-    """Hears through the rclpy node ``ros`` how nodes fare, and calls ``take`` in its thread.
+    """Calls ``on_status`` with each valid status, in the thread that spins ``ros``.
 
-    What is not to be believed is counted in ``refused`` and logged; others than nodes of socialbot may speak there too,
-    and are heard only where there are no keys.
+    Invalid statuses are counted in ``refused`` and logged. Where keys are set, statuses of other programs are ignored.
     """
 
-    def __init__(self, ros: Any, take: Take) -> None:
+    def __init__(self, ros: Any, on_status: OnStatus) -> None:
         self.refused = 0
-        self._take = take
-        self._opener = wire().opener(DIAGNOSTICS_TOPIC)
-        self.subscription = ros.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC, self._receive, 100)
+        self._on_status = on_status
+        self._opener = open_transport().opener(DIAGNOSTICS_TOPIC)
+        array = message_class("diagnostic_msgs/msg/DiagnosticArray")
+        self.subscription = ros.create_subscription(array, DIAGNOSTICS_TOPIC, self._receive, 100)
 
     def _receive(self, array: Any) -> None:
         for status in array.status:
             try:
-                told = self._believed(status)
+                verified = self._verify(status)
             except MessageError as error:
-                self._refuse(error)
+                self.refused += 1
+                if is_power_of_ten(self.refused):
+                    reason = refusal_reason(error)
+                    log.warning("%s: refused %d messages (%s): %s", DIAGNOSTICS_TOPIC, self.refused, reason, error)
             else:
-                if told is not None:
-                    self._take(*told)
+                if verified is not None:
+                    self._on_status(*verified)
 
-    def _believed(self, status: Any) -> tuple[str, dict[str, str]] | None:
-        """Name and values of ``status``; None of a driver without a seal. Raises MessageError for what is forged."""
+    def _verify(self, status: Any) -> tuple[str, dict[str, str]] | None:
+        """Name and values of ``status``; None for an unsealed driver. Raises MessageError for a forged status."""
         values = values_of(status)
         seal = values.pop(SEAL, "")
         if self._opener is None:
             return status.name, values
-        if not seal and not is_ours(values):
+        if not seal and not is_socialbot_status(values):
             return None
         text = self._opener.open(seal)
         try:
             return None if text is None else _DECODER.decode(text)
         except msgspec.MsgspecError as error:
-            raise MessageError(f"no diagnostics: {error}") from error
-
-    def _refuse(self, error: MessageError) -> None:
-        self.refused += 1
-        if str(self.refused).strip("0") == "1":
-            log.warning("%s, refused %d (%s): %s", DIAGNOSTICS_TOPIC, self.refused, reason_of(error), error)
+            raise MessageError(f"not a valid status: {error}") from error
 
 
-def is_ours(values: Mapping[str, str]) -> bool:
-    """Whether a node of socialbot tells ``values``, or somebody who pretends to be one; drivers tell others."""
+def is_socialbot_status(values: Mapping[str, str]) -> bool:
+    """Whether a node of socialbot, or a forger, published ``values``. Drivers publish other keys."""
     return "state" in values and "machine" in values
 
 
 def values_of(status: Any) -> dict[str, str]:
-    """The values of a status by their keys."""
+    """The values of a DiagnosticStatus by key."""
     return {pair.key: pair.value for pair in status.values}
 
 
-UNCONNECTED = "unconnected"
-"""The key on /diagnostics: what a node still misses, empty when it is connected."""
+def _key_value(key: str, value: object) -> Any:
+    return message_class("diagnostic_msgs/msg/KeyValue")(key=key, value=str(value))
 
 
 @dataclass(frozen=True)
 class Connection:
-    """One end of a connection: how many peers it should have, and a way to count them."""
+    """One endpoint of a topic: the expected number of peers, and a function that counts them.
+
+    Each endpoint counts its own peers. Two endpoints that other processes have discovered may not have discovered each
+    other yet, and messages that are published before are lost.
+    """
 
     topic: str
     wanted: int
     count: Callable[[], int]
-    end: Any
-    """The rclpy publisher or subscription."""
+    endpoint: Any
 
 
 def publisher_connection(graph: Graph, topic: str, publisher: Any) -> Connection:
-    """The connection of an rclpy publisher to the listeners in ``graph``."""
-    listeners = sum(topic == listened for placement in graph.placements for listened, _ in placement.subscriptions)
-    return Connection(topic, listeners, publisher.get_subscription_count, publisher)
+    """The connection of an rclpy publisher to the subscribers in ``graph``."""
+    subscribers = sum(topic == name for node in graph.placements for name, _ in node.subscriptions)
+    return Connection(topic, subscribers, publisher.get_subscription_count, publisher)
 
 
 def subscription_connection(graph: Graph, topic: str, subscription: Any) -> Connection:
     """The connection of an rclpy subscription to the publishers in ``graph``."""
-    publishers = sum(topic == published for placement in graph.placements for published, _ in placement.publications)
+    publishers = sum(topic == name for node in graph.placements for name, _ in node.publications)
     return Connection(topic, publishers, subscription.get_publisher_count, subscription)
 
 
@@ -142,63 +166,48 @@ def unconnected(connections: Iterable[Connection]) -> str:
     return ", ".join(one.topic for one in connections if one.count() < one.wanted)
 
 
-MACHINE_VARIABLE = "SOCIALBOT_MACHINE"
-"""The name of this machine in a deployment; without it, its host name."""
-
-RESTARTS_VARIABLE = "SOCIALBOT_RESTARTS"
-"""By it a supervisor tells a process how often it was started again."""
-
-LAST_ERROR_VARIABLE = "SOCIALBOT_LAST_ERROR"
-"""By it a supervisor tells a process why the one before it died."""
-
-TICK_S = 0.1
-TICKS_A_REPORT = 10
-
-WINDOW = 600
-"""Over how many of the last calls percentiles are taken."""
-
-
-PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
+def _last_values() -> deque[float]:
+    return deque(maxlen=PERCENTILE_WINDOW)
 
 
 @dataclass
 class NodeStatistics:
-    """Counts of one node since its start, the durations (s) of its last calls, and the ages (s) of what it handled.
+    """Counts of one node since its start, and the durations (s) and message ages (s) of its last calls.
 
-    The age of a message is the time from its stamp, by the node's clock, until it had been handled.
+    The age of a message is the time from its stamp to the end of its callback, by the clock of the node.
     """
 
     calls: int = 0
     published: int = 0
     failures: int = 0
     refusals: Counter[str] = field(default_factory=Counter)
-    """Messages that were refused, by reason."""
+    """Refused messages by reason."""
     first_failure: str = ""
-    durations: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
+    durations: deque[float] = field(default_factory=_last_values)
+    ages: deque[float] = field(default_factory=_last_values)
     longest_publication: float = 0.0
-    """How long (s) publishing a message has taken at most, since this was asked for last."""
+    """The longest time (s) in a publish call since the last report."""
     longest_block: float = 0.0
-    """How long (s) at most it has waited meanwhile for anything but a processor, since this was asked for last."""
-    ages: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
+    """The longest time (s) of that without being scheduled or runnable."""
 
     @property
     def refused(self) -> int:
-        """Messages that were refused."""
+        """The number of refused messages."""
         return self.refusals.total()
 
-    def note(self, seconds: float) -> None:
-        """Counts one call."""
+    def count_call(self, seconds: float) -> None:
+        """Count a callback and its duration."""
         self.calls += 1
         self.durations.append(seconds)
 
-    def note_publication(self, seconds: float, blocked: float) -> None:
-        """Counts one message published, which has kept the node for so long (s), and blocked it."""
+    def count_publication(self, seconds: float, blocked: float) -> None:
+        """Count a published message, with the duration (s) of the call and the part of it spent blocked."""
         self.published += 1
         self.longest_publication = max(self.longest_publication, seconds)
         self.longest_block = max(self.longest_block, blocked)
 
     def take_longest_publication(self) -> tuple[float, float]:
-        """The longest publication and the longest block (s) since this was called last."""
+        """The longest publication and block (s) since the last call of this method."""
         longest = self.longest_publication, self.longest_block
         self.longest_publication = self.longest_block = 0.0
         return longest
@@ -206,7 +215,7 @@ class NodeStatistics:
 
 @dataclass(frozen=True)
 class DurationStats:
-    """Mean and percentiles of durations (s); 0 where there are none."""
+    """Mean and percentiles of durations (s); 0 without any."""
 
     mean: float = 0.0
     p50: float = 0.0
@@ -214,7 +223,7 @@ class DurationStats:
 
     @staticmethod
     def of(durations: Collection[float]) -> DurationStats:
-        """The spread of ``durations``."""
+        """The statistics of ``durations``."""
         ordered = sorted(durations)
         if not ordered:
             return DurationStats()
@@ -224,7 +233,7 @@ class DurationStats:
 
 @dataclass(frozen=True)
 class ResourceUsage:
-    """What was counted up to a time (s): calls, messages published, processor seconds."""
+    """Counters at a time (s): calls, published messages, processor seconds."""
 
     time: float = 0.0
     calls: int = 0
@@ -232,7 +241,7 @@ class ResourceUsage:
     cpu_s: float = 0.0
 
     def rates_since(self, before: ResourceUsage) -> dict[str, float]:
-        """How often and how much since ``before``: calls and messages a second, percent of one core."""
+        """Calls and messages per second, and percent of one core."""
         seconds = self.time - before.time
         return {
             "call_hz": round((self.calls - before.calls) / seconds, 1),
@@ -242,45 +251,45 @@ class ResourceUsage:
 
 
 class DiagnosticsReporter:
-    """Publishes the ``statistics`` of a node on /diagnostics: once a second, more often until it is connected."""
+    """Publishes the statistics of one node once a second, and at once when its connections change."""
 
     def __init__(
         self,
         ros: RosNode,
         statistics: NodeStatistics,
         connections: Sequence[Connection],
-        lines: Callable[[], Sequence[InputQueue]],
+        inputs: Callable[[], Sequence[InputQueue]],
         state: Callable[[], str],
     ) -> None:
+        from rclpy.clock import Clock
+        from rclpy.clock_type import ClockType
+
         self._ros = ros
         self._statistics = statistics
         self._connections = connections
-        self._lines = lines
+        self._inputs = inputs
         self._state = state
         self._ticks = itertools.count()
         self._lacking = ""
         self._usage = ResourceUsage(time.monotonic(), cpu_s=_cpu_s())
         self._rates: dict[str, float] = {}
-        self._outlet = DiagnosticsPublisher(ros)
+        self._publisher = DiagnosticsPublisher(ros)
         self._timer = ros.create_timer(TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _tick(self) -> None:
         state = self._state()
         lacking = unconnected(self._connections) if state == "active" else state
-        on_time = next(self._ticks) % TICKS_A_REPORT == 0
-        if on_time:
-            self._measure()
-        if on_time or lacking != self._lacking:
+        is_due = next(self._ticks) % TICKS_PER_REPORT == 0
+        if is_due:
+            before, counts = self._usage, self._statistics
+            self._usage = ResourceUsage(time.monotonic(), counts.calls, counts.published, _cpu_s())
+            self._rates = self._usage.rates_since(before)
+        if is_due or lacking != self._lacking:
             self._lacking = lacking
-            self._outlet.publish([self._status(state, lacking)])
+            self._publisher.publish([self._status(state, lacking)])
 
-    def _measure(self) -> None:
-        before, statistics = self._usage, self._statistics
-        self._usage = ResourceUsage(time.monotonic(), statistics.calls, statistics.published, _cpu_s())
-        self._rates = self._usage.rates_since(before)
-
-    def _status(self, state: str, lacking: str) -> DiagnosticStatus:
-        statistics, lines = self._statistics, self._lines()
+    def _status(self, state: str, lacking: str) -> Any:
+        statistics, inputs = self._statistics, self._inputs()
         calls, ages = DurationStats.of(statistics.durations), DurationStats.of(statistics.ages)
         publication, block = statistics.take_longest_publication()
         values: dict[str, Any] = {
@@ -293,8 +302,8 @@ class DiagnosticsReporter:
             "refused": statistics.refused,
             "refusals": ", ".join(f"{count} {reason}" for reason, count in sorted(statistics.refusals.items())),
             "first_failure": statistics.first_failure,
-            "received": sum(line.received for line in lines),
-            "skipped": sum(line.skipped for line in lines),
+            "received": sum(one.received for one in inputs),
+            "skipped": sum(one.skipped for one in inputs),
             "call_mean_ms": round(1000 * calls.mean, 3),
             "call_p50_ms": round(1000 * calls.p50, 3),
             "call_p99_ms": round(1000 * calls.p99, 3),
@@ -308,18 +317,19 @@ class DiagnosticsReporter:
             UNCONNECTED: lacking,
         }
         failing = statistics.failures or statistics.refused
-        how = "refused messages" if failing else "running" if state == "active" else state
-        return DiagnosticStatus(
-            level=DiagnosticStatus.WARN if failing or lacking else DiagnosticStatus.OK,
+        summary = "refused messages" if failing else "running" if state == "active" else state
+        status = message_class("diagnostic_msgs/msg/DiagnosticStatus")
+        return status(
+            level=status.WARN if failing or lacking else status.OK,
             name=self._ros.get_name(),
-            message=statistics.first_failure or how,
+            message=statistics.first_failure or summary,
             hardware_id=machine(),
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+            values=[_key_value(key, value) for key, value in values.items()],
         )
 
 
 def restarts() -> int:
-    """How often a supervisor has started this process again."""
+    """The number of restarts of this process by its supervisor."""
     return int(os.environ.get(RESTARTS_VARIABLE) or 0)
 
 
@@ -334,7 +344,7 @@ def _cpu_s() -> float:
 
 
 def process_costs() -> dict[str, float]:
-    """Processor seconds and memory (MB) of this process, now and at most."""
+    """Processor seconds, memory and peak memory (MB) of this process."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     with open("/proc/self/statm", encoding="ascii") as statm:
         rss = int(statm.read().split()[1]) * PAGE_MB

@@ -12,118 +12,101 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import (
     UNCONNECTED,
     Connection,
     DiagnosticsSubscriber,
+    OnStatus,
+    is_power_of_ten,
     subscription_connection,
     unconnected,
 )
-from socialbot.bridge.transport import Receiver, wire
+from socialbot.bridge.environment import spinning_node
+from socialbot.bridge.transport import Receiver, observer_qos, open_transport
 from socialbot.core.errors import MessageError, NodeError
 from socialbot.core.messages import Message
 from socialbot.graph.node import Graph, WireForm
 
 log = logging.getLogger("socialbot.observer")
 
+POLL_S = 0.02
+DISCOVERY_S = 0.8
+STATUS_PERIOD_S = 2.5
+"""The time within which every live node publishes a status."""
+
 
 class LatestStatistics:
-    """The latest statistics of each node of ``graph``, as /diagnostics tells them; others may speak there, too."""
+    """The latest statistics of each node of ``graph``, from /diagnostics."""
 
     def __init__(self, graph: Graph) -> None:
         self._names = {placement.name for placement in graph.placements}
         self.latest: dict[str, dict[str, str]] = {}
 
     def note(self, name: str, values: dict[str, str]) -> None:
-        """Takes the statistics of one node."""
+        """Store the statistics of one node; other programs on /diagnostics are ignored."""
         if name in self._names:
             self.latest[name] = values
 
 
 @dataclass(frozen=True)
 class GraphObserver:
-    """The rclpy node that looks on, and its subscriptions by topic."""
+    """An rclpy node that observes a graph, and its subscriptions by topic."""
 
     ros: Any
     subscriptions: Mapping[str, Any]
 
     def connections(self, graph: Graph) -> list[Connection]:
-        """The onlooker's own connections to ``graph``."""
+        """The connections of this observer to ``graph``."""
         return [subscription_connection(graph, topic, one) for topic, one in self.subscriptions.items()]
-
-
-def rounded(count: int) -> bool:
-    """Whether ``count`` is 1, 10, 100, ...: often enough to tell of something that happens again and again."""
-    return str(count).strip("0") == "1"
 
 
 @contextmanager
 def observe_graph(
     topics: Mapping[str, type[Message]],
     observe: Callable[[str, Message], None],
-    note: Callable[[str, dict[str, str]], None],
+    on_status: OnStatus,
     form: WireForm = "json",
     *,
     latched: Collection[str] = (),
 ) -> Iterator[GraphObserver]:
-    """Calls ``observe`` with each message of ``topics``, and ``note`` with each node's statistics, from one thread.
+    """Observe a graph from one thread until the block is left.
 
-    Of those that are ``latched`` it hears what was said last before it came. ``form`` is that of the graph's messages.
-    Raises InstallationError when there is no ROS, or not that form.
+    Args:
+        topics: The topics to subscribe to, with their message types.
+        observe: Called with topic and message.
+        on_status: Called with the name and the statistics of a node.
+        form: The message form of the graph.
+        latched: The topics whose last message is wanted even if it is older than the observer.
+
+    Raises:
+        InstallationError: ROS, or the message package for this form, is not installed.
     """
-    environment.require_ros()
-    from socialbot.bridge.diagnostics import DiagnosticsSubscriber
-    from socialbot.bridge.environment import spinning_node
-    from socialbot.bridge.transport import onlooker_qos
 
-    def receive(topic: str, kind: type[Message], inlet: Receiver, ros_message: Any) -> None:
+    def receive(topic: str, kind: type[Message], receiver: Receiver, ros_message: Any) -> None:
         try:
-            message = inlet.decode(kind, ros_message)
+            message = receiver.decode(kind, ros_message)
         except MessageError as error:
             refused[topic] += 1
-            if rounded(refused[topic]):
-                log.warning("%s, refused %d: %s", topic, refused[topic], error)
+            if is_power_of_ten(refused[topic]):
+                log.warning("%s: refused %d messages: %s", topic, refused[topic], error)
             return
         if message is not None:
             observe(topic, message)
 
     refused: Counter[str] = Counter()
-    own = wire(form=form)
     with spinning_node("observer") as ros:
+        transport = open_transport(form=form)
         subscriptions = {
             topic: ros.create_subscription(
-                own.message_class(kind),
+                transport.message_class(kind),
                 topic,
-                functools.partial(receive, topic, kind, own.inlet(topic, latched=topic in latched)),
-                onlooker_qos(latched=topic in latched),
+                functools.partial(receive, topic, kind, transport.receiver(topic, latched=topic in latched)),
+                observer_qos(latched=topic in latched),
             )
             for topic, kind in topics.items()
         }
-        DiagnosticsSubscriber(ros, note)
+        DiagnosticsSubscriber(ros, on_status)
         yield GraphObserver(ros, subscriptions)
-
-
-LOOK_AGAIN_S = 0.02
-LOOK_ROUND_S = 0.8
-SPEAKS_S = 2.5
-"""Every node that is alive says something on /diagnostics within this time."""
-
-
-class Readiness:
-    """Watches, through the rclpy node ``ros``, whether ``graph`` stands."""
-
-    def __init__(self, ros: Any, graph: Graph) -> None:
-        self._lacking = dict.fromkeys((placement.name for placement in graph.placements), "everything")
-        self._inlet = DiagnosticsSubscriber(ros, self._note)
-
-    def missing(self) -> list[str]:
-        """What is missing, such as "head: /head/command"; empty when the graph stands."""
-        return [f"{name}: {lacking}" for name, lacking in self._lacking.items() if lacking]
-
-    def _note(self, name: str, values: Mapping[str, str]) -> None:
-        if UNCONNECTED in values and name in self._lacking:
-            self._lacking[name] = values[UNCONNECTED]
 
 
 def await_graph(
@@ -134,45 +117,58 @@ def await_graph(
     timeout_s: float,
     ended: Callable[[], bool] = lambda: False,
 ) -> list[str]:
-    """Waits until ``graph`` and the caller's ``own`` connections stand, or ``ended`` says stop.
+    """Wait until all nodes of ``graph``, and the ``own`` connections of the caller, are connected.
 
-    Returns what is missing when that, or the time, is up.
+    Returns:
+        The missing connections at the timeout, or when ``ended``: such as "head: /head/command".
     """
-    readiness = Readiness(ros, graph)
+    lacking = {placement.name: "everything" for placement in graph.placements}
+
+    def note(name: str, values: Mapping[str, str]) -> None:
+        if UNCONNECTED in values and name in lacking:
+            lacking[name] = values[UNCONNECTED]
+
+    DiagnosticsSubscriber(ros, note)
     deadline = time.monotonic() + timeout_s
     while True:
-        lacking = unconnected(own or [])
-        missing = [*readiness.missing(), *([f"{ros.get_name()}: {lacking}"] if lacking else [])]
+        both = {**lacking, ros.get_name(): unconnected(own or [])}
+        missing = [f"{name}: {topics}" for name, topics in both.items() if topics]
         if not missing or ended() or time.monotonic() > deadline:
             return missing
-        time.sleep(LOOK_AGAIN_S)
+        time.sleep(POLL_S)
 
 
 def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = None) -> None:
-    """Raises NodeError when nodes of these names run in the ROS domain already: both graphs would hear each other.
+    """Check that no nodes with the names of ``graph`` run in this ROS domain: the two graphs would be mixed.
 
-    ``only`` names those nodes of ``graph`` that are about to be started; without it all are. ``ros`` has to be
-    spinning: a node that was killed stays known for a while, but does not speak on /diagnostics any more. With keys
-    only who has one counts: a stranger keeps no graph from starting.
+    A killed node stays discovered for a while, so a name counts as taken only if it is published on /diagnostics.
+    Where keys are set, that status must have a valid seal: strangers cannot keep a graph from starting.
+
+    Args:
+        ros: A spinning rclpy node.
+        graph: The graph to start.
+        only: The names of the nodes to start, if not all.
+
+    Raises:
+        NodeError: A name is taken.
     """
-    ours = {placement.name for placement in graph.placements if only is None or placement.name in only}
-    speaking: set[str] = set()
+    names = {placement.name for placement in graph.placements if only is None or placement.name in only}
+    alive: set[str] = set()
 
     def note(name: str, _: Mapping[str, str]) -> None:
-        speaking.add(name)
+        alive.add(name)
 
-    inlet = DiagnosticsSubscriber(ros, note)
+    subscriber = DiagnosticsSubscriber(ros, note)
     begun = time.monotonic()
-    look_s = LOOK_ROUND_S
-    while time.monotonic() - begun < look_s:
-        known = ours & set(ros.get_node_names())
-        taken = known & speaking
-        if taken:
+    wait_s = DISCOVERY_S
+    while time.monotonic() - begun < wait_s:
+        known = names & set(ros.get_node_names())
+        if taken := known & alive:
             raise NodeError(
-                f"nodes of these names are running already: {', '.join(sorted(taken))}",
+                f"nodes with these names are running already: {', '.join(sorted(taken))}",
                 where=f"ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}",
-                remedy="end them, or set ROS_DOMAIN_ID to another number (0 to 101)",
+                remedy="stop them, or set ROS_DOMAIN_ID to another number (0 to 101)",
             )
-        look_s = SPEAKS_S if known else LOOK_ROUND_S
-        time.sleep(LOOK_AGAIN_S)
-    ros.destroy_subscription(inlet.subscription)
+        wait_s = STATUS_PERIOD_S if known else DISCOVERY_S
+        time.sleep(POLL_S)
+    ros.destroy_subscription(subscriber.subscription)

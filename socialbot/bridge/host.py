@@ -40,7 +40,7 @@ from socialbot.bridge.lifecycle import (
 )
 from socialbot.bridge.node_thread import NodeThread, report
 from socialbot.bridge.sim_clock import KEPT_TOPIC
-from socialbot.bridge.transport import DEPTH, Receiver, Sender, publisher_qos, reason_of, subscription_qos, wire
+from socialbot.bridge.transport import QUEUE_DEPTH, Receiver, Sender, publisher_qos, refusal_reason, subscription_qos, open_transport
 from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
 from socialbot.core.errors import MessageError, NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
@@ -98,8 +98,8 @@ class NodeHost:
         self._graph = graph
         self._placement = placement
         self._supervisor = supervisor
-        self._wire = wire(form=self._graph.wire)
-        sealed = self._wire.sealed  # then there are no services: anybody could call them
+        self._transport = open_transport(form=self._graph.wire)
+        sealed = self._transport.sealed  # then there are no services: anybody could call them
         self._ros = LifecycleHost(
             placement.name,
             self,
@@ -114,11 +114,11 @@ class NodeHost:
         self._simulated = bool(self._ros.get_parameter("use_sim_time").value)
         self._clock = clock_of(self._ros, simulated=self._simulated)
         self._error: SocialbotError | None = None
-        self._outlets: dict[str, Sender] = {}
+        self._senders: dict[str, Sender] = {}
         self._healths: list[tuple[Publisher, Sender]] = []
         self._connections: list[Connection] = []
         self._latched: dict[Input[Any], Message] = {}
-        self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=DEPTH[Delivery.EVERY])
+        self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=QUEUE_DEPTH[Delivery.EVERY])
         self._life: NodeThread | None = None
         self._unwatch: Callable[[], None] | None = None
         if self._simulated:
@@ -129,7 +129,7 @@ class NodeHost:
             self._ros, self.statistics, self._connections, self._lines, lambda: self._ros.state
         )
         if sealed:
-            self._renewing = self._ros.create_timer(self._wire.renewal_s, lambda: self._wire.renew(), clock=STEADY)
+            self._renewing = self._ros.create_timer(self._transport.renewal_s, lambda: self._transport.renew(), clock=STEADY)
         if supervisor is not None:
             self._beating = self._ros.create_timer(HEARTBEAT_S, self._beat, clock=STEADY)
 
@@ -158,14 +158,14 @@ class NodeHost:
     def start(self) -> None:
         """Configures and activates the node, unless somebody else is to do that."""
         if self._supervisor is not None:
-            self.go(INACTIVE)
+            self.transition_to(INACTIVE)
             self._beat()
         elif self._autostart:
-            self.go(ACTIVE)
+            self.transition_to(ACTIVE)
 
     def go(self, state: str) -> None:
         """Takes the node to one of the states of a managed node; a node that cannot go there has failed."""
-        if self._ros.go(state) or self._ros.error is None:
+        if self._ros.transition_to(state) or self._ros.error is None:
             return
         error = self._ros.error
         if not isinstance(error, SocialbotError):
@@ -185,19 +185,19 @@ class NodeHost:
         """Builds the node and what connects it."""
         self._build()
         for topic in health_topics(self._graph, self.name):
-            kind = self._wire.message_class(Health)
+            kind = self._transport.message_class(Health)
             publisher = self._ros.create_publisher(kind, topic, publisher_qos(Delivery.EVERY))
-            self._healths.append((publisher, self._wire.outlet(publisher)))
+            self._healths.append((publisher, self._transport.sender(publisher)))
         for topic, port in self._placement.publications:
-            kind = self._wire.message_class(port.message_type)
+            kind = self._transport.message_class(port.message_type)
             publisher = self._ros.create_publisher(kind, topic, publisher_qos(port.delivery))
-            self._outlets[port.name] = self._wire.outlet(publisher, latched=port.delivery is Delivery.LATCHED)
+            self._senders[port.name] = self._transport.sender(publisher, latched=port.delivery is Delivery.LATCHED)
             self._connections.append(publisher_connection(self._graph, topic, publisher))
         for topic, port in self._placement.subscriptions:
-            kind = self._wire.message_class(port.message_type)
+            kind = self._transport.message_class(port.message_type)
             qos = subscription_qos(port.delivery, outside=topic in self._graph.inputs)
-            inlet = self._wire.inlet(self._ros.resolve_topic_name(topic), latched=port.delivery is Delivery.LATCHED)
-            receive = functools.partial(self._receive, port, inlet)
+            receiver = self._transport.receiver(self._ros.resolve_topic_name(topic), latched=port.delivery is Delivery.LATCHED)
+            receive = functools.partial(self._receive, port, receiver)
             subscription = self._ros.create_subscription(kind, topic, receive, qos)
             self._connections.append(subscription_connection(self._graph, topic, subscription))
 
@@ -227,9 +227,9 @@ class NodeHost:
             self._ros.destroy_publisher(publisher)
         self._healths.clear()
         self._connections.clear()
-        self._outlets.clear()
+        self._senders.clear()
         self._latched.clear()
-        self._wire = wire(form=self._graph.wire)
+        self._transport = open_transport(form=self._graph.wire)
 
     def _build(self) -> NodeThread:
         life = self._life = NodeThread(
@@ -237,7 +237,7 @@ class NodeHost:
             parameter_values(self._ros, self._placement),
             clock=self._clock,
             simulated=self._simulated,
-            outlets=self._outlets,
+            senders=self._senders,
             connections=self._connections,
             statistics=self.statistics,
             say_health=self._say_health,
@@ -255,11 +255,11 @@ class NodeHost:
 
     # What comes in
 
-    def _receive(self, port: Input[Any], inlet: Receiver, ros_message: Any) -> None:
+    def _receive(self, port: Input[Any], receiver: Receiver, ros_message: Any) -> None:
         try:
-            message = inlet.decode(port.message_type, ros_message, stamp=self._clock.now())
+            message = receiver.decode(port.message_type, ros_message, stamp=self._clock.now())
         except MessageError as error:
-            reason = reason_of(error)
+            reason = refusal_reason(error)
             self.statistics.refusals[reason] += 1
             report(self.name, f"refused a message on {port.topic}", error, self.statistics.refusals[reason])
             return
@@ -290,9 +290,9 @@ class NodeHost:
 
     def _say_health(self, health: Health) -> None:
         """Says how the node is, if anybody listens."""
-        for publisher, outlet in self._healths:
+        for publisher, sender in self._healths:
             if publisher.get_subscription_count():
-                outlet.publish(health)
+                sender.publish(health)
 
     def _lines(self) -> Any:
         return self._life.inbox.lines if self._life is not None else ()

@@ -12,7 +12,7 @@ from typing import Any
 
 from socialbot.bags.codec import decode, ros_type
 from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.transport import message_class, publisher_qos, reason_of, subscription_qos, wire
+from socialbot.bridge.transport import message_class, publisher_qos, refusal_reason, subscription_qos, open_transport
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ImageError, MessageError
 from socialbot.core.messages import (
@@ -49,22 +49,22 @@ class CommandClient:
     def __init__(self, ros: Any, form: WireForm = "json") -> None:
         self.shut = ""
         self._understands = False
-        self._wire = wire(form=form)
+        self._transport = open_transport(form=form)
         self._clock = WallClock()
         self._waiting: dict[str, tuple[asyncio.AbstractEventLoop, asyncio.Future[AgentAnswer]]] = {}
-        self._outlet = self._wire.outlet(
-            ros.create_publisher(self._wire.message_class(AgentCommand), AGENT_COMMANDS, publisher_qos(Delivery.EVERY))
+        self._sender = self._transport.sender(
+            ros.create_publisher(self._transport.message_class(AgentCommand), AGENT_COMMANDS, publisher_qos(Delivery.EVERY))
         )
-        self._inlet = self._wire.inlet(AGENT_ANSWERS)
+        self._receiver = self._transport.receiver(AGENT_ANSWERS)
         ros.create_subscription(
-            self._wire.message_class(AgentAnswer),
+            self._transport.message_class(AgentAnswer),
             AGENT_ANSWERS,
             self._hear,
             subscription_qos(Delivery.EVERY, outside=False),
         )
-        self._health = self._wire.inlet(HEALTH_TOPIC)
+        self._health = self._transport.receiver(HEALTH_TOPIC)
         ros.create_subscription(
-            self._wire.message_class(Health),
+            self._transport.message_class(Health),
             HEALTH_TOPIC,
             self._try_to_read,
             subscription_qos(Delivery.EVERY, outside=False),
@@ -78,7 +78,7 @@ class CommandClient:
         self._waiting[id] = loop, answer
         asked = AgentCommand(stamp=self._clock.now(), id=id, agent=agent, command=command, text=text)
         try:
-            await loop.run_in_executor(None, self._outlet.publish, asked)
+            await loop.run_in_executor(None, self._sender.publish, asked)
             return await asyncio.wait_for(answer, ANSWER_WITHIN_S)
         except asyncio.TimeoutError:
             return None
@@ -87,7 +87,7 @@ class CommandClient:
 
     def _hear(self, ros_message: Any) -> None:
         try:
-            answer = self._inlet.decode(AgentAnswer, ros_message)
+            answer = self._receiver.decode(AgentAnswer, ros_message)
         except MessageError:
             return  # it is logged by those who answer for the graph
         if answer is not None and (waiting := self._waiting.get(answer.id)) is not None:
@@ -100,7 +100,7 @@ class CommandClient:
         try:
             self._health.decode(Health, ros_message)
         except MessageError as error:
-            self.shut = AT_ODDS.get(reason_of(error), self.shut)
+            self.shut = AT_ODDS.get(refusal_reason(error), self.shut)
         else:
             self._understands, self.shut = True, ""
 

@@ -1,4 +1,7 @@
-"""A ROS 2 lifecycle node whose transitions call steps, and the parameters of its socialbot node."""
+"""A ROS 2 lifecycle node whose transitions call steps, and the parameters of its socialbot node.
+
+Lifecycle tools see the five services and the event of a managed node (https://design.ros2.org, managed nodes).
+"""
 
 from __future__ import annotations
 
@@ -19,9 +22,15 @@ from socialbot.graph.node import Node, NodeConfig, Parameter, check_parameters
 
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = "unconfigured", "inactive", "active", "finalized"
 
+SET_PARAMETER_TIMEOUT_S = 7.0
+"""The time a node has to accept a new value; right after its start it may be waiting for its connections."""
 
-class Steps(Protocol):
-    """What is done in each transition. One that raises has failed."""
+UNBOUNDED = 1e308
+UNBOUNDED_INTEGER = 2**62
+
+
+class TransitionSteps(Protocol):
+    """The work of each transition. An exception makes the transition fail."""
 
     def configure(self) -> None: ...
 
@@ -33,30 +42,29 @@ class Steps(Protocol):
 
 
 class LifecycleHost(LifecycleNode):
-    """Takes its transitions, in the executor's thread, from services or from `go`.
+    """Runs ``steps`` for transitions in the executor's thread: requested by services, or by `transition_to`.
 
-    Without ``services`` nobody but this process can ask for any.
+    Without ``services`` only this process can request transitions. ``error`` is the exception of the last failed step.
     """
 
-    def __init__(self, name: str, steps: Steps, *, services: bool, **options: Any) -> None:
+    def __init__(self, name: str, steps: TransitionSteps, *, services: bool, **options: Any) -> None:
         super().__init__(name, enable_communication_interface=services, **options)
         self._steps = steps
         self._log = logging.getLogger(f"socialbot.{name}")
         self.error: Exception | None = None
-        """Why the last step that failed did."""
         if services:
             self._service_change_state.callback = self._refusing(self._service_change_state.callback)
 
     @property
     def state(self) -> str:
-        """One of those above, or a transition's such as ``activating``."""
+        """One of the four states, or a transition state such as ``activating``."""
         try:
             return str(self._state_machine.current_state[1])
         except InvalidHandle:
             return FINALIZED
 
-    def go(self, state: str) -> bool:
-        """Takes the transitions that lead to ``inactive``, ``active`` or ``finalized``; says whether it got there."""
+    def transition_to(self, state: str) -> bool:
+        """Take the transitions that lead to ``inactive``, ``active`` or ``finalized``; whether that succeeded."""
         if state == FINALIZED and self.state != FINALIZED:
             self.trigger_shutdown()
         if state in (INACTIVE, ACTIVE) and self.state == UNCONFIGURED:
@@ -68,44 +76,44 @@ class LifecycleHost(LifecycleNode):
         return self.state == state
 
     def destroy_node(self) -> None:
-        """Takes the node off the ROS graph; rclpy alone would forget the state machine, which keeps it there."""
+        """Remove the node from the ROS graph. rclpy alone leaves the state machine, which keeps it there."""
         super().destroy_node()
         self._state_machine.destroy_when_not_in_use()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Does the step."""
-        return self._take(self._steps.configure)
+        """Run the step."""
+        return self._run(self._steps.configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Does the step."""
-        return self._take(self._steps.activate)
+        """Run the step."""
+        return self._run(self._steps.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Does the step."""
-        return self._take(self._steps.deactivate)
+        """Run the step."""
+        return self._run(self._steps.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Does the step."""
-        return self._take(self._steps.clean_up)
+        """Run the step."""
+        return self._run(self._steps.clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Does the steps that lead back from ``state``."""
+        """Run the steps that undo ``state``."""
         if state.label == ACTIVE:
-            self._take(self._steps.deactivate)
+            self._run(self._steps.deactivate)
         if state.label in (ACTIVE, INACTIVE):
-            self._take(self._steps.clean_up)
+            self._run(self._steps.clean_up)
         return TransitionCallbackReturn.SUCCESS
 
-    def _take(self, step: Callable[[], None]) -> TransitionCallbackReturn:
+    def _run(self, step: Callable[[], None]) -> TransitionCallbackReturn:
         try:
             step()
-        except Exception as error:  # noqa: BLE001 - whatever it is, the state stays what it was
+        except Exception as error:  # noqa: BLE001 - any failure keeps the state
             self.error = error
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
 
     def _refusing(self, change_state: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-        """Rclpy lets a request that does not fit the state end the executor."""
+        """Refuse requests that do not fit the state. In rclpy they end the executor."""
 
         def callback(request: Any, response: Any) -> Any:
             self.error = None
@@ -114,51 +122,46 @@ class LifecycleHost(LifecycleNode):
             except rclpy_implementation.RCLError:
                 response.success = False
             if self.error is not None:
-                self._log.warning("transition %d refused: %s", request.transition.id, self.error)
+                self._log.warning("transition %d failed: %s", request.transition.id, self.error)
             return response
 
         return callback
 
 
-PATIENCE_S = 7.0
-"""How long a node may take to say whether it takes a new value; at first it may be waiting for its connections."""
+def declare_parameters(ros: RosNode, config: NodeConfig) -> None:
+    """Declare the parameters of a node, with the values of the graph as defaults.
 
-UNBOUNDED = 1e308
-UNBOUNDED_INTEGER = 2**62
+    ROS arguments (``--ros-args -p name:=value``) override them.
 
-
-def declare_parameters(ros: RosNode, placement: NodeConfig) -> None:
-    """Declares all parameters of the placed node.
-
-    The graph's values are the defaults; ROS (``--ros-args -p name:=value``) overrides them. Raises
-    ParameterError when one does not fit.
+    Raises:
+        ParameterError: A value does not fit.
     """
-    values = check_parameters(placement.type, placement.parameters, where=placement.name)
-    for name, parameter in placement.type.parameters().items():
+    values = check_parameters(config.type, config.parameters, where=config.name)
+    for name, parameter in config.type.parameters().items():
         try:
             ros.declare_parameter(name, values[name], _descriptor(parameter))
         except Exception as error:
-            raise ParameterError(str(error), where=f"{placement.name}.{name}", remedy=parameter.doc) from error
+            raise ParameterError(str(error), where=f"{config.name}.{name}", remedy=parameter.doc) from error
 
 
-def parameter_values(ros: RosNode, placement: NodeConfig) -> dict[str, object]:
-    """The values that the parameters of the placed node have by now."""
-    return {name: ros.get_parameter(name).value for name in placement.type.parameters()}
+def parameter_values(ros: RosNode, config: NodeConfig) -> dict[str, object]:
+    """The current values of the declared parameters."""
+    return {name: ros.get_parameter(name).value for name in config.type.parameters()}
 
 
 def watch_parameters(ros: RosNode, node: Node, call: Callable[[Callable[[], None]], None]) -> Callable[[], None]:
-    """Lets changes from ROS through to ``node`` when they fit; returns how to end that.
+    """Apply valid changes from ROS to ``node``; returns a function that ends this.
 
-    ``call`` has something done in the node's own thread.
+    ``call`` runs a function in the thread of the node.
     """
 
     def changed(parameters: list[Any]) -> SetParametersResult:
-        ours = {one.name: one.value for one in parameters if one.name in node.parameters()}
+        values = {one.name: one.value for one in parameters if one.name in node.parameters()}
         try:
-            check_parameters(type(node), ours, where=node.name)
+            check_parameters(type(node), values, where=node.name)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        objection = _apply(node, ours, call)
+        objection = _apply(node, values, call)
         return SetParametersResult(successful=not objection, reason=objection)
 
     ros.add_on_set_parameters_callback(changed)
@@ -166,7 +169,7 @@ def watch_parameters(ros: RosNode, node: Node, call: Callable[[Callable[[], None
 
 
 def _apply(node: Node, values: dict[str, object], call: Callable[[Callable[[], None]], None]) -> str:
-    """Sets ``values`` in the node's own thread; returns what the node objects, if anything."""
+    """Set ``values`` in the thread of the node; returns the objection of the node, if any."""
     done = threading.Event()
     objections: list[str] = []
 
@@ -179,8 +182,8 @@ def _apply(node: Node, values: dict[str, object], call: Callable[[Callable[[], N
         done.set()
 
     call(apply)
-    if not done.wait(PATIENCE_S):
-        return f"{node.name} has been too busy for {PATIENCE_S} s to take it"
+    if not done.wait(SET_PARAMETER_TIMEOUT_S):
+        return f"{node.name} did not apply the change within {SET_PARAMETER_TIMEOUT_S} s: it is busy"
     return "; ".join(objections)
 
 
@@ -194,18 +197,9 @@ def _descriptor(parameter: Parameter[Any]) -> ParameterDescriptor:
     if low is None and high is None:
         return descriptor
     if isinstance(parameter.default, float):
-        descriptor.floating_point_range = [
-            FloatingPointRange(
-                from_value=-UNBOUNDED if low is None else float(low),
-                to_value=UNBOUNDED if high is None else float(high),
-            )
-        ]
+        bounds = -UNBOUNDED if low is None else float(low), UNBOUNDED if high is None else float(high)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=bounds[0], to_value=bounds[1])]
     else:
-        descriptor.integer_range = [
-            IntegerRange(
-                from_value=-UNBOUNDED_INTEGER if low is None else int(low),
-                to_value=UNBOUNDED_INTEGER if high is None else int(high),
-                step=1,
-            )
-        ]
+        limits = -UNBOUNDED_INTEGER if low is None else int(low), UNBOUNDED_INTEGER if high is None else int(high)
+        descriptor.integer_range = [IntegerRange(from_value=limits[0], to_value=limits[1], step=1)]
     return descriptor

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from socialbot.bridge.callback_queue import CallbackQueue, InputQueue, PendingTimer
 from socialbot.bridge.diagnostics import Connection, NodeStatistics, restarts, unconnected
-from socialbot.bridge.graph_observer import LOOK_AGAIN_S
+
 from socialbot.bridge.transport import Sender
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import NodeError, SocialbotError
@@ -88,19 +88,19 @@ class _NodeContext:
         self,
         clock: Clock,
         inbox: CallbackQueue,
-        outlets: Mapping[str, Sender],
+        senders: Mapping[str, Sender],
         vitals: HealthMonitor,
         statistics: NodeStatistics,
     ) -> None:
         self.clock = clock
         self.vitals = vitals
         self._inbox = inbox
-        self._outlets = outlets
+        self._senders = senders
         self._statistics = statistics
 
     def publish(self, port: Output[Any], message: Message) -> None:
         watch = Stopwatch()
-        self._outlets[port.name].publish(message)
+        self._senders[port.name].publish(message)
         self._statistics.note_publication(*watch.seconds())
 
     def call_at(self, time: int, callback: Callable[[], None]) -> PendingTimer:
@@ -131,7 +131,7 @@ class NodeThread:
         *,
         clock: Clock,
         simulated: bool,
-        outlets: Mapping[str, Sender],
+        senders: Mapping[str, Sender],
         connections: Sequence[Connection],
         statistics: NodeStatistics,
         say_health: Callable[[Health], None],
@@ -141,7 +141,7 @@ class NodeThread:
         self.failure: SocialbotError | None = None
         self.inbox = CallbackQueue(clock.now, simulated=simulated)
         self._vitals = HealthMonitor(placement, clock, say_health)
-        context = _NodeContext(clock, self.inbox, outlets, self._vitals, statistics)
+        context = _NodeContext(clock, self.inbox, senders, self._vitals, statistics)
         self.node: Node = placement.type(placement.name, context, parameters)
         self._clock = clock
         self._simulated = simulated
@@ -223,7 +223,7 @@ class NodeThread:
             if now > says_at:
                 self._vitals.wait(lacking)
                 says_at = now + BEAT_S
-            time.sleep(LOOK_AGAIN_S)
+            time.sleep(POLL_S)
 
     def _do(self, item: Callable[[], None] | tuple[InputQueue, Message]) -> None:
         begin = time.perf_counter()

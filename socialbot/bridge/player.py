@@ -22,7 +22,7 @@ from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.graph_observer import await_graph
 from socialbot.bridge.sim_clock import SimClock
-from socialbot.bridge.transport import Receiver, Sender, message_class, publisher_qos, subscription_qos, wire
+from socialbot.bridge.transport import Receiver, Sender, message_class, publisher_qos, subscription_qos, open_transport
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError, NodeError
 from socialbot.core.messages import CameraInfo, Health, Message
@@ -67,8 +67,8 @@ class PlaybackOptions:
 class _Answers:
     """The latest stamp that the graph has answered."""
 
-    def __init__(self, inlet: Receiver, kind: type[Message]) -> None:
-        self._inlet = inlet
+    def __init__(self, receiver: Receiver, kind: type[Message]) -> None:
+        self._receiver = receiver
         self._kind = kind
         self._changed = threading.Condition()
         self._latest = 0
@@ -76,7 +76,7 @@ class _Answers:
 
     def note(self, ros_message: Any) -> None:
         try:
-            answer = self._inlet.decode(self._kind, ros_message)
+            answer = self._receiver.decode(self._kind, ros_message)
         except MessageError as error:
             log.warning("an answer to a picture is of no use: %s", error)
             return
@@ -104,27 +104,27 @@ class BagPlayer:
         self._playing = playing
         self._ending = ending
         graph = playing.await_graph
-        self._wire = wire(form="json" if graph is None else graph.wire)
+        self._transport = open_transport(form="json" if graph is None else graph.wire)
         self._stamps: dict[str, Stamps] = {}
         self._clock_type = Clock
         self._clock = ros.create_publisher(Clock, "/clock", 10)
         self._publishers: dict[str, Any] = {}
-        self._outlets: dict[str, Sender] = {}
+        self._senders: dict[str, Sender] = {}
         kinds = {} if graph is None else graph.topics()
         self._types = RosbagsTypes()
         for name, topic in topics.items():
             recorded = bag.topic(name).type
-            wanted = self._wire.message_class(kinds[topic]) if topic in kinds else message_class(recorded)
+            wanted = self._transport.message_class(kinds[topic]) if topic in kinds else message_class(recorded)
             self._publishers[topic] = ros.create_publisher(wanted, topic, publisher_qos(_delivery(recorded)))
-            if wanted is not message_class(recorded) or (self._wire.sealed and recorded == STRING):
-                self._outlets[topic] = self._wire.outlet(self._publishers[topic])
-        said = ros.create_publisher(self._wire.message_class(Health), HEALTH_TOPIC, publisher_qos(Delivery.EVERY))
-        self._health = self._wire.outlet(said)
+            if wanted is not message_class(recorded) or (self._transport.sealed and recorded == STRING):
+                self._senders[topic] = self._transport.sender(self._publishers[topic])
+        said = ros.create_publisher(self._transport.message_class(Health), HEALTH_TOPIC, publisher_qos(Delivery.EVERY))
+        self._health = self._transport.sender(said)
         if playing.paced_by:
             kind = kinds[playing.paced_by]
-            self._answers = _Answers(self._wire.inlet(playing.paced_by), kind)
+            self._answers = _Answers(self._transport.receiver(playing.paced_by), kind)
             self._answering = ros.create_subscription(
-                self._wire.message_class(kind), playing.paced_by, self._answers.note, publisher_qos(Delivery.EVERY)
+                self._transport.message_class(kind), playing.paced_by, self._answers.note, publisher_qos(Delivery.EVERY)
             )
         self._pictures = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
         self._now = bag.start
@@ -158,19 +158,19 @@ class BagPlayer:
 
     def _publish(self, topic: str, name: str, cdr: bytes, at: int) -> None:
         """Publishes the recorded bytes; what is to be sealed, or has another form than the graph's, is made anew."""
-        if topic not in self._outlets:
+        if topic not in self._senders:
             self._publishers[topic].publish(cdr)
-        elif self._wire.sealed and name == STRING:
+        elif self._transport.sealed and name == STRING:
             from rclpy.serialization import deserialize_message
 
-            self._outlets[topic].forward(deserialize_message(cdr, message_class(STRING)))
+            self._senders[topic].forward(deserialize_message(cdr, message_class(STRING)))
         else:
             try:
                 message = decode(decodable_types()[name], self._types.deserialize(cdr, name), stamp=at)
             except MessageError as error:
                 log.warning("%s: left out: %s", topic, error)
                 return
-            self._outlets[topic].publish(message)
+            self._senders[topic].publish(message)
 
     def _set_right(self, topic: str, cdr: bytes, at: int) -> bytes:
         """The message with the stamp that `Bag.messages` would give it, so that both runners see the same."""
@@ -201,17 +201,17 @@ class WorldPlayer:
         self._rate, self._ending = rate, ending
         self._script = WorldScript(bag, topics, graph)
         self._skipped = bag.skipped
-        own = wire(form=graph.wire)
+        own = open_transport(form=graph.wire)
         self._publishers = {
             topic: ros.create_publisher(own.message_class(graph.topics()[topic]), topic, publisher_qos(Delivery.EVERY))
             for topic in topics.values()
         }
-        self._outlets = {topic: own.outlet(publisher) for topic, publisher in self._publishers.items()}
+        self._senders = {topic: own.sender(publisher) for topic, publisher in self._publishers.items()}
         self._subscriptions = {
             topic: ros.create_subscription(
                 own.message_class(kind),
                 topic,
-                functools.partial(self._hear, topic, kind, own.inlet(topic)),
+                functools.partial(self._hear, topic, kind, own.receiver(topic)),
                 subscription_qos(Delivery.EVERY, outside=False),
             )
             for topic, kind in self._script.told.items()
@@ -246,11 +246,11 @@ class WorldPlayer:
 
     def say(self, topic: str, message: Message) -> None:
         """Sends a message to the agents."""
-        self._outlets[topic].publish(message)
+        self._senders[topic].publish(message)
 
-    def _hear(self, topic: str, kind: type[Message], inlet: Receiver, ros_message: Any) -> None:
+    def _hear(self, topic: str, kind: type[Message], receiver: Receiver, ros_message: Any) -> None:
         try:
-            command = inlet.decode(kind, ros_message)
+            command = receiver.decode(kind, ros_message)
         except MessageError as error:
             log.warning("%s: %s", topic, error)
             return

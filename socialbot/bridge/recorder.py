@@ -18,7 +18,7 @@ from socialbot.bags.codec import STRING
 from socialbot.bags.writer import BagWriter
 from socialbot.bridge import environment
 from socialbot.bridge.topics import HIDDEN, AdaptingSubscription
-from socialbot.bridge.transport import message_class, reason_of, wire
+from socialbot.bridge.transport import message_class, refusal_reason, open_transport
 from socialbot.core.clock import Clock, WallClock
 from socialbot.core.errors import InstallationError, MessageError
 
@@ -89,7 +89,7 @@ class _Listener:
     def __init__(self, node: Any, bag: BagWriter, topics: Collection[str], clock: Clock) -> None:
         self._refused: dict[str, str] = {}
         self._unbelieved: dict[str, Counter[str]] = {}
-        self._wire = wire()
+        self._transport = open_transport()
         self._node = node
         self._bag = bag
         self._topics = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
@@ -131,7 +131,7 @@ class _Listener:
             now, latched = self._clock.now(), subscription.latched
             self._bag.write_raw(topic, type_name, data, now, latched=latched, type_hash=type_hash)
 
-        sealed = self._wire.sealed and type_name == STRING
+        sealed = self._transport.sealed and type_name == STRING
         take = self._opening(topic, write) if sealed else write
         subscription = AdaptingSubscription(self._node, topic, kind, take, raw=not sealed)
         subscription.adapt()
@@ -142,16 +142,16 @@ class _Listener:
         """Takes sealed Strings of ``topic``, and writes what they say."""
         from rclpy.serialization import serialize_message
 
-        inlet = self._wire.inlet(topic, latched=True)
+        receiver = self._transport.receiver(topic, latched=True)
 
         def take(ros_message: Any) -> None:
             try:
-                opened = inlet.open(ros_message)
+                opened = receiver.open(ros_message)
             except MessageError as error:
                 reasons = self._unbelieved.setdefault(topic, Counter())
                 if not reasons:
                     log.warning("%s is not recorded in full: %s", topic, error)
-                reasons[reason_of(error)] += 1
+                reasons[refusal_reason(error)] += 1
                 return
             if opened is not None:
                 write(serialize_message(opened))

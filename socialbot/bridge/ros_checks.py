@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 from socialbot.bridge import environment
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, stale_locks
 from socialbot.bridge.round_trip import cause, try_round_trip
-from socialbot.bridge.transport import wire
+from socialbot.bridge.transport import open_transport
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
 
 State = Literal["ok", "warning", "error"]
@@ -162,7 +162,7 @@ def strangers(variables: MutableMapping[str, str] = os.environ) -> Finding:
     way = environment.reach(variables)
     if has_keys(variables):
         try:
-            wire(variables)
+            open_transport(variables)
         except SocialbotError as error:
             return Finding(name, "error", str(error.what), f"{error.remedy}; socialbot key check")
         return Finding(name, "ok", f"messages are sealed; {f'open by {way}' if way else 'this machine only'}")

@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar
 from socialbot.bags.codec import ros_type
 from socialbot.bridge.diagnostics import machine
 from socialbot.bridge.graph_observer import rounded
-from socialbot.bridge.transport import message_class, publisher_qos, subscription_qos, wire
+from socialbot.bridge.transport import message_class, publisher_qos, subscription_qos, open_transport
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import DownRequest, Structured, UpState, UpStatus
@@ -56,7 +56,7 @@ class RunAnnouncer:
         self._publisher = ros.create_publisher(
             message_class(ros_type(UpStatus)), UP_TOPIC, publisher_qos(Delivery.EVERY)
         )
-        self._outlet = wire().outlet(self._publisher)
+        self._sender = open_transport().sender(self._publisher)
         self._others: set[str] = set()
         self._ear = _Ear(ros, DOWN_TOPIC, DownRequest, self._take)
         self._listening = _Ear(ros, UP_TOPIC, UpStatus, self._hear)
@@ -116,7 +116,7 @@ class RunAnnouncer:
         with self._speaking:
             if not self._ended:
                 self._ended = state == "ended"
-                self._outlet.publish(status)
+                self._sender.publish(status)
 
 
 class RunListener:
@@ -125,7 +125,7 @@ class RunListener:
     def __init__(self, ros: Any) -> None:
         self.heard: dict[str, UpStatus] = {}
         self._ros = ros
-        self._outlet = wire().outlet(
+        self._sender = open_transport().sender(
             ros.create_publisher(message_class(ros_type(DownRequest)), DOWN_TOPIC, publisher_qos(Delivery.EVERY))
         )
         self._ear = _Ear(ros, UP_TOPIC, UpStatus, self.note)
@@ -143,7 +143,7 @@ class RunListener:
 
     def ask_to_end(self, run: str) -> None:
         """Asks one of them to end. It may have to be said again: whoever is not connected yet does not hear it."""
-        self._outlet.publish(DownRequest(stamp=WallClock().now(), run=run))
+        self._sender.publish(DownRequest(stamp=WallClock().now(), run=run))
 
     def note(self, status: UpStatus) -> None:
         """Takes what one of them says."""
@@ -183,13 +183,13 @@ class _Ear(Generic[S]):
         self._topic = topic
         self._kind = kind
         self._take = take
-        self._inlet = wire().inlet(topic)
+        self._receiver = open_transport().receiver(topic)
         qos = subscription_qos(Delivery.EVERY, outside=False)
         ros.create_subscription(message_class(ros_type(kind)), topic, self._receive, qos)
 
     def _receive(self, ros_message: Any) -> None:
         try:
-            message = self._inlet.decode(self._kind, ros_message)
+            message = self._receiver.decode(self._kind, ros_message)
         except MessageError as error:
             self.refused += 1
             if rounded(self.refused):

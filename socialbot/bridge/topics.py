@@ -22,7 +22,7 @@ from ruamel.yaml.error import YAMLError
 
 from socialbot.bags.codec import ros_type
 from socialbot.bridge import environment
-from socialbot.bridge.transport import matching_qos, message_class, publisher_qos, wire
+from socialbot.bridge.transport import matching_qos, message_class, open_transport, publisher_qos
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import Structured
 from socialbot.core.registry import message_types
@@ -405,13 +405,13 @@ def send(ros: Any, name: str, message: Structured, *, timeout_s: float, ended: E
         if time.monotonic() >= deadline:
             raise _not_wanted(ros, name, ros_type(kind))
         time.sleep(LOOK_AGAIN_S)
-    own = wire(form=form)
+    own = open_transport(form=form)
     publisher = ros.create_publisher(own.message_class(kind), name, publisher_qos(Delivery.EVERY))
-    outlet = own.outlet(publisher)
+    sender = own.sender(publisher)
     _await_all(ros, publisher, name, ros_type(kind, form), ended)
     if not publisher.get_subscription_count():
         raise _not_wanted(ros, name, ros_type(kind))
-    outlet.publish(message)
+    sender.publish(message)
     if not publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_S)):
         raise NodeError(f"it has not arrived after {ACKNOWLEDGED_S:.0f} s", where=name)
 

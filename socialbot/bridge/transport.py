@@ -1,4 +1,4 @@
-"""Convert, sign and verify messages on their way to and from ROS topics; and their quality of service."""
+"""Convert, sign and verify messages on their way to and from ROS topics, and choose their quality of service."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from socialbot.graph.node import Delivery, WireForm
 if TYPE_CHECKING:
     from socialbot.bridge.security import Opener, Seal, Stream
 
+M = TypeVar("M", bound=Message)
 
 _REMEDY = (
     "install the ROS wheels (pip install ros-jazzy-rclpy ros-jazzy-common-interfaces ros-jazzy-rmw-fastrtps-cpp) "
@@ -32,25 +33,12 @@ _REMEDY = (
 _REMEDY_TYPED = "pip install ./interfaces/socialbot_msgs (see docs/interfaces.md), or write wire: json in the graph"
 
 
-class RclpyTypes:
-    """A `codec.TypeFactory` that makes messages for rclpy."""
-
-    def make(self, type_name: str, /, **fields: Any) -> Any:
-        """A message of ``type_name``. Raises InstallationError when its package is not installed."""
-        message = message_class(type_name)(
-            **{name: value for name, value in fields.items() if not isinstance(value, np.ndarray)}
-        )
-        for name, value in fields.items():
-            if isinstance(value, np.ndarray):
-                _fill(message, name, value)
-        return message
-
-
 @functools.cache
 def message_class(type_name: str) -> Any:
-    """The class of a type such as ``sensor_msgs/msg/Image``.
+    """The rclpy class of a type such as ``sensor_msgs/msg/Image``.
 
-    Raises InstallationError when ROS, or the package of this type, is not installed.
+    Raises:
+        InstallationError: ROS, or the package of this type, is not installed.
     """
     module, _, name = type_name.replace("/", ".").rpartition(".")
     try:
@@ -60,30 +48,35 @@ def message_class(type_name: str) -> Any:
         raise InstallationError(f"the ROS type {type_name} is not installed: {error}", remedy=remedy) from error
 
 
-def _fill(message: Any, name: str, numbers: np.ndarray) -> None:
-    # The setter would copy an array.array, and take a numpy array apart number by number: for a picture of
-    # 640x480, 2 ms and 250 ms, where filling the array that the message already has takes 0.04 ms.
-    own = getattr(message, name)
-    if isinstance(own, array.array):
-        own.frombytes(np.ascontiguousarray(numbers, np.dtype(own.typecode)).data.cast("B"))
-    else:
-        setattr(message, name, numbers)
+class RclpyTypes:
+    """A `codec.TypeFactory` that makes messages for rclpy."""
 
+    def make(self, type_name: str, /, **fields: Any) -> Any:
+        """A message of ``type_name``. Raises InstallationError when its package is not installed."""
+        arrays = {name: value for name, value in fields.items() if isinstance(value, np.ndarray)}
+        message = message_class(type_name)(**{name: value for name, value in fields.items() if name not in arrays})
+        for name, numbers in arrays.items():
+            # The setter takes 250 ms to check a numpy array of 640x480x3, and 2 ms to copy an array.array. Filling the
+            # array of the message takes 0.04 ms.
+            own = getattr(message, name)
+            if isinstance(own, array.array):
+                own.frombytes(np.ascontiguousarray(numbers, np.dtype(own.typecode)).data.cast("B"))
+            else:
+                setattr(message, name, numbers)
+        return message
 
-M = TypeVar("M", bound=Message)
 
 WINDOW_VARIABLE = "SOCIALBOT_KEYS_WINDOW_S"
-SEALED = '{"schema":"socialbot/Sealed/'
-"""What is sealed begins so. Who has no keys need not load what opens it to know that."""
+_SEALED_PREFIX = '{"schema":"socialbot/Sealed/'
+"""The beginning of every sealed message. It lets processes without keys recognise one without loading cryptography."""
 
-LEAST_WINDOW_S, LONGEST_WINDOW_S = 0.1, 60.0
-
-RENEWALS_A_WINDOW = 2
-"""How often in each window what is latched is sealed anew, so that it is never too old for who joins late."""
+MIN_WINDOW_S, MAX_WINDOW_S = 0.1, 60.0
+RENEWALS_PER_WINDOW = 2
+"""Latched messages are sealed anew so often per window, so that they stay valid for late subscribers."""
 
 
 class Sender:
-    """One publisher on one topic; safe to use from several threads."""
+    """Encodes and publishes messages with one rclpy publisher. Thread-safe."""
 
     def __init__(self, types: TypeFactory, publisher: Any, stream: Stream | None, form: WireForm = "json") -> None:
         self._types = types
@@ -91,10 +84,10 @@ class Sender:
         self._publisher = publisher
         self._stream = stream
         self._last: str | None = None
-        self._in_order = threading.Lock()
+        self._lock = threading.Lock()
 
     def publish(self, message: Message) -> None:
-        """Sends ``message``."""
+        """Encode, seal if there are keys, and publish ``message``."""
         ros_message = encode(message, self._types, self._form)
         if isinstance(message, Structured):
             self.forward(ros_message)
@@ -102,33 +95,35 @@ class Sender:
             self._publisher.publish(ros_message)
 
     def forward(self, ros_message: Any) -> None:
-        """Sends a structured message that was made elsewhere: a String, if it is to be sealed."""
+        """Publish an encoded structured message: a String, if it has to be sealed."""
         if self._stream is None:
             self._publisher.publish(ros_message)
             return
-        with self._in_order:
+        with self._lock:
             self._last = text = ros_message.data
             ros_message.data = self._stream.seal(text)
             self._publisher.publish(ros_message)
 
     def renew(self) -> None:
-        """Sends the last message once more, sealed anew; those who have heard it take no notice."""
-        with self._in_order:
+        """Publish the last message again with a new seal. Receivers that had it ignore this one."""
+        with self._lock:
             if self._stream is not None and self._last is not None:
                 self._publisher.publish(self._types.make(STRING, data=self._stream.seal(self._last, anew=True)))
 
 
 class Receiver:
-    """One subscription to one topic."""
+    """Verifies and decodes the messages of one subscription."""
 
     def __init__(self, types: TypeFactory, opener: Opener | None) -> None:
         self._types = types
         self._opener = opener
 
     def decode(self, message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M | None:
-        """``ros_message`` as `codec.decode` gives it; None when it was only sealed anew since it was last heard.
+        """Decode ``ros_message`` as `codec.decode` does; None for a known message with a renewed seal.
 
-        Raises MessageError, or SealError when its seal is not to be believed.
+        Raises:
+            MessageError: The message does not fit the type.
+            SealError: The seal is missing or invalid.
         """
         if issubclass(message_type, Structured):
             ros_message = self.open(ros_message)
@@ -137,13 +132,13 @@ class Receiver:
         return decode(message_type, ros_message, stamp=stamp)
 
     def open(self, ros_message: Any) -> Any | None:
-        """A String without its seal, if it has to have one; None and errors as in `decode`."""
+        """The String without its seal, if a seal is required. Result None and errors as in `decode`."""
         text = getattr(ros_message, "data", None)
         if self._opener is None:
-            if isinstance(text, str) and text.startswith(SEALED):
+            if isinstance(text, str) and text.startswith(_SEALED_PREFIX):
                 from socialbot.bridge.security import SealError
 
-                raise SealError("sealed", "there is no key here")
+                raise SealError("sealed", "this process has no key")
             return ros_message
         if not isinstance(text, str):
             raise MessageError(f"not a valid {STRING}: {type(ros_message).__name__} holds no text")
@@ -151,8 +146,13 @@ class Receiver:
         return None if payload is None else self._types.make(STRING, data=payload)
 
 
-class Wire:
-    """Makes the outlets and inlets of one node. Without a ``seal`` messages travel open, in the ``form`` given."""
+class Transport:
+    """Makes the senders and receivers of one node.
+
+    Args:
+        seal: Signs and verifies structured messages; without it they travel unsealed.
+        form: Whether structured messages travel as JSON or as ROS types.
+    """
 
     def __init__(self, types: TypeFactory, seal: Seal | None = None, form: WireForm = "json") -> None:
         self._types = types
@@ -167,28 +167,31 @@ class Wire:
 
     @property
     def renewal_s(self) -> float:
-        """How often (s) to call `renew`; infinite where nothing has to be renewed."""
-        return math.inf if self._seal is None else self._seal.window_s / RENEWALS_A_WINDOW
+        """The period (s) of `renew`; infinite without keys."""
+        return math.inf if self._seal is None else self._seal.window_s / RENEWALS_PER_WINDOW
 
     def message_class(self, message_type: type[Message]) -> Any:
-        """The rclpy class of the messages that carry ``message_type``. Raises InstallationError when there is none."""
+        """The rclpy class that carries ``message_type``. Raises InstallationError when it is not installed."""
         return message_class(ros_type(message_type, self._form))
 
-    def outlet(self, publisher: Any, *, latched: bool = False) -> Sender:
-        """For an rclpy ``publisher``; one that is ``latched`` takes part in `renew`."""
+    def sender(self, publisher: Any, *, latched: bool = False) -> Sender:
+        """The sender of an rclpy publisher. `renew` includes it if it is ``latched``."""
         stream = None if self._seal is None else self._seal.stream(publisher.topic_name)
-        outlet = Sender(self._types, publisher, stream, self._form)
+        sender = Sender(self._types, publisher, stream, self._form)
         if latched:
-            self._latched.append(outlet)
-        return outlet
+            self._latched.append(sender)
+        return sender
 
-    def inlet(self, topic: str, *, latched: bool = False) -> Receiver:
-        """For a subscription to ``topic``, in full; one that is ``latched`` hears what was said before it began."""
+    def receiver(self, topic: str, *, latched: bool = False) -> Receiver:
+        """The receiver of a subscription to the fully qualified ``topic``.
+
+        A ``latched`` one accepts messages that are older than the subscription.
+        """
         opener = None if self._seal is None else self._seal.opener(topic, joins_late=latched)
         return Receiver(self._types, opener)
 
     def stream(self, topic: str) -> Stream | None:
-        """Seals text that travels on ``topic`` within another type; None without keys."""
+        """Seals text inside messages of another type on ``topic``; None without keys."""
         return None if self._seal is None else self._seal.stream(topic)
 
     def opener(self, topic: str) -> Opener | None:
@@ -196,16 +199,18 @@ class Wire:
         return None if self._seal is None else self._seal.opener(topic)
 
     def renew(self) -> None:
-        """Has what is latched sent once more, sealed anew."""
-        for outlet in self._latched:
-            outlet.renew()
+        """Publish the last messages of latched senders again with new seals."""
+        for sender in self._latched:
+            sender.renew()
 
 
-def wire(environment: MutableMapping[str, str] = os.environ, *, form: WireForm = "json") -> Wire:
-    """The wire as the ``environment`` wants it: with a seal where `KEYS_VARIABLE` is set.
+def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: WireForm = "json") -> Transport:
+    """The transport that the ``environment`` asks for: sealed where `KEYS_VARIABLE` is set.
 
-    Raises SecurityError when the keys cannot be used, ParameterError when the window cannot, or when there are keys
-    and messages have ROS types of their own; InstallationError when these types are not installed.
+    Raises:
+        SecurityError: The keys cannot be used.
+        ParameterError: The window is invalid, or keys are set and ``form`` is "typed".
+        InstallationError: ``form`` is "typed" and the package of these types is not installed.
     """
     if form == "typed":
         if has_keys(environment):
@@ -215,101 +220,84 @@ def wire(environment: MutableMapping[str, str] = os.environ, *, form: WireForm =
                 remedy=f"write wire: json, or unset {KEYS_VARIABLE}",
             )
         message_class(next(iter(typed_messages())))
-    return Wire(RclpyTypes(), _seal(environment), form)
+    return Transport(RclpyTypes(), _seal(environment) if has_keys(environment) else None, form)
 
 
-def reason_of(error: MessageError) -> str:
-    """Why a message was refused, in a word or two, to be counted by."""
+def refusal_reason(error: MessageError) -> str:
+    """Why a message was refused, in one or two words, as a key for counts."""
     return getattr(error, "reason", "unfit")
 
 
-def _seal(environment: MutableMapping[str, str]) -> Seal | None:
-    if not has_keys(environment):
-        return None
-    from socialbot.bridge.security import Seal, SecurityError, load_keys
-
-    folder, name = split_keys(environment[KEYS_VARIABLE])
-    if not folder:
-        # An empty variable is more likely a slip than the wish to be without protection.
-        raise SecurityError("no folder is named", where=KEYS_VARIABLE, remedy="name one, or unset the variable")
-    check_domain(environment)
-    domain = int(environment.get("ROS_DOMAIN_ID") or "0")
-    return Seal(load_keys(Path(folder), name), realm=f"ROS domain {domain}", window_s=_window_s(environment))
-
-
 def split_keys(text: str) -> tuple[str, str]:
-    """Folder and name of FOLDER:NAME; the name is empty where none is given."""
+    """The folder and name of FOLDER:NAME; the name is empty where none is given."""
     folder, colon, name = text.rpartition(":")
     return (folder, name) if colon and "/" not in name else (text, "")
 
 
-def _window_s(environment: MutableMapping[str, str]) -> float:
-    from socialbot.bridge.security import WINDOW_S
+def _seal(environment: MutableMapping[str, str]) -> Seal:
+    from socialbot.bridge.security import WINDOW_S, Seal, SecurityError, load_keys
 
+    folder, name = split_keys(environment[KEYS_VARIABLE])
+    if not folder:
+        # An empty variable is more likely a mistake than the wish to be without protection.
+        raise SecurityError("no folder is named", where=KEYS_VARIABLE, remedy="name one, or unset the variable")
     text = environment.get(WINDOW_VARIABLE) or str(WINDOW_S)
     try:
         window_s = float(text)
     except ValueError:
         window_s = math.nan
-    if not LEAST_WINDOW_S <= window_s <= LONGEST_WINDOW_S:
+    if not MIN_WINDOW_S <= window_s <= MAX_WINDOW_S:
         raise ParameterError(
-            f"no window: {text!r}",
+            f"{text!r} is not a valid window",
             where=WINDOW_VARIABLE,
-            remedy=f"give seconds from {LEAST_WINDOW_S} to {LONGEST_WINDOW_S}",
+            remedy=f"set it to {MIN_WINDOW_S} to {MAX_WINDOW_S} seconds",
         )
-    return window_s
+    check_domain(environment)
+    domain = int(environment.get("ROS_DOMAIN_ID") or "0")
+    return Seal(load_keys(Path(folder), name), realm=f"ROS domain {domain}", window_s=window_s)
 
 
-DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}
-"""Messages that a writer keeps for a slow reader, and a reader for a slow node."""
+QUEUE_DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}
+"""The history depth of publishers and subscriptions."""
 
-ONLOOKER_DEPTH = 2000
-"""Messages of a topic that are kept for who only records: it has many topics to hear, and may be late for a while."""
+OBSERVER_DEPTH = 2000
+"""The history depth of an observer, which may fall behind because it has many topics."""
 
 
 def publisher_qos(delivery: Delivery) -> Any:
-    """Reliable always, so that readers of both kinds match; late joiners get the last of a latched topic."""
-    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
-    latched = delivery is Delivery.LATCHED
-    return QoSProfile(
-        depth=DEPTH[delivery],
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+    """Reliable, so that it matches all subscriptions; transient local for latched topics."""
+    return _qos(QUEUE_DEPTH[delivery], latched=delivery is Delivery.LATCHED)
 
 
 def subscription_qos(delivery: Delivery, *, outside: bool) -> Any:
-    """The same as the publisher's within the graph.
+    """The same profile as the publisher's within the graph.
 
-    What comes from ``outside`` may come from any driver, and many publish streams best effort and
-    volatile; a reader that asks for more would get nothing at all.
+    Topics from ``outside`` the graph may come from drivers that publish best effort and volatile. A subscription that
+    requests more would not match, so this one requests the least.
     """
-    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
     undemanding = outside and delivery is not Delivery.EVERY
     latched = delivery is Delivery.LATCHED and not undemanding
-    return QoSProfile(
-        depth=DEPTH[delivery],
-        reliability=ReliabilityPolicy.BEST_EFFORT if undemanding else ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+    return _qos(QUEUE_DEPTH[delivery], reliable=not undemanding, latched=latched)
 
 
-def onlooker_qos(*, latched: bool) -> Any:
-    """What a reader asks for that records a topic of the graph; of those that are ``latched`` the last, too."""
-    qos = subscription_qos(Delivery.LATCHED if latched else Delivery.EVERY, outside=False)
-    qos.depth = ONLOOKER_DEPTH
-    return qos
+def observer_qos(*, latched: bool) -> Any:
+    """The profile of an observer that records a topic of the graph."""
+    return _qos(OBSERVER_DEPTH, latched=latched)
 
 
 def matching_qos(publishers: Collection[Any], depth: int) -> Any:
-    """As much as all ``publishers`` offer: who asks for more gets nothing."""
-    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+    """The strictest profile that matches all ``publishers``."""
+    from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
     offers = [publisher.qos_profile for publisher in publishers]
     reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
     latched = reliable and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+    return _qos(depth, reliable=reliable, latched=latched)
+
+
+def _qos(depth: int, *, reliable: bool = True, latched: bool = False) -> Any:
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,

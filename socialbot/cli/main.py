@@ -16,7 +16,7 @@ from rich.table import Table
 from typer.core import TyperGroup
 
 from socialbot import __version__
-from socialbot.bridge.environment import divided
+from socialbot.bridge.environment import split_ros_args
 from socialbot.cli.completion import graph_names, node_names
 from socialbot.cli.inspect import PORT, InspectOption, PortOption, watched
 from socialbot.core.errors import ParameterError, SocialbotError
@@ -241,7 +241,7 @@ def main() -> None:
     """The entry point of the ``socialbot`` command."""
     arguments, ros_args = sys.argv[1:], []
     if arguments[:1] in (["node"], ["translate"]):
-        arguments, ros_args = divided(arguments)
+        arguments, ros_args = split_ros_args(arguments)
     try:
         command()(arguments, obj=ros_args)
     except SocialbotError as error:

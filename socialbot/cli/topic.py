@@ -57,10 +57,10 @@ def echo(
 ) -> None:
     """Print each message of a topic, until Ctrl-C."""
     from socialbot.bridge.topics import message_text, messages, onlooker
-    from socialbot.bridge.transport import message_class, wire
+    from socialbot.bridge.transport import message_class, open_transport
 
     shown = 0
-    inlet = wire().inlet(_absolute(name), latched=True)
+    receiver = open_transport().receiver(_absolute(name), latched=True)
     deadline = _Deadline(duration)
     with (
         Ending().on_signals() as ending,
@@ -69,7 +69,7 @@ def echo(
     ):
         for message in coming:
             if isinstance(message, message_class(STRING)) and not raw:
-                message = _opened(inlet, message)
+                message = _opened(receiver, message)
             if message is not None:
                 typer.echo(f"{message_text(message, raw=raw)}\n---")
                 shown += 1
@@ -125,10 +125,10 @@ def pub(
         send(ros, _absolute(name), message, timeout_s=timeout, ended=lambda: ending.asked)
 
 
-def _opened(inlet: Receiver, message: Any) -> Any | None:
+def _opened(receiver: Receiver, message: Any) -> Any | None:
     """``message`` without its seal; None, and a word on stderr, when that is not to be believed."""
     try:
-        return inlet.open(message)
+        return receiver.open(message)
     except MessageError as error:
         typer.echo(f"refused, {error}", err=True)
         return None

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from socialbot.bags import codec
 from socialbot.bags.types import PACKAGE, RosbagsTypes, definitions, fields_of, type_name, typed_messages, types_with
 from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.transport import RclpyTypes, message_class, wire
+from socialbot.bridge.transport import RclpyTypes, message_class, open_transport
 from socialbot.cli.main import with_changes
 from socialbot.core.errors import GraphError, InstallationError, MessageError, ParameterError
 from socialbot.core.messages import (
@@ -163,14 +163,14 @@ def test_nodes_of_a_typed_graph_hear_and_speak_types_of_ros() -> None:
 
 def test_sealed_messages_are_text() -> None:
     with pytest.raises(ParameterError, match="sealed messages travel as text"):
-        wire({KEYS_VARIABLE: "keys"}, form="typed")
+        open_transport({KEYS_VARIABLE: "keys"}, form="typed")
 
 
 def test_what_to_do_where_the_types_are_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     message_class.cache_clear()
     monkeypatch.setitem(sys.modules, f"{PACKAGE}.msg", None)
     with pytest.raises(InstallationError, match=r"pip install \./interfaces/socialbot_msgs"):
-        wire({}, form="typed")
+        open_transport({}, form="typed")
     message_class.cache_clear()
 
 

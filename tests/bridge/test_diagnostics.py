@@ -44,15 +44,15 @@ def test_what_is_told_is_heard_with_and_without_keys(tmp_path: Path, monkeypatch
         DiagnosticsSubscriber(hearer, keep(curious))
         monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
         friend: list[Any] = []
-        inlet, outlet = DiagnosticsSubscriber(hearer, keep(friend)), DiagnosticsPublisher(speaker)
-        assert eventually(lambda: outlet.publish([status("camera"), status("head", pid="7")]) or bool(friend))
+        receiver, sender = DiagnosticsSubscriber(hearer, keep(friend)), DiagnosticsPublisher(speaker)
+        assert eventually(lambda: sender.publish([status("camera"), status("head", pid="7")]) or bool(friend))
         assert eventually(lambda: len(curious) >= 2)
         assert friend[:2] == [
             ("camera", {"machine": "robot", "state": "active"}),
             ("head", {"machine": "robot", "state": "active", "pid": "7"}),
         ]
         assert friend[:2] == curious[-2:]
-        assert inlet.refused == 0
+        assert receiver.refused == 0
 
 
 def test_with_keys_what_is_forged_altered_or_said_again_is_not_believed(
@@ -64,28 +64,28 @@ def test_with_keys_what_is_forged_altered_or_said_again_is_not_believed(
     monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
     with two_nodes() as (speaker, hearer):
         told: list[tuple[str, dict[str, str]]] = []
-        inlet, outlet = DiagnosticsSubscriber(hearer, keep(told)), DiagnosticsPublisher(speaker)
+        receiver, sender = DiagnosticsSubscriber(hearer, keep(told)), DiagnosticsPublisher(speaker)
 
         def say(one: Any) -> None:
-            inlet._receive(SimpleNamespace(status=[one]))
+            receiver._receive(SimpleNamespace(status=[one]))
 
         say(status())
-        assert (inlet.refused, told) == (1, [])
+        assert (receiver.refused, told) == (1, [])
         say(status(**{SEAL: "nonsense"}))
-        assert (inlet.refused, told) == (2, [])
+        assert (receiver.refused, told) == (2, [])
         rightly = status()
-        outlet._seal(rightly)
+        sender._seal(rightly)
         # What stands beside the seal is for other tools to read; who has keys does not look at it.
         next(pair for pair in rightly.values if pair.key == "state").value = "given up"
         rightly.name = "head"
         say(rightly)
-        assert (inlet.refused, told) == (2, [("camera", {"machine": "robot", "state": "active"})])
+        assert (receiver.refused, told) == (2, [("camera", {"machine": "robot", "state": "active"})])
         say(rightly)
-        assert (inlet.refused, len(told)) == (3, 1)
+        assert (receiver.refused, len(told)) == (3, 1)
         battery = status("battery")
         battery.values = battery.values[:0]
         say(battery)
-        assert (inlet.refused, len(told)) == (3, 1)
+        assert (receiver.refused, len(told)) == (3, 1)
 
 
 def test_nobody_without_a_key_keeps_a_graph_from_starting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -97,13 +97,13 @@ def test_nobody_without_a_key_keeps_a_graph_from_starting(tmp_path: Path, monkey
     graph = Graph("g", (NodeConfig("speaker", Node),))
     new_key("robot", tmp_path / "keys")
     with two_nodes() as (speaker, hearer):
-        outlet = DiagnosticsPublisher(speaker)
-        timer = speaker.create_timer(0.1, lambda: outlet.publish([status("speaker")]))
+        sender = DiagnosticsPublisher(speaker)
+        timer = speaker.create_timer(0.1, lambda: sender.publish([status("speaker")]))
         with pytest.raises(NodeError, match="running already: speaker"):
             expect_free_names(hearer, graph)
         monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
         expect_free_names(hearer, graph)
-        outlet = DiagnosticsPublisher(speaker)
+        sender = DiagnosticsPublisher(speaker)
         with pytest.raises(NodeError, match="running already: speaker"):
             expect_free_names(hearer, graph)
         speaker.destroy_timer(timer)

@@ -109,5 +109,5 @@ def test_both_profiles_have_the_same_shared_memory() -> None:
 
 @pytest.mark.parametrize("domain", ["-1", "233", "x", "1.5"])
 def test_domains_that_are_none(domain: str) -> None:
-    with pytest.raises(GraphError, match="no ROS domain"):
+    with pytest.raises(GraphError, match="not a ROS domain"):
         environment.check_domain({"ROS_DOMAIN_ID": domain})

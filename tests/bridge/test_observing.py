@@ -20,7 +20,7 @@ def test_nothing_is_lost_while_an_onlooker_is_held_up() -> None:
     from rclpy.duration import Duration
 
     from socialbot.bridge.environment import spinning_node
-    from socialbot.bridge.transport import publisher_qos, wire
+    from socialbot.bridge.transport import publisher_qos, open_transport
     from socialbot.graph.node import Delivery
 
     heard: list[str] = []
@@ -31,13 +31,13 @@ def test_nothing_is_lost_while_an_onlooker_is_held_up() -> None:
         heard.append(message.id)
         free.wait(60)
 
-    own = wire()
+    own = open_transport()
     with observe_graph({TRACE: TraceRecord}, observe, lambda name, values: None), spinning_node("agent") as ros:
         publisher = ros.create_publisher(own.message_class(TraceRecord), TRACE, publisher_qos(Delivery.EVERY))
-        outlet = own.outlet(publisher)
+        sender = own.sender(publisher)
         assert eventually(lambda: publisher.get_subscription_count() == 1, 20)
         for number in range(RECORDS):
-            outlet.publish(TraceRecord(stamp=number, id=f"agent-{number}", source="agent", kind="belief", what="b"))
+            sender.publish(TraceRecord(stamp=number, id=f"agent-{number}", source="agent", kind="belief", what="b"))
             if number % 50 == 0:  # so that the writer, who keeps 100, is not what loses some
                 assert publisher.wait_for_all_acked(Duration(seconds=20))
         free.set()

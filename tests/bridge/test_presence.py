@@ -65,7 +65,7 @@ def test_that_it_has_ended_is_its_last_word(monkeypatch: pytest.MonkeyPatch):
     with two_nodes() as (up, _):
         presence = RunAnnouncer(up, "waldo", lambda: None)
         said: list[UpStatus] = []
-        monkeypatch.setattr(presence, "_outlet", SimpleNamespace(publish=said.append))
+        monkeypatch.setattr(presence, "_sender", SimpleNamespace(publish=said.append))
         with presence:
             presence._take(DownRequest(stamp=1, run=presence.run))
         presence._take(DownRequest(stamp=2, run=presence.run))

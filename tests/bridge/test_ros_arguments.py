@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.bridge.environment import divided
+from socialbot.bridge.environment import split_ros_args
 
 OURS = ["--graph", "waldo", "head"]
 
@@ -28,7 +28,7 @@ OURS = ["--graph", "waldo", "head"]
     ],
 )
 def test_what_is_for_ros_goes_from_its_word_to_the_dashes_or_the_end(arguments, ours, ros):
-    assert divided(arguments) == (ours, ros)
+    assert split_ros_args(arguments) == (ours, ros)
 
 
 def run_node(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -50,5 +50,5 @@ def test_a_value_from_ros_that_does_not_fit_is_one_message():
 def test_arguments_that_ros_cannot_use_are_one_message(tmp_path: Path):
     done = run_node("head", "--ros-args", "--params-file", str(tmp_path / "none.yaml"))
     assert done.returncode == 4
-    assert "error: --ros-args: ROS cannot use them" in done.stderr
+    assert "error: --ros-args: ROS rejects the arguments" in done.stderr
     assert "Traceback" not in done.stderr

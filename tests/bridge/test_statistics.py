@@ -7,13 +7,13 @@ import pytest
 pytestmark = pytest.mark.ros
 
 
-def test_the_spread_of_durations():
+def test_mean_and_percentiles_of_durations():
     from socialbot.bridge.diagnostics import DurationStats
 
     assert DurationStats.of([]) == DurationStats(0.0, 0.0, 0.0)
-    spread = DurationStats.of([0.001 * number for number in range(1, 101)])
-    assert spread.mean == pytest.approx(0.0505)
-    assert (spread.p50, spread.p99) == pytest.approx((0.051, 0.1))
+    stats = DurationStats.of([0.001 * number for number in range(1, 101)])
+    assert stats.mean == pytest.approx(0.0505)
+    assert (stats.p50, stats.p99) == pytest.approx((0.051, 0.1))
 
 
 def test_rates_are_of_the_time_in_between():

@@ -13,7 +13,7 @@ from socialbot.bags.codec import STRING, encode
 from socialbot.bridge import ros_checks
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, reach, warn_if_open
 from socialbot.bridge.security import SCHEMA, Seal, SealError, SecurityError, load_keys, new_key
-from socialbot.bridge.transport import WINDOW_VARIABLE, Wire, reason_of, split_keys, wire
+from socialbot.bridge.transport import WINDOW_VARIABLE, Transport, refusal_reason, split_keys, open_transport
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CompressedImage, HeadCommand, Utterance
 
@@ -46,124 +46,124 @@ def keys(tmp_path):
 
 
 @pytest.fixture
-def sealed(keys) -> Wire:
-    return Wire(Types(), Seal(load_keys(keys), realm="here"))
+def sealed(keys) -> Transport:
+    return Transport(Types(), Seal(load_keys(keys), realm="here"))
 
 
 def test_without_keys_messages_travel_as_they_are():
-    bare, publisher = Wire(Types()), Publisher()
-    outlet = bare.outlet(publisher, latched=True)
-    outlet.publish(WORD)
+    bare, publisher = Transport(Types()), Publisher()
+    sender = bare.sender(publisher, latched=True)
+    sender.publish(WORD)
     bare.renew()
     assert [one.data for one in publisher.sent] == [encode(WORD, Types()).data]
-    assert bare.inlet(TOPIC).decode(Utterance, publisher.sent[0]) == WORD
+    assert bare.receiver(TOPIC).decode(Utterance, publisher.sent[0]) == WORD
     assert (bare.sealed, bare.renewal_s) == (False, math.inf)
 
 
 def test_with_keys_structured_messages_travel_sealed(sealed):
     publisher = Publisher()
-    sealed.outlet(publisher).publish(WORD)
+    sealed.sender(publisher).publish(WORD)
     assert publisher.sent[0].data.startswith(f'{{"schema":"{SCHEMA}","sender":"robot"')
-    inlet = sealed.inlet(TOPIC, latched=True)
-    assert inlet.decode(Utterance, publisher.sent[0]) == WORD
+    receiver = sealed.receiver(TOPIC, latched=True)
+    assert receiver.decode(Utterance, publisher.sent[0]) == WORD
     with pytest.raises(SealError) as caught:
-        inlet.decode(Utterance, publisher.sent[0])
-    assert reason_of(caught.value) == "replayed"
+        receiver.decode(Utterance, publisher.sent[0])
+    assert refusal_reason(caught.value) == "replayed"
 
 
 def test_with_keys_pictures_travel_as_they_are(sealed):
     picture = CompressedImage(stamp=7, frame_id="camera", format="jpeg", data=np.zeros(3, np.uint8))
     publisher = Publisher("/camera")
-    sealed.outlet(publisher).publish(picture)
-    assert sealed.inlet("/camera").decode(CompressedImage, publisher.sent[0]).frame_id == "camera"
+    sealed.sender(publisher).publish(picture)
+    assert sealed.receiver("/camera").decode(CompressedImage, publisher.sent[0]).frame_id == "camera"
 
 
 def test_with_keys_nothing_else_is_heard(sealed):
     for text in (encode(WORD, Types()).data, "Hello"):
         with pytest.raises(SealError) as caught:
-            sealed.inlet(TOPIC).decode(Utterance, SimpleNamespace(data=text))
-        assert reason_of(caught.value) == "unsealed"
+            sealed.receiver(TOPIC).decode(Utterance, SimpleNamespace(data=text))
+        assert refusal_reason(caught.value) == "unsealed"
     with pytest.raises(MessageError, match="holds no text") as none:
-        sealed.inlet(TOPIC).decode(Utterance, SimpleNamespace(data=3))
-    assert reason_of(none.value) == "unfit"
+        sealed.receiver(TOPIC).decode(Utterance, SimpleNamespace(data=3))
+    assert refusal_reason(none.value) == "unfit"
 
 
 def test_without_keys_what_is_sealed_is_told_as_that(sealed):
     publisher = Publisher()
-    sealed.outlet(publisher).publish(WORD)
+    sealed.sender(publisher).publish(WORD)
     with pytest.raises(SealError, match="set SOCIALBOT_KEYS") as caught:
-        Wire(Types()).inlet(TOPIC).decode(Utterance, publisher.sent[0])
-    assert reason_of(caught.value) == "sealed"
+        Transport(Types()).receiver(TOPIC).decode(Utterance, publisher.sent[0])
+    assert refusal_reason(caught.value) == "sealed"
 
 
 def test_a_command_cannot_be_moved_to_another_topic(sealed):
     publisher = Publisher("/head/command")
-    sealed.outlet(publisher).publish(HeadCommand(stamp=1, mode="centre"))
+    sealed.sender(publisher).publish(HeadCommand(stamp=1, mode="centre"))
     with pytest.raises(SealError, match="moved: from 'robot', sealed for /head/command"):
-        sealed.inlet("/other/command", latched=True).decode(HeadCommand, publisher.sent[0])
+        sealed.receiver("/other/command", latched=True).decode(HeadCommand, publisher.sent[0])
 
 
 def test_a_right_seal_makes_no_wrong_content_right(sealed):
     publisher = Publisher()
-    sealed.outlet(publisher).publish(WORD)
+    sealed.sender(publisher).publish(WORD)
     with pytest.raises(MessageError, match="does not fit socialbot/HeadCommand/1") as caught:
-        sealed.inlet(TOPIC, latched=True).decode(HeadCommand, publisher.sent[0])
-    assert reason_of(caught.value) == "unfit"
+        sealed.receiver(TOPIC, latched=True).decode(HeadCommand, publisher.sent[0])
+    assert refusal_reason(caught.value) == "unfit"
 
 
 def test_each_subscription_hears_each_message_once(sealed):
     publisher = Publisher()
-    sealed.outlet(publisher).publish(WORD)
+    sealed.sender(publisher).publish(WORD)
     for _ in range(2):
-        assert sealed.inlet(TOPIC, latched=True).decode(Utterance, publisher.sent[0]) == WORD
+        assert sealed.receiver(TOPIC, latched=True).decode(Utterance, publisher.sent[0]) == WORD
 
 
 def test_only_what_is_latched_is_renewed_and_is_heard_once(sealed):
     latched, other = Publisher(), Publisher()
-    outlet = sealed.outlet(latched, latched=True)
+    sender = sealed.sender(latched, latched=True)
     sealed.renew()
-    outlet.publish(WORD)
-    sealed.outlet(other).publish(WORD)
+    sender.publish(WORD)
+    sealed.sender(other).publish(WORD)
     sealed.renew()
     assert (len(latched.sent), len(other.sent)) == (2, 1)
-    inlet = sealed.inlet(TOPIC, latched=True)
-    assert [inlet.decode(Utterance, one) for one in latched.sent] == [WORD, None]
-    assert sealed.inlet(TOPIC, latched=True).decode(Utterance, latched.sent[1]) == WORD
+    receiver = sealed.receiver(TOPIC, latched=True)
+    assert [receiver.decode(Utterance, one) for one in latched.sent] == [WORD, None]
+    assert sealed.receiver(TOPIC, latched=True).decode(Utterance, latched.sent[1]) == WORD
 
 
 def test_a_string_from_a_bag_is_sealed_with_the_players_key(sealed):
     publisher = Publisher()
     for text in ('{"any": "json"}', "plain text"):
-        sealed.outlet(publisher).forward(Types().make(STRING, data=text))
-        assert sealed.inlet(TOPIC, latched=True).open(publisher.sent[-1]).data == text
+        sealed.sender(publisher).forward(Types().make(STRING, data=text))
+        assert sealed.receiver(TOPIC, latched=True).open(publisher.sent[-1]).data == text
 
 
 class TestEnvironment:
     def test_names_the_keys(self, keys):
-        assert not wire({}).sealed
-        assert wire({KEYS_VARIABLE: str(keys)}).sealed
-        assert wire({KEYS_VARIABLE: f"{keys}:robot", WINDOW_VARIABLE: "1.0"}).renewal_s == 0.5
+        assert not open_transport({}).sealed
+        assert open_transport({KEYS_VARIABLE: str(keys)}).sealed
+        assert open_transport({KEYS_VARIABLE: f"{keys}:robot", WINDOW_VARIABLE: "1.0"}).renewal_s == 0.5
 
     def test_with_keys_that_cannot_be_used_nothing_starts(self, keys):
         for value in ("", f"{keys}:other", str(keys / "none")):
             assert has_keys({KEYS_VARIABLE: value})
             with pytest.raises(SecurityError):
-                wire({KEYS_VARIABLE: value})
+                open_transport({KEYS_VARIABLE: value})
 
     @pytest.mark.parametrize("window", ["0", "nan", "-1", "1e9", "two"])
     def test_a_window_that_makes_no_sense_is_refused(self, keys, window):
-        with pytest.raises(ParameterError, match="no window"):
-            wire({KEYS_VARIABLE: str(keys), WINDOW_VARIABLE: window})
+        with pytest.raises(ParameterError, match="valid window"):
+            open_transport({KEYS_VARIABLE: str(keys), WINDOW_VARIABLE: window})
 
     def test_messages_of_another_domain_are_not_believed(self, keys):
         publisher = Publisher()
         sender, other, same = (
-            wire({KEYS_VARIABLE: str(keys), "ROS_DOMAIN_ID": domain}) for domain in ("42", "43", "042")
+            open_transport({KEYS_VARIABLE: str(keys), "ROS_DOMAIN_ID": domain}) for domain in ("42", "43", "042")
         )
-        sender.outlet(publisher).publish(WORD)
-        assert same.inlet(TOPIC, latched=True).decode(Utterance, publisher.sent[0]) == WORD
+        sender.sender(publisher).publish(WORD)
+        assert same.receiver(TOPIC, latched=True).decode(Utterance, publisher.sent[0]) == WORD
         with pytest.raises(SealError, match="forged"):
-            other.inlet(TOPIC, latched=True).decode(Utterance, publisher.sent[0])
+            other.receiver(TOPIC, latched=True).decode(Utterance, publisher.sent[0])
 
     @pytest.mark.parametrize(
         ("text", "parts"),
@@ -207,11 +207,11 @@ class TestEnvironment:
 
 def test_what_is_renewed_by_another_thread_keeps_its_place(sealed):
     publisher = Publisher()
-    outlet = sealed.outlet(publisher, latched=True)
+    sender = sealed.sender(publisher, latched=True)
     with ThreadPoolExecutor(2) as threads:
         renewing = threads.submit(lambda: [sealed.renew() for _ in range(100)])
-        telling = threads.submit(lambda: [outlet.publish(WORD) for _ in range(100)])
+        telling = threads.submit(lambda: [sender.publish(WORD) for _ in range(100)])
         renewing.result()
         telling.result()
-    inlet = sealed.inlet(TOPIC, latched=True)
-    assert [inlet.decode(Utterance, one) for one in publisher.sent].count(WORD) == 100  # and none is refused
+    receiver = sealed.receiver(TOPIC, latched=True)
+    assert [receiver.decode(Utterance, one) for one in publisher.sent].count(WORD) == 100  # and none is refused

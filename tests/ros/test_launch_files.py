@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.bridge.environment import DATAGRAM_VARIABLE, KEYS_VARIABLE, PACKET_BYTES, UNBOUNDED_BYTES, divided
+from socialbot.bridge.environment import DATAGRAM_VARIABLE, KEYS_VARIABLE, PACKET_BYTES, UNBOUNDED_BYTES, split_ros_args
 from socialbot.core.errors import GraphError, ParameterError
 from socialbot.core.paths import FOLDERS_VARIABLE
 from socialbot.core.registry import graph_names
@@ -73,7 +73,7 @@ def test_what_says_all_again_for_viewers_is_started_where_it_is_asked_for(launch
     assert "translator" not in names(launch("waldo"))
     *_, translator = launch("waldo", translate="true", set="head.camera_on_head=true", sim_time="true")
     assert (translator.name, translator.executable) == ("translator", "socialbot")
-    ours, ros = divided(translator.command)
+    ours, ros = split_ros_args(translator.command)
     assert ours[:2] == ["translate", "waldo"]
     assert "head.camera_on_head=true" in ours
     assert ros == ["--ros-args", "-p", "use_sim_time:=true", "--ros-args", "-r", "__node:=translator"]

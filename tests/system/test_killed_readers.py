@@ -15,7 +15,7 @@ KILLS = 40
 SPEAKER = """
 import sys, time
 from std_msgs.msg import String
-from socialbot.bridge.rclpy_context import spinning_node
+from socialbot.bridge.environment import spinning_node
 longest = 0.0
 with spinning_node("speaker") as ros:
     publisher = ros.create_publisher(String, "/said", 10)

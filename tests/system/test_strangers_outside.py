@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 TALK = """
 import sys, time
 from std_msgs.msg import String
-from socialbot.bridge.rclpy_context import spinning_node
+from socialbot.bridge.environment import spinning_node
 with spinning_node("talker") as ros:
     publisher = ros.create_publisher(String, "/said", 10)
     while True:
@@ -30,7 +30,7 @@ with spinning_node("talker") as ros:
 HEAR = """
 import time
 from std_msgs.msg import String
-from socialbot.bridge.rclpy_context import spinning_node
+from socialbot.bridge.environment import spinning_node
 with spinning_node("hearer") as ros:
     heard = ros.create_subscription(String, "/said", lambda message: print(message.data, flush=True), 10)
     time.sleep(60)
