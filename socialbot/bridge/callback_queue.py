@@ -1,4 +1,4 @@
-"""What waits for a node: messages, calls and timers, handed out one at a time to the node's own thread."""
+"""Callback queue of a node: messages, calls and timers, taken one at a time by the thread of the node."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from socialbot.core.messages import Message
 from socialbot.graph.health import HealthMonitor
 from socialbot.graph.node import Delivery, Input
 
-BACKLOG = 16
-"""How many frames of a stream may wait at all; older ones fall off."""
+MAX_WAITING = 16
+"""The maximum number of waiting messages of a stream; the oldest are dropped."""
 
 OVERTAKEN_S = 1.0
-"""What is older than the newest frame of a stream by no more was overtaken by it; by more, time has begun anew."""
+"""A message of a stream that is older than the newest by at most this arrived out of order. One that is older by more
+shows that time started again."""
 
 GRACE_S = 0.05
-"""Before an input is taken to be silent it gets so much real time more: messages may be on their way, when a machine
-was held up or simulated time runs ahead of them."""
+"""Real time that an input gets after its deadline. Messages may still be on their way when the machine was busy, or
+when simulated time runs ahead of them."""
 
 CALLS_AVERAGED = 8
-"""Over how many calls the cost of a message is averaged: one call that was held up makes no node slow."""
+"""The number of calls for the average cost of a message; a single slow call makes no node slow."""
 
 
 @dataclass(eq=False)
 class InputQueue:
-    """The messages that wait at one input, and what became of the others."""
+    """Messages that wait at one input, and counts of the others."""
 
     port: Input[Any]
     waiting: deque[Message] = field(default_factory=deque)
@@ -45,7 +46,7 @@ class InputQueue:
     latest: int = 0
 
     def put(self, message: Message) -> None:
-        """Adds a message at the end; of a stream none that was overtaken."""
+        """Append a message, unless it belongs to a stream and arrived out of order."""
         later_s = (message.stamp - self.latest) / SECOND if self.received else 0.0
         if self.received:
             self.spacings_s.append(later_s)
@@ -58,36 +59,36 @@ class InputQueue:
         if self.port.delivery is Delivery.LATCHED:
             self._keep(1)
         elif self.port.delivery is Delivery.NEWEST:
-            self._keep(BACKLOG)
+            self._keep(MAX_WAITING)
 
     def take(self) -> Message:
-        """Removes the message to handle next.
+        """Remove and return the message to handle next.
 
-        Of a stream that comes faster than it can be handled this is the newest one. A node that was held
-        up for once, but is fast enough, catches up and loses nothing.
+        That is the newest one of a stream that is faster than the node. A node that is fast enough, but was busy once,
+        catches up and loses nothing.
         """
         if self._slow:
             self._keep(1)
         return self.waiting.popleft()
 
     def pause(self, now: int) -> float:
-        """How long (s) to wait for a newer message; 0 when what is there is to be taken.
+        """The time (s) to wait for a newer message; 0 to take a waiting one. ``now`` is in ns.
 
-        When the newest message is nearly as old as the spacing, the next one is on its way already. A node
-        that cannot handle all of them does better to handle that one. ``now`` is in ns.
+        If the newest message is nearly as old as the spacing of the stream, the next one is on its way. A node that
+        cannot handle all messages should handle that one.
         """
         age = (now - self.waiting[-1].stamp) / SECOND
         due = 0.9 * self.spacing_s < age < 2 * self.spacing_s
         return 2 * self.spacing_s - age if self._slow and due else 0.0
 
-    def charge(self, seconds: float) -> None:
-        """Learns what handling a message costs: the average of the last calls."""
+    def record_cost(self, seconds: float) -> None:
+        """Update the average cost of a message."""
         self.handled += 1
         self.cost_s += (seconds - self.cost_s) / min(self.handled, CALLS_AVERAGED)
 
     @property
     def spacing_s(self) -> float:
-        """The usual time between two messages: a median, which a pause or a jump of the stamps leaves alone."""
+        """The usual time between two messages: a median, which ignores pauses and jumps of the stamps."""
         return median(self.spacings_s) if self.spacings_s else 0.0
 
     @property
@@ -107,135 +108,139 @@ class PendingTimer:
         self.callback: Callable[[], None] | None = callback
 
     def cancel(self) -> None:
-        """Takes the call back."""
+        """Cancel the timer."""
         self.callback = None
 
 
 class CallbackQueue:
-    """Everything that waits for one node. ``put`` from any thread, ``take`` from the node's own.
+    """Callbacks of one node. Any thread may add them; the thread of the node takes them.
 
-    ``now`` tells the node's time (ns). While it is simulated, whoever moves it calls ``time_moved``.
+    Args:
+        now: Returns the time of the node (ns).
+        simulated: Whether that time is simulated; then its owner calls `time_changed`.
     """
 
     def __init__(self, now: Callable[[], int], *, simulated: bool) -> None:
         self._now = now
         self._simulated = simulated
         self._changed = threading.Condition()
-        self._lines: dict[str, InputQueue] = {}
+        self._inputs: dict[str, InputQueue] = {}
         self._order: deque[InputQueue] = deque()
         self._calls: deque[Callable[[], None]] = deque()
         self._expected = 0
         self._when_idle: Callable[[], None] | None = None
-        self._alarms: list[tuple[int, int, PendingTimer]] = []
+        self._timers: list[tuple[int, int, PendingTimer]] = []
         self._sequence = itertools.count()
         self._closed = False
-        self._vitals: HealthMonitor | None = None
-        self._overdue: float | None = None  # since when (monotonic, s) an input has seemed to be silent
+        self._health: HealthMonitor | None = None
+        self._overdue: float | None = None  # when (monotonic, s) an input passed its deadline
 
-    def attend(self, vitals: HealthMonitor) -> None:
-        """From now on also hands out, as calls, what there is to tell of inputs with a deadline."""
+    def monitor_inputs(self, health: HealthMonitor) -> None:
+        """From now on also return calls of ``health.look`` for inputs that pass their deadline, or recover."""
         with self._changed:
-            self._vitals = vitals
+            self._health = health
             self._changed.notify()
 
     @property
-    def lines(self) -> tuple[InputQueue, ...]:
-        """The inputs that messages have come to."""
-        return tuple(self._lines.values())
+    def inputs(self) -> tuple[InputQueue, ...]:
+        """The inputs that have received messages."""
+        return tuple(self._inputs.values())
 
     @property
     def closed(self) -> bool:
-        """Whether nothing will be handed out any more."""
+        """Whether `close` was called."""
         return self._closed
 
     def put(self, port: Input[Any], message: Message) -> None:
-        """Adds a message for ``port``."""
+        """Add a message for ``port``."""
         with self._changed:
-            if self._vitals is not None:
-                self._vitals.came(port, message)
-            line = self._lines.setdefault(port.name, InputQueue(port))
-            line.put(message)
-            if line.waiting and line not in self._order:
-                self._order.append(line)
+            if self._health is not None:
+                self._health.came(port, message)
+            queue = self._inputs.setdefault(port.name, InputQueue(port))
+            queue.put(message)
+            if queue.waiting and queue not in self._order:
+                self._order.append(queue)
             self._changed.notify()
 
     def call_soon(self, callback: Callable[[], None]) -> None:
-        """Adds a call that goes before all messages."""
+        """Add a call that precedes all messages."""
         with self._changed:
             self._calls.append(callback)
             self._changed.notify()
 
     def expect(self) -> None:
-        """Counts one more call that will come by `call_expected`, from work that is done elsewhere."""
+        """Announce a later `call_expected`, such as the end of work in the background."""
         with self._changed:
             self._expected += 1
 
     def call_expected(self, callback: Callable[[], None]) -> None:
-        """Adds a call as `call_soon` does, which is one of those expected."""
+        """Add an announced call, as `call_soon` does."""
         with self._changed:
             self._expected -= 1
             self._calls.append(callback)
             self._changed.notify()
 
     def call_when_idle(self, callback: Callable[[], None]) -> None:
-        """Adds a call for when nothing else waits or is expected; it takes the place of an earlier such call."""
+        """Set the call for when nothing else waits or is expected. It replaces an earlier one."""
         with self._changed:
             self._when_idle = callback
             self._changed.notify()
 
     def call_at(self, time: int, callback: Callable[[], None]) -> PendingTimer:
-        """Adds a call for when the node's time has reached ``time`` (ns)."""
-        alarm = PendingTimer(callback)
+        """Add a call at ``time`` (ns), by the clock of the node."""
+        timer = PendingTimer(callback)
         with self._changed:
-            heapq.heappush(self._alarms, (time, next(self._sequence), alarm))
+            heapq.heappush(self._timers, (time, next(self._sequence), timer))
             self._changed.notify()
-        return alarm
+        return timer
 
-    def time_moved(self) -> None:
-        """Looks again whether a timer is due."""
+    def time_changed(self) -> None:
+        """Check the timers again."""
         with self._changed:
             self._changed.notify()
 
     def close(self) -> None:
-        """Lets ``take`` return None from now on."""
+        """Make `take` return None from now on."""
         with self._changed:
             self._closed = True
             self._changed.notify()
 
     def take(self) -> Callable[[], None] | tuple[InputQueue, Message] | None:
-        """Waits for, and removes, what is to be done next; None when the inbox is closed."""
+        """Wait for the next callback or message, and remove it; None when the queue is closed."""
         with self._changed:
             while not self._closed:
                 if self._calls:
                     return self._calls.popleft()
-                pause = self._until_alarm()
-                if pause is not None and pause <= 0:
-                    callback = heapq.heappop(self._alarms)[2].callback
+                timer_s = (self._timers[0][0] - self._now()) / SECOND if self._timers else None
+                if timer_s is not None and timer_s <= 0:
+                    callback = heapq.heappop(self._timers)[2].callback
                     if callback is not None:
                         return callback
                     continue
-                silence = self._until_silence()
-                if self._vitals is not None and silence is not None and silence <= 0:
-                    return self._vitals.look
+                deadline_s = self._until_deadline()
+                if self._health is not None and deadline_s is not None and deadline_s <= 0:
+                    return self._health.look
                 if self._order:
-                    wait = self._wait_for_newer()
-                    if not wait:
+                    # Simulated time may stand still, and other inputs should not wait.
+                    alone = not self._simulated and len(self._order) == 1
+                    pause = self._order[0].pause(self._now()) if alone else 0.0
+                    if not pause:
                         return self._next_message()
-                    self._changed.wait(_shortest(wait, pause, silence))
+                    self._changed.wait(_shortest(pause, timer_s, deadline_s))
                 elif self._when_idle is not None and not self._expected and self._overdue is None:
                     idle, self._when_idle = self._when_idle, None
                     return idle
                 else:
-                    self._changed.wait(_shortest(None if self._simulated else pause, silence))
+                    self._changed.wait(_shortest(None if self._simulated else timer_s, deadline_s))
             return None
 
-    def _until_silence(self) -> float | None:
-        """How long (s) until there may be something to tell of an input; None as long as nothing changes."""
-        if self._vitals is None:
+    def _until_deadline(self) -> float | None:
+        """The time (s) until an input passes its deadline or recovers; None if that needs another event."""
+        if self._health is None:
             return None
-        if self._vitals.returned:
+        if self._health.returned:
             return 0.0
-        due = self._vitals.due()
+        due = self._health.due()
         left = None if due is None else (due - self._now()) / SECOND
         if left is None or left > 0:
             self._overdue = None
@@ -244,19 +249,12 @@ class CallbackQueue:
             self._overdue = time.monotonic()
         return self._overdue + GRACE_S - time.monotonic()
 
-    def _until_alarm(self) -> float | None:
-        return (self._alarms[0][0] - self._now()) / SECOND if self._alarms else None
-
-    def _wait_for_newer(self) -> float:
-        # Simulated time may stand still, and a second input has something to do meanwhile.
-        return 0.0 if self._simulated or len(self._order) > 1 else self._order[0].pause(self._now())
-
     def _next_message(self) -> tuple[InputQueue, Message]:
-        line = self._order.popleft()
-        message = line.take()
-        if line.waiting:
-            self._order.append(line)
-        return line, message
+        queue = self._order.popleft()
+        message = queue.take()
+        if queue.waiting:
+            self._order.append(queue)
+        return queue, message
 
 
 def _shortest(*waits: float | None) -> float | None:

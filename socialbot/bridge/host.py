@@ -1,13 +1,14 @@
-"""A host lets one node live in rclpy: topics, parameters, time, states and a thread of its own.
+"""Host of one node in rclpy: topics, parameters, time, lifecycle and a thread of its own.
 
-The executor's thread only receives; the node works in its own thread, so that a slow node never keeps parameters
-or time from coming through, and of a stream it always gets the newest message.
+The executor thread only receives. The node works in its own thread, so a slow node never delays parameters or time, and
+always gets the newest message of a stream.
 """
 
 from __future__ import annotations
 
 import functools
-from collections import deque
+import time
+from collections import defaultdict, deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -38,26 +39,37 @@ from socialbot.bridge.lifecycle import (
     parameter_values,
     watch_parameters,
 )
-from socialbot.bridge.node_thread import NodeThread, report
+from socialbot.bridge.node_thread import NodeThread, log_failure, start_failure
 from socialbot.bridge.sim_clock import KEPT_TOPIC
-from socialbot.bridge.transport import QUEUE_DEPTH, Receiver, Sender, publisher_qos, refusal_reason, subscription_qos, open_transport
+from socialbot.bridge.transport import (
+    QUEUE_DEPTH,
+    Receiver,
+    Sender,
+    open_transport,
+    publisher_qos,
+    refusal_reason,
+    subscription_qos,
+)
 from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
 from socialbot.core.errors import MessageError, NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
 from socialbot.graph.health import health_topics
-from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig
+from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output
 
 AUTOSTART = "autostart"
-AUTOSTART_DOC = "whether the node configures and activates itself, or somebody else does"
+AUTOSTART_DOC = "whether the node configures and activates itself"
 
 HEARTBEAT_S = 0.5
 """The period of the state reports to a supervisor."""
 
+DDS_HOLD_S = 1.0
+"""The time for which a topic stays on DDS after its last outside subscriber, so that no message overtakes another."""
+
 STEADY = SteadyClock(clock_type=ClockType.STEADY_TIME)
 
 
-def clock_of(ros: RosNode, *, simulated: bool) -> Clock:
-    """The time of the node in ``ros``: the time of day, or that of /clock. Neither goes back, whoever sets them."""
+def node_clock(ros: RosNode, *, simulated: bool) -> Clock:
+    """Wall time, or the time of /clock. Neither goes back when it is set."""
     if not simulated:
         return WallClock()
     source = ros.get_clock()
@@ -76,62 +88,114 @@ class SupervisorLink(Protocol):
         ...
 
 
-class NodeHost:
-    """Hosts the node of one placement as a ROS 2 lifecycle node.
+class IntraProcess:
+    """Hands messages between the nodes of one process over as objects, without DDS.
 
-    It is built when that is configured, started when it is activated, and stopped when it is deactivated; what is
-    activated then is built anew. ``failure`` is the error that kept it from starting, if any. With a ``supervisor`` a
-    supervisor decides when it is activated, and hears how it is.
+    A message takes this way when all subscribers of its topic are active nodes of this process. Otherwise it is
+    published over DDS, for all of them. Latched topics always use DDS, which keeps the last message.
+    """
+
+    def __init__(self) -> None:
+        self._targets: dict[str, list[tuple[NodeHost, Input[Any]]]] = defaultdict(list)
+        self._dds_until: dict[str, float] = {}
+
+    def add(self, topic: str, host: NodeHost, port: Input[Any]) -> None:
+        """Register a subscription to the fully qualified ``topic``."""
+        self._targets[topic].append((host, port))
+
+    def remove(self, host: NodeHost) -> None:
+        """Remove the subscriptions of ``host``."""
+        for topic, targets in self._targets.items():
+            self._targets[topic] = [target for target in targets if target[0] is not host]
+
+    def deliver(self, publisher: Publisher, message: Message) -> bool:
+        """Hand ``message`` to all subscribers; False if it has to be published over DDS."""
+        topic = publisher.topic_name
+        targets = self._targets.get(topic, ())
+        threads = [(host.active_thread, port) for host, port in targets if isinstance(message, port.message_type)]
+        now = time.monotonic()
+        if (
+            len(threads) < len(targets)
+            or publisher.get_subscription_count() != len(threads)
+            or any(thread is None for thread, _ in threads)
+        ):
+            self._dds_until[topic] = now + DDS_HOLD_S
+            return False
+        if now < self._dds_until.get(topic, 0.0):
+            return False
+        for thread, port in threads:
+            assert thread is not None
+            thread.queue.put(port, message)
+        return True
+
+
+class NodeHost:
+    """Hosts a node of a graph as a ROS 2 lifecycle node.
+
+    The node is built when it is configured, starts when it is activated, and stops when it is deactivated. The next
+    activation builds a new one.
+
+    Args:
+        graph: The graph.
+        config: The node of it to host.
+        ros_context: The rclpy context.
+        sim_time: Whether the time comes from /clock.
+        supervisor: Decides when the node is activated, and receives its state.
+        intra_process: The other nodes of this process.
     """
 
     def __init__(
         self,
         graph: Graph,
-        placement: NodeConfig,
+        config: NodeConfig,
         *,
         ros_context: RosContext,
         sim_time: bool,
         supervisor: SupervisorLink | None = None,
+        intra_process: IntraProcess | None = None,
     ) -> None:
-        self.name = placement.name
+        self.name = config.name
         self.statistics = NodeStatistics()
         self._graph = graph
-        self._placement = placement
+        self._config = config
         self._supervisor = supervisor
-        self._transport = open_transport(form=self._graph.wire)
-        sealed = self._transport.sealed  # then there are no services: anybody could call them
+        self._intra_process = intra_process or IntraProcess()
+        self._transport = open_transport(form=graph.wire)
+        sealed = self._transport.sealed  # no services then, because anybody could call them
         self._ros = LifecycleHost(
-            placement.name,
+            config.name,
             self,
             services=not sealed,
             start_parameter_services=not sealed,
             context=ros_context,
             parameter_overrides=[RosParameter("use_sim_time", RosParameter.Type.BOOL, sim_time)] if sim_time else [],
         )
-        declare_parameters(self._ros, placement)
+        declare_parameters(self._ros, config)
         doc = ParameterDescriptor(description=AUTOSTART_DOC, read_only=True)
         self._autostart = bool(self._ros.declare_parameter(AUTOSTART, True, doc).value)
         self._simulated = bool(self._ros.get_parameter("use_sim_time").value)
-        self._clock = clock_of(self._ros, simulated=self._simulated)
+        self._clock = node_clock(self._ros, simulated=self._simulated)
         self._error: SocialbotError | None = None
-        self._senders: dict[str, Sender] = {}
-        self._healths: list[tuple[Publisher, Sender]] = []
+        self._publications: dict[str, tuple[Publisher, Sender]] = {}
+        self._health_publications: list[tuple[Publisher, Sender]] = []
         self._connections: list[Connection] = []
         self._latched: dict[Input[Any], Message] = {}
         self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=QUEUE_DEPTH[Delivery.EVERY])
-        self._life: NodeThread | None = None
+        self._thread: NodeThread | None = None
         self._unwatch: Callable[[], None] | None = None
         if self._simulated:
             every_step = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
-            self._jumps = self._ros.get_clock().create_jump_callback(every_step, post_callback=self._time_moved)
-            self._keeping = self._ros.create_publisher(Header, KEPT_TOPIC, publisher_qos(Delivery.EVERY))
+            self._jumps = self._ros.get_clock().create_jump_callback(every_step, post_callback=self._time_changed)
+            self._kept_publisher = self._ros.create_publisher(Header, KEPT_TOPIC, publisher_qos(Delivery.EVERY))
         self._reporter = DiagnosticsReporter(
-            self._ros, self.statistics, self._connections, self._lines, lambda: self._ros.state
+            self._ros, self.statistics, self._connections, self._inputs, lambda: self._ros.state
         )
         if sealed:
-            self._renewing = self._ros.create_timer(self._transport.renewal_s, lambda: self._transport.renew(), clock=STEADY)
+            self._renewal = self._ros.create_timer(
+                self._transport.renewal_s, lambda: self._transport.renew(), clock=STEADY
+            )
         if supervisor is not None:
-            self._beating = self._ros.create_timer(HEARTBEAT_S, self._beat, clock=STEADY)
+            self._heartbeat = self._ros.create_timer(HEARTBEAT_S, self._beat, clock=STEADY)
 
     @property
     def ros_node(self) -> RosNode:
@@ -140,120 +204,125 @@ class NodeHost:
 
     @property
     def node(self) -> Node:
-        """The node as it lives now. Raises NodeError when there is none."""
-        if self._life is None:
-            raise NodeError(f"it is {self._ros.state}", where=self.name)
-        return self._life.node
+        """The current node. Raises NodeError when it is not configured."""
+        if self._thread is None:
+            raise NodeError(f"the node is {self._ros.state}", where=self.name)
+        return self._thread.node
+
+    @property
+    def active_thread(self) -> NodeThread | None:
+        """The thread of the node while it is active."""
+        thread = self._thread
+        return thread if thread is not None and thread.started else None
 
     @property
     def failure(self) -> SocialbotError | None:
         """The error that kept the node from starting, if any."""
-        return self._error or (None if self._life is None else self._life.failure)
+        return self._error or (None if self._thread is None else self._thread.failure)
 
     @property
     def ended(self) -> bool:
-        """Whether the node has stopped by itself: because it could not start, or was shut down."""
+        """Whether the node failed to start or was shut down."""
         return self.failure is not None or self._ros.state == FINALIZED
 
     def start(self) -> None:
-        """Configures and activates the node, unless somebody else is to do that."""
+        """Configure and activate the node, unless a supervisor or a lifecycle tool does that."""
         if self._supervisor is not None:
             self.transition_to(INACTIVE)
             self._beat()
         elif self._autostart:
             self.transition_to(ACTIVE)
 
-    def go(self, state: str) -> None:
-        """Takes the node to one of the states of a managed node; a node that cannot go there has failed."""
-        if self._ros.transition_to(state) or self._ros.error is None:
-            return
-        error = self._ros.error
-        if not isinstance(error, SocialbotError):
-            report(self.name, "cannot start", error, 1)
-            error = NodeError(f"cannot start: {type(error).__name__}: {error}", where=self.name)
-        self._error = error
+    def transition_to(self, state: str) -> None:
+        """Bring the node to a lifecycle state. If that fails, `failure` is set."""
+        if not self._ros.transition_to(state) and self._ros.error is not None:
+            self._error = start_failure(self.name, self._ros.error)
 
     def stop(self) -> None:
-        """Stops the node in its own thread, and takes it off the ROS graph."""
-        if self._life is not None:
-            self._life.stop()
+        """Stop the node, and remove it from the ROS graph."""
+        self._intra_process.remove(self)
+        if self._thread is not None:
+            self._thread.stop()
         self._ros.destroy_node()
 
-    # The steps of a managed node
-
     def configure(self) -> None:
-        """Builds the node and what connects it."""
+        """Build the node and its publishers and subscriptions."""
         self._build()
         for topic in health_topics(self._graph, self.name):
-            kind = self._transport.message_class(Health)
-            publisher = self._ros.create_publisher(kind, topic, publisher_qos(Delivery.EVERY))
-            self._healths.append((publisher, self._transport.sender(publisher)))
-        for topic, port in self._placement.publications:
-            kind = self._transport.message_class(port.message_type)
-            publisher = self._ros.create_publisher(kind, topic, publisher_qos(port.delivery))
-            self._senders[port.name] = self._transport.sender(publisher, latched=port.delivery is Delivery.LATCHED)
-            self._connections.append(publisher_connection(self._graph, topic, publisher))
-        for topic, port in self._placement.subscriptions:
+            self._health_publications.append(self._publication(topic, Health, Delivery.EVERY))
+        for topic, port in self._config.publications:
+            publication = self._publication(topic, port.message_type, port.delivery)
+            self._publications[port.name] = publication
+            self._connections.append(publisher_connection(self._graph, topic, publication[0]))
+        for topic, port in self._config.subscriptions:
             kind = self._transport.message_class(port.message_type)
             qos = subscription_qos(port.delivery, outside=topic in self._graph.inputs)
-            receiver = self._transport.receiver(self._ros.resolve_topic_name(topic), latched=port.delivery is Delivery.LATCHED)
+            name = self._ros.resolve_topic_name(topic)
+            receiver = self._transport.receiver(name, latched=port.delivery is Delivery.LATCHED)
             receive = functools.partial(self._receive, port, receiver)
             subscription = self._ros.create_subscription(kind, topic, receive, qos)
             self._connections.append(subscription_connection(self._graph, topic, subscription))
+            self._intra_process.add(name, self, port)
 
     def activate(self) -> None:
-        """Starts the node, with what is latched and what was sent to it while it waited to be started."""
-        life = self._life or self._build()
+        """Start the node, with the latched messages and those that arrived while it was inactive."""
+        thread = self._thread or self._build()
         for port, message in (*self._latched.items(), *self._early):
-            life.inbox.put(port, message)
+            thread.queue.put(port, message)
         self._early.clear()
-        life.start()
+        thread.start()
 
     def deactivate(self) -> None:
-        """Stops the node."""
-        if self._life is not None:
-            self._life.stop()
-        self._forget_life()
+        """Stop the node."""
+        if self._thread is not None:
+            self._thread.stop()
+        self._forget_thread()
 
     def clean_up(self) -> None:
-        """Takes down what connects the node."""
-        self._forget_life()
+        """Destroy the publishers and subscriptions."""
+        self._forget_thread()
+        self._intra_process.remove(self)
         for connection in self._connections:
-            if isinstance(connection.end, Publisher):
-                self._ros.destroy_publisher(connection.end)
-            else:
-                self._ros.destroy_subscription(connection.end)
-        for publisher, _ in self._healths:
+            if not isinstance(connection.endpoint, Publisher):
+                self._ros.destroy_subscription(connection.endpoint)
+        for publisher, _ in (*self._publications.values(), *self._health_publications):
             self._ros.destroy_publisher(publisher)
-        self._healths.clear()
+        self._health_publications.clear()
         self._connections.clear()
-        self._senders.clear()
+        self._publications.clear()
         self._latched.clear()
         self._transport = open_transport(form=self._graph.wire)
 
+    def _publication(self, topic: str, kind: type[Message], delivery: Delivery) -> tuple[Publisher, Sender]:
+        publisher = self._ros.create_publisher(self._transport.message_class(kind), topic, publisher_qos(delivery))
+        return publisher, self._transport.sender(publisher, latched=delivery is Delivery.LATCHED)
+
     def _build(self) -> NodeThread:
-        life = self._life = NodeThread(
-            self._placement,
-            parameter_values(self._ros, self._placement),
+        thread = self._thread = NodeThread(
+            self._config,
+            parameter_values(self._ros, self._config),
             clock=self._clock,
             simulated=self._simulated,
-            senders=self._senders,
+            publish=self._publish,
             connections=self._connections,
             statistics=self.statistics,
-            say_health=self._say_health,
-            well=self._well,
+            publish_health=self._publish_health,
+            on_alive=self._report_active,
         )
-        self._unwatch = watch_parameters(self._ros, life.node, life.call)
-        return life
+        self._unwatch = watch_parameters(self._ros, thread.node, thread.call)
+        return thread
 
-    def _forget_life(self) -> None:
-        self._life = None
+    def _forget_thread(self) -> None:
+        self._thread = None
         self._early.clear()
         if self._unwatch is not None:
             self._unwatch()
             self._unwatch = None
 
-    # What comes in
+    def _publish(self, port: Output[Any], message: Message) -> None:
+        publisher, sender = self._publications[port.name]
+        if port.delivery is Delivery.LATCHED or not self._intra_process.deliver(publisher, message):
+            sender.publish(message)
 
     def _receive(self, port: Input[Any], receiver: Receiver, ros_message: Any) -> None:
         try:
@@ -261,48 +330,45 @@ class NodeHost:
         except MessageError as error:
             reason = refusal_reason(error)
             self.statistics.refusals[reason] += 1
-            report(self.name, f"refused a message on {port.topic}", error, self.statistics.refusals[reason])
+            log_failure(self.name, f"refused a message on {port.topic}", error, self.statistics.refusals[reason])
             return
         if message is None:
             return
         if port.delivery is Delivery.LATCHED:
             self._latched[port] = message
-        if self._life is not None and self._life.started:
-            self._life.inbox.put(port, message)
-        elif self._life is not None and port.delivery is Delivery.EVERY:
+        if self._thread is not None and self._thread.started:
+            self._thread.queue.put(port, message)
+        elif self._thread is not None and port.delivery is Delivery.EVERY:
             self._early.append((port, message))
 
-    def _time_moved(self, _: TimeJump) -> None:
-        if self._life is None:
+    def _time_changed(self, _: TimeJump) -> None:
+        if self._thread is None:
             return
-        self._life.inbox.time_moved()
-        if self._keeping.get_subscription_count():
-            # What is due at this time comes first, and what was begun aside, as simulated time waits for that.
-            self._life.inbox.call_when_idle(functools.partial(self._keep_time, self._clock.now()))
+        self._thread.queue.time_changed()
+        if self._kept_publisher.get_subscription_count():
+            # Timers that are due now, and work in the background, come first: simulated time waits for them.
+            self._thread.queue.call_when_idle(functools.partial(self._publish_kept, self._clock.now()))
 
-    def _keep_time(self, time: int) -> None:
-        """Tells whoever moves the time that this node has kept up with it."""
+    def _publish_kept(self, time: int) -> None:
+        """Report to the simulation clock that this node has done its work up to ``time`` (ns)."""
         header = Header(frame_id=self.name)
         header.stamp.sec, header.stamp.nanosec = divmod(time, SECOND)
-        self._keeping.publish(header)
+        self._kept_publisher.publish(header)
 
-    # How it is
-
-    def _say_health(self, health: Health) -> None:
-        """Says how the node is, if anybody listens."""
-        for publisher, sender in self._healths:
+    def _publish_health(self, health: Health) -> None:
+        for publisher, sender in self._health_publications:
             if publisher.get_subscription_count():
                 sender.publish(health)
 
-    def _lines(self) -> Any:
-        return self._life.inbox.lines if self._life is not None else ()
+    def _inputs(self) -> Any:
+        return self._thread.queue.inputs if self._thread is not None else ()
 
     def _beat(self) -> None:
-        if self._life is not None and self._life.started:
-            self._life.ask()
+        if self._thread is not None and self._thread.started:
+            self._thread.check_alive()
         elif self._supervisor is not None:
             self._supervisor.send(self.name, self._ros.state)
 
-    def _well(self) -> None:
+    def _report_active(self) -> None:
         if self._supervisor is not None:
             self._supervisor.send(self.name, ACTIVE)

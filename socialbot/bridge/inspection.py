@@ -12,7 +12,7 @@ from typing import Any
 
 from socialbot.bags.codec import decode, ros_type
 from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.transport import message_class, publisher_qos, refusal_reason, subscription_qos, open_transport
+from socialbot.bridge.transport import message_class, open_transport, publisher_qos, refusal_reason, subscription_qos
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ImageError, MessageError
 from socialbot.core.messages import (
@@ -53,7 +53,9 @@ class CommandClient:
         self._clock = WallClock()
         self._waiting: dict[str, tuple[asyncio.AbstractEventLoop, asyncio.Future[AgentAnswer]]] = {}
         self._sender = self._transport.sender(
-            ros.create_publisher(self._transport.message_class(AgentCommand), AGENT_COMMANDS, publisher_qos(Delivery.EVERY))
+            ros.create_publisher(
+                self._transport.message_class(AgentCommand), AGENT_COMMANDS, publisher_qos(Delivery.EVERY)
+            )
         )
         self._receiver = self._transport.receiver(AGENT_ANSWERS)
         ros.create_subscription(

@@ -22,7 +22,7 @@ from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.graph_observer import await_graph
 from socialbot.bridge.sim_clock import SimClock
-from socialbot.bridge.transport import Receiver, Sender, message_class, publisher_qos, subscription_qos, open_transport
+from socialbot.bridge.transport import Receiver, Sender, message_class, open_transport, publisher_qos, subscription_qos
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError, NodeError
 from socialbot.core.messages import CameraInfo, Health, Message

@@ -1,4 +1,4 @@
-"""One operating-system process with some nodes of a graph in it: one, or all of them composed."""
+"""Run nodes of a graph in this process: one of them, or several composed."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bridge import environment
+from socialbot.bridge.environment import ros_context, spinning_node
 from socialbot.bridge.graph_observer import expect_free_names
-from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.core.process import Ending
 from socialbot.graph.node import Graph
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
     from socialbot.bridge.host import NodeHost, SupervisorLink
 
-LOOK_ROUND_S = 0.2
-"""How often the process looks whether it should end."""
+POLL_S = 0.2
 
 
 def run_nodes(
@@ -38,48 +37,67 @@ def run_nodes(
     ros_args: list[str] | None = None,
     supervisor: SupervisorLink | None = None,
 ) -> None:
-    """Runs the nodes ``names`` of ``graph`` until SIGINT or SIGTERM comes, or the process ``parent`` has ended.
+    """Run nodes of ``graph`` until SIGINT or SIGTERM, or until the parent process ends.
 
-    Raises the error of a node that cannot start, and NodeError when others of these names are running; a ``parent`` has
-    seen to that. A ``supervisor`` decides when the nodes are activated.
+    Args:
+        graph: The graph.
+        names: The nodes to run. Messages between them are handed over without DDS where possible.
+        sim_time: Whether the time comes from /clock.
+        parent: The process id of the parent, which has checked that the names are free.
+        ros_args: The arguments after ``--ros-args``.
+        supervisor: Decides when the nodes are activated.
+
+    Raises:
+        SocialbotError: A node cannot start.
+        NodeError: Nodes with these names are running already.
     """
     environment.require_ros()
     from rclpy.executors import SingleThreadedExecutor
 
-    from socialbot.bridge.environment import ros_context
-    from socialbot.bridge.host import NodeHost
+    from socialbot.bridge.host import IntraProcess, NodeHost
 
+    configs = [graph.placement(name) for name in names]
     _read_by_udp(graph, names)
     with Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
         hosts: list[NodeHost] = []
         executor = SingleThreadedExecutor(context=context)
         try:
             if parent is None:
-                _expect_free_names(graph, names)
-            for name in names if not ending.asked else ():
-                placement = graph.placement(name)
-                hosts.append(NodeHost(graph, placement, ros_context=context, sim_time=sim_time, supervisor=supervisor))
-                executor.add_node(hosts[-1].ros_node)
-            # What there is by now stays: to look through it for garbage would take 50 ms each time.
+                with spinning_node("newcomer") as ros:
+                    expect_free_names(ros, graph, names)
+            intra_process = IntraProcess()
+            for config in configs if not ending.asked else ():
+                host = NodeHost(
+                    graph,
+                    config,
+                    ros_context=context,
+                    sim_time=sim_time,
+                    supervisor=supervisor,
+                    intra_process=intra_process,
+                )
+                hosts.append(host)
+                executor.add_node(host.ros_node)
+            # A garbage collection of all modules takes 50 ms each time.
             gc.freeze()
             with _logging_to(hosts):
                 for host in hosts:
                     host.start()
                 if supervisor is not None:
-                    threading.Thread(
-                        target=_obey, args=(supervisor, hosts, executor), name="orders", daemon=True
-                    ).start()
+                    arguments = supervisor, hosts, executor
+                    threading.Thread(target=_obey, args=arguments, name="supervisor", daemon=True).start()
                 while not ending.asked and not any(host.ended for host in hosts):
-                    executor.spin_once(timeout_sec=LOOK_ROUND_S)
+                    executor.spin_once(timeout_sec=POLL_S)
         finally:
             executor.shutdown()
             for host in hosts:
                 host.stop()
-    _raise_failure(host.failure for host in hosts)
+    for host in hosts:
+        if host.failure is not None:
+            raise host.failure
 
 
 def _read_by_udp(graph: Graph, names: Collection[str]) -> None:
-    """What is not a picture comes by UDP to the nodes of this process."""
+    """Make this process receive everything but images by UDP."""
     topics = {
         topic
         for name in names
@@ -92,30 +110,15 @@ def _read_by_udp(graph: Graph, names: Collection[str]) -> None:
 
 
 def _obey(supervisor: SupervisorLink, hosts: list[NodeHost], executor: Executor) -> None:
-    """Has the executor take nodes to the states that the supervisor orders."""
+    """Run the transitions that the supervisor commands, in the executor thread."""
     named = {host.name: host for host in hosts}
-    while (order := supervisor.wait()) is not None:
-        name, state = order
-        executor.create_task(named[name].go, state)
+    while (command := supervisor.wait()) is not None:
+        name, state = command
+        executor.create_task(named[name].transition_to, state)
 
 
-def _expect_free_names(graph: Graph, names: Collection[str]) -> None:
-    from socialbot.bridge.environment import spinning_node
-
-    for name in names:
-        graph.placement(name)
-    with spinning_node("newcomer") as ros:
-        expect_free_names(ros, graph, names)
-
-
-def _raise_failure(failures: Iterable[SocialbotError | None]) -> None:
-    for failure in failures:
-        if failure is not None:
-            raise failure
-
-
-class _RosLog(logging.Handler):
-    """Hands log records to the ROS logger of the node they come from, and so to /rosout."""
+class _RosLogHandler(logging.Handler):
+    """Passes log records to the ROS logger of their node, and so to /rosout."""
 
     def __init__(self, loggers: dict[str, Any]) -> None:
         super().__init__()
@@ -125,22 +128,22 @@ class _RosLog(logging.Handler):
         logger = self._loggers.get(record.name.rpartition(".")[2]) or next(iter(self._loggers.values()))
         text = self.format(record)
         try:
-            # A call for each level: rclpy refuses another level from a place in the code that has logged before.
+            # One call per level: rclpy refuses to change the level of a line of code that has logged before.
             if record.levelno >= logging.ERROR:
                 logger.error(text)
             elif record.levelno >= logging.WARNING:
                 logger.warning(text)
             else:
                 logger.info(text)
-        except Exception:  # noqa: BLE001 - a log that fails must not end the node that logs
+        except Exception:  # noqa: BLE001 - a failing log must not stop the node
             self.handleError(record)
 
 
 @contextmanager
-def _logging_to(hosts: Iterable[Any]) -> Iterator[None]:
-    # rclpy asks `inspect` where each record comes from: the first time that takes 50 ms, which a node has not always.
+def _logging_to(hosts: Iterable[NodeHost]) -> Iterator[None]:
+    # rclpy asks `inspect` for the place of each log call. The first call takes 50 ms, too long for a running node.
     inspect.stack()
-    handler = _RosLog({host.name: host.ros_node.get_logger() for host in hosts})
+    handler = _RosLogHandler({host.name: host.ros_node.get_logger() for host in hosts})
     root = logging.getLogger("socialbot")
     level = root.level
     root.addHandler(handler)

@@ -18,7 +18,7 @@ from socialbot.bags.codec import STRING
 from socialbot.bags.writer import BagWriter
 from socialbot.bridge import environment
 from socialbot.bridge.topics import HIDDEN, AdaptingSubscription
-from socialbot.bridge.transport import message_class, refusal_reason, open_transport
+from socialbot.bridge.transport import message_class, open_transport, refusal_reason
 from socialbot.core.clock import Clock, WallClock
 from socialbot.core.errors import InstallationError, MessageError
 

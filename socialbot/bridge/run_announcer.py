@@ -1,4 +1,4 @@
-"""Announce a run of ``socialbot up`` on its host and over ROS, and end it on request."""
+"""Announce a run of ``socialbot up`` over ROS, and end it on request."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 from socialbot.bags.codec import ros_type
-from socialbot.bridge.diagnostics import machine
-from socialbot.bridge.graph_observer import rounded
-from socialbot.bridge.transport import message_class, publisher_qos, subscription_qos, open_transport
+from socialbot.bridge.diagnostics import is_power_of_ten, machine
+from socialbot.bridge.transport import Sender, message_class, open_transport, publisher_qos, subscription_qos
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import DownRequest, Structured, UpState, UpStatus
@@ -23,43 +22,39 @@ from socialbot.graph.node import Delivery
 
 UP_TOPIC, DOWN_TOPIC = "/socialbot/up", "/socialbot/down"
 
-SAY_EVERY_S = 1.0
-HEARD_S = 2.0
-"""How long the last word waits until those who are connected have it."""
+ANNOUNCE_PERIOD_S = 1.0
+LAST_STATUS_TIMEOUT_S = 2.0
 
-MOST_RUNS = 1000
-"""So many runs are noted; a stranger may make up any number."""
+MAX_RUNS = 1000
+"""The number of runs that are stored; a stranger may invent any number."""
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 S = TypeVar("S", bound=Structured)
 
-log = logging.getLogger("socialbot.presence")
+log = logging.getLogger("socialbot.up")
 
 
 class RunAnnouncer:
-    """Tells through the rclpy node ``ros`` that ``graph`` is up, and calls ``ask`` when it is to end.
+    """Announces that ``graph`` is up, and calls ``on_down`` when it is asked to end.
 
-    Use it as a context manager: leaving it tells that all has ended, and with which error. ``ask`` is called in the
+    It is a context manager; leaving it announces the end, and the error if there is one. ``on_down`` is called in the
     thread that spins ``ros``.
     """
 
-    def __init__(self, ros: Any, graph: str, ask: Callable[[], None]) -> None:
+    def __init__(self, ros: Any, graph: str, on_down: Callable[[], None]) -> None:
         self.run = secrets.token_hex(8)
         self._graph = graph
-        self._ask = ask
-        self._boot = boot()
-        self._said_at = 0.0
+        self._on_down = on_down
+        self._boot = boot_id()
+        self._announced_at = 0.0
         self._asked = False
         self._ended = False
-        self._speaking = threading.Lock()
-        self._publisher = ros.create_publisher(
-            message_class(ros_type(UpStatus)), UP_TOPIC, publisher_qos(Delivery.EVERY)
-        )
-        self._sender = open_transport().sender(self._publisher)
-        self._others: set[str] = set()
-        self._ear = _Ear(ros, DOWN_TOPIC, DownRequest, self._take)
-        self._listening = _Ear(ros, UP_TOPIC, UpStatus, self._hear)
+        self._lock = threading.Lock()
+        self._publisher, self._sender = _sender(ros, UP_TOPIC, UpStatus)
+        self._twins: set[str] = set()
+        self._requests = _Subscriber(ros, DOWN_TOPIC, DownRequest, self._on_request)
+        self._statuses = _Subscriber(ros, UP_TOPIC, UpStatus, self._on_status)
 
     def __enter__(self) -> RunAnnouncer:
         return self
@@ -67,42 +62,41 @@ class RunAnnouncer:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         from rclpy.duration import Duration
 
-        self._say("ended", str(error) if error is not None else "")
-        self._publisher.wait_for_all_acked(Duration(seconds=HEARD_S))
+        self._publish("ended", str(error) if error is not None else "")
+        self._publisher.wait_for_all_acked(Duration(seconds=LAST_STATUS_TIMEOUT_S))
 
     @property
     def refused(self) -> int:
-        """How many requests to end were not to be believed."""
-        return self._ear.refused
+        """The number of requests without a valid seal."""
+        return self._requests.refused
 
-    def tell(self) -> None:
-        """Says that it is there, if it is time."""
+    def announce(self) -> None:
+        """Publish the status, if it is time."""
         now = time.monotonic()
-        if now >= self._said_at + SAY_EVERY_S:
-            self._said_at = now
-            self._say("ending" if self._asked else "up")
+        if now >= self._announced_at + ANNOUNCE_PERIOD_S:
+            self._announced_at = now
+            self._publish("ending" if self._asked else "up")
 
-    def _take(self, request: DownRequest) -> None:
+    def _on_request(self, request: DownRequest) -> None:
         if request.run != self.run:
             return
         if not self._asked:
             log.warning("asked to end by socialbot down")
         self._asked = True
-        self._say("ending")
-        self._ask()
+        self._publish("ending")
+        self._on_down()
 
-    def _hear(self, status: UpStatus) -> None:
-        """Tells, once, of another run with the same nodes: it may have been out of reach when this one began."""
+    def _on_status(self, status: UpStatus) -> None:
+        """Log another run with the same nodes once. It may have been unreachable when this one began."""
         same = (status.graph, status.machine, status.state) == (self._graph, machine(), "up")
-        if not same or status.run in self._others | {self.run} or len(self._others) >= MOST_RUNS:
+        if not same or status.run in self._twins | {self.run} or len(self._twins) >= MAX_RUNS:
             return
-        self._others.add(status.run)
-        if rounded(len(self._others)):
+        self._twins.add(status.run)
+        if is_power_of_ten(len(self._twins)):
             where = f"here, process {status.pid}" if is_here(status) else "on another computer"
             log.error("%s on %s is up twice, the other %s: end one of them", status.graph, status.machine, where)
 
-    def _say(self, state: UpState, reason: str = "") -> None:
-        """Says how it is; that it has ended is the last word, even if it is asked once more."""
+    def _publish(self, state: UpState, reason: str = "") -> None:
         status = UpStatus(
             stamp=WallClock().now(),
             run=self.run,
@@ -113,56 +107,54 @@ class RunAnnouncer:
             state=state,
             reason=reason,
         )
-        with self._speaking:
-            if not self._ended:
+        with self._lock:
+            if not self._ended:  # "ended" is the last status
                 self._ended = state == "ended"
                 self._sender.publish(status)
 
 
 class RunListener:
-    """The runs of ``socialbot up`` that are heard through the rclpy node ``ros``, each with the last it has said."""
+    """The last status of each run of ``socialbot up`` in the ROS domain, by run id (``statuses``)."""
 
     def __init__(self, ros: Any) -> None:
-        self.heard: dict[str, UpStatus] = {}
+        self.statuses: dict[str, UpStatus] = {}
         self._ros = ros
-        self._sender = open_transport().sender(
-            ros.create_publisher(message_class(ros_type(DownRequest)), DOWN_TOPIC, publisher_qos(Delivery.EVERY))
-        )
-        self._ear = _Ear(ros, UP_TOPIC, UpStatus, self.note)
+        _, self._sender = _sender(ros, DOWN_TOPIC, DownRequest)
+        self._subscriber = _Subscriber(ros, UP_TOPIC, UpStatus, self.note)
 
     @property
-    def unheard(self) -> bool:
-        """Whether somebody is connected who has not been heard yet."""
-        live = sum(one.state != "ended" for one in tuple(self.heard.values()))
+    def incomplete(self) -> bool:
+        """Whether a publisher is discovered whose status has not arrived yet."""
+        live = sum(one.state != "ended" for one in tuple(self.statuses.values()))
         return self._ros.count_publishers(UP_TOPIC) > live
 
     @property
     def refused(self) -> int:
-        """How many times somebody said something that is not to be believed."""
-        return self._ear.refused
+        """The number of statuses without a valid seal."""
+        return self._subscriber.refused
 
     def ask_to_end(self, run: str) -> None:
-        """Asks one of them to end. It may have to be said again: whoever is not connected yet does not hear it."""
+        """Ask a run to end. Repeat it: a run that is not connected yet does not receive the request."""
         self._sender.publish(DownRequest(stamp=WallClock().now(), run=run))
 
     def note(self, status: UpStatus) -> None:
-        """Takes what one of them says."""
-        if status.run in self.heard or len(self.heard) < MOST_RUNS:
-            self.heard[status.run] = status
+        """Store a status."""
+        if status.run in self.statuses or len(self.statuses) < MAX_RUNS:
+            self.statuses[status.run] = status
 
 
 def is_here(status: UpStatus) -> bool:
-    """Whether this run is one of the computer that asks."""
-    return status.boot == boot()
+    """Whether this run is on this computer."""
+    return status.boot == boot_id()
 
 
 def is_gone(status: UpStatus, *, vanished: bool = False) -> bool:
-    """Whether this run has ended, as it says or has ``vanished``; on this computer its process is gone, too."""
-    return (vanished or status.state == "ended") and not (is_here(status) and _lives(status.pid))
+    """Whether a run has ended, by its status or because it ``vanished``. On this computer its process must be gone."""
+    return (vanished or status.state == "ended") and not (is_here(status) and _is_alive(status.pid))
 
 
-def _lives(pid: int) -> bool:
-    """Whether a process runs; one that has ended may wait for its parent to take note."""
+def _is_alive(pid: int) -> bool:
+    """Whether a process runs and is no zombie."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text("utf-8", errors="replace")
     except OSError:
@@ -170,13 +162,18 @@ def _lives(pid: int) -> bool:
     return stat.rpartition(")")[2].split()[0] not in ("Z", "X")
 
 
-def boot() -> str:
-    """What only processes on this computer know, until it starts again."""
+def boot_id() -> str:
+    """An id that processes on this computer share until it reboots."""
     return BOOT_ID.read_text("ascii").strip()
 
 
-class _Ear(Generic[S]):
-    """Hears one topic; what is not to be believed it refuses, counts and logs."""
+def _sender(ros: Any, topic: str, kind: type[Structured]) -> tuple[Any, Sender]:
+    publisher = ros.create_publisher(message_class(ros_type(kind)), topic, publisher_qos(Delivery.EVERY))
+    return publisher, open_transport().sender(publisher)
+
+
+class _Subscriber(Generic[S]):
+    """Subscribes to one topic; refused messages are counted and logged."""
 
     def __init__(self, ros: Any, topic: str, kind: type[S], take: Callable[[S], None]) -> None:
         self.refused = 0
@@ -192,8 +189,8 @@ class _Ear(Generic[S]):
             message = self._receiver.decode(self._kind, ros_message)
         except MessageError as error:
             self.refused += 1
-            if rounded(self.refused):
-                log.warning("%s, refused %d: %s", self._topic, self.refused, error)
+            if is_power_of_ten(self.refused):
+                log.warning("%s: refused %d messages: %s", self._topic, self.refused, error)
             return
         if message is not None:
             self._take(message)

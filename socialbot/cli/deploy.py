@@ -140,7 +140,7 @@ def down(
         for one in found:
             typer.echo(f"{_named(one)}: asked to end")
         left = end(runs, found, ending, timeout)
-        silent = [pid for run, pid in locked_runs().items() if target.here and run not in runs.heard]
+        silent = [pid for run, pid in locked_runs().items() if target.here and run not in runs.statuses]
         refused = runs.refused
     unheard = [name for name in target.machines if name not in {one.machine for one in found}]
     for name in (name for name in unheard if not silent or name != target.own):
@@ -168,11 +168,11 @@ def heard(runs: RunListener, target: Target, ending: Ending, timeout_s: float) -
 
     begun = time.monotonic()
     while True:
-        found = [one for one in tuple(runs.heard.values()) if one.state != "ended" and target.wanted(one)]
+        found = [one for one in tuple(runs.statuses.values()) if one.state != "ended" and target.wanted(one)]
         others = set(target.machines) - {one.machine for one in found} - {target.own}
-        here = not target.here or locked_runs().keys() <= runs.heard.keys()
+        here = not target.here or locked_runs().keys() <= runs.statuses.keys()
         passed = time.monotonic() - begun
-        known = not here or (others and runs.unheard)
+        known = not here or (others and runs.incomplete)
         if (here and not others) or ending.asked or passed > (max(timeout_s, LISTEN_S) if known else LISTEN_S):
             return found
         time.sleep(LOOK_AGAIN_S)
@@ -191,16 +191,16 @@ def end(runs: RunListener, found: Sequence[UpStatus], ending: Ending, timeout_s:
         if time.monotonic() >= asked_at + ASK_EVERY_S:
             asked_at = time.monotonic()
             for run in left:
-                if runs.heard[run].state == "up":
+                if runs.statuses[run].state == "up":
                     runs.ask_to_end(run)
         vanished = here - locked_runs().keys()
-        for run in [run for run in left if is_gone(runs.heard[run], vanished=run in vanished)]:
+        for run in [run for run in left if is_gone(runs.statuses[run], vanished=run in vanished)]:
             left.remove(run)
-            last = runs.heard[run]
+            last = runs.statuses[run]
             error = f", with an error: {printable(last.reason)}" if last.reason else ""
             typer.echo(f"{_named(last)}: ended after {time.monotonic() - begun:.1f} s{error}")
         time.sleep(LOOK_AGAIN_S)
-    return [runs.heard[run] for run in left]
+    return [runs.statuses[run] for run in left]
 
 
 def _enter(file: str | None, machine: str | None) -> Target:

@@ -118,7 +118,7 @@ def run_live(
                         while not (ending.asked or renewed(supervisor, begun, around)):
                             supervisor.attend(ATTEND_S)
                             obituaries.tell()
-                            presence.tell()
+                            presence.announce()
                             watch.look()
                         well = supervisor.well
             if not ending.asked:

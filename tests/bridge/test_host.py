@@ -15,7 +15,7 @@ import pytest
 from socialbot.bridge.security import Freshness, Stream, new_key
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Health, Utterance
-from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output
+from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -82,7 +82,7 @@ def test_a_node_starts_when_those_are_there_who_listen_to_it() -> None:
 
 def test_a_node_starts_without_those_who_do_not_come(monkeypatch: pytest.MonkeyPatch) -> None:
     started = threading.Event()
-    monkeypatch.setattr("socialbot.bridge.node_thread.CONNECTED_S", 0.1)
+    monkeypatch.setattr("socialbot.bridge.node_thread.CONNECT_TIMEOUT_S", 0.1)
     monkeypatch.setattr(Greeter, "start", lambda self: started.set())
     with hosting() as host:
         host("greeter")
@@ -90,9 +90,9 @@ def test_a_node_starts_without_those_who_do_not_come(monkeypatch: pytest.MonkeyP
 
 
 def test_a_node_that_waits_for_others_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("socialbot.bridge.node_thread.WAITS_QUIETLY_S", 0.1)
+    monkeypatch.setattr("socialbot.bridge.node_thread.QUIET_WAIT_S", 0.1)
     said: list[Health] = []
-    monkeypatch.setattr("socialbot.bridge.host.NodeHost._say_health", lambda self, health: said.append(health))
+    monkeypatch.setattr("socialbot.bridge.host.NodeHost._publish_health", lambda self, health: said.append(health))
     with hosting() as host:
         host("greeter")
         assert eventually(lambda: len(said) > 2)
@@ -162,3 +162,85 @@ def test_nodes_do_not_notice_that_the_clock_is_set(
         apart = [later - sooner for sooner, later in itertools.pairwise(patient.rung)]
         assert min(apart) > 0.05
         assert max(apart) < 2.0
+
+
+class Source(Node):
+    """Publishes numbered utterances on request."""
+
+    said = Output(Utterance, "/said")
+
+
+@contextmanager
+def composed() -> Iterator[tuple[Any, Any, Any]]:
+    """A source and a listener in one process, and the list of messages that were published over DDS."""
+    from rclpy.executors import SingleThreadedExecutor
+
+    from socialbot.bridge.environment import ros_context
+    from socialbot.bridge.host import IntraProcess, NodeHost
+
+    graph = Graph("composed", (NodeConfig("source", Source), NodeConfig("listener", Listener)))
+    with ros_context() as context:
+        executor, intra_process = SingleThreadedExecutor(context=context), IntraProcess()
+        hosts = [
+            NodeHost(graph, one, ros_context=context, sim_time=False, intra_process=intra_process)
+            for one in graph.placements
+        ]
+        for host in hosts:
+            executor.add_node(host.ros_node)
+            host.start()
+        thread = threading.Thread(target=executor.spin, daemon=True)
+        thread.start()
+        try:
+            yield hosts[0], hosts[1], context
+        finally:
+            executor.shutdown()
+            thread.join(2.0)
+            for host in hosts:
+                host.stop()
+
+
+def test_composed_nodes_pass_messages_without_dds_until_another_process_subscribes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from socialbot.bridge import host as host_module
+    from socialbot.bridge.environment import spinning_node
+    from socialbot.bridge.transport import Sender, message_class, publisher_qos
+
+    monkeypatch.setattr(host_module, "DDS_HOLD_S", 0.0)
+    over_dds: list[str] = []
+    publish = Sender.publish
+
+    def spy(self: Sender, message: Any) -> None:
+        if isinstance(message, Utterance):
+            over_dds.append(message.text)
+        publish(self, message)
+
+    monkeypatch.setattr(Sender, "publish", spy)
+    with composed() as (source, listener, _):
+        ((publisher, _),) = source._publications.values()
+        assert eventually(lambda: publisher.get_subscription_count() == 1 and listener.active_thread is not None)
+
+        def say(text: str) -> None:
+            source.node.said.publish(Utterance(stamp=source.node.clock.now(), id=text, text=text))
+
+        for text in "abc":
+            say(text)
+        assert eventually(lambda: listener.node.heard == "abc")
+        assert over_dds == []
+        outside: list[Any] = []
+        with spinning_node("outside") as ros:
+            ros.create_subscription(
+                message_class("std_msgs/msg/String"),
+                "/said",
+                lambda message: outside.append(message),
+                publisher_qos(Delivery.EVERY),
+            )
+            assert eventually(lambda: publisher.get_subscription_count() == 2)
+            for text in "def":
+                say(text)
+            assert eventually(lambda: listener.node.heard == "abcdef" and len(outside) == 3)
+        assert over_dds == ["d", "e", "f"]
+        assert eventually(lambda: publisher.get_subscription_count() == 1)
+        say("g")
+        assert eventually(lambda: listener.node.heard == "abcdefg")
+        assert over_dds == ["d", "e", "f"]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from socialbot.bridge.callback_queue import BACKLOG, GRACE_S, CallbackQueue, InputQueue
+from socialbot.bridge.callback_queue import GRACE_S, MAX_WAITING, CallbackQueue, InputQueue
 from socialbot.core.clock import SECOND, Clock, ManualClock, WallClock, nanoseconds
 from socialbot.core.messages import Utterance
 from socialbot.graph.health import HealthMonitor
@@ -85,7 +85,7 @@ def test_of_a_stream_that_is_too_fast_the_newest_is_taken():
     node = Node()
     node.put(STREAM, 0)
     line, _ = node.take_line()
-    line.charge(0.35)
+    line.record_cost(0.35)
     node.put(STREAM, 1, 2, 3)
     assert node.take() == 3
     assert (line.received, line.skipped, len(line.waiting)) == (4, 2, 0)
@@ -95,7 +95,7 @@ def test_of_a_stream_that_is_slow_enough_nothing_is_lost_after_a_hold_up():
     node = Node()
     node.put(STREAM, 0)
     line, _ = node.take_line()
-    line.charge(0.09)
+    line.record_cost(0.09)
     node.put(STREAM, *range(1, 11))
     assert [node.take() for _ in range(10)] == list(range(1, 11))
     assert line.skipped == 0
@@ -107,7 +107,7 @@ def test_a_node_that_is_too_slow_is_so_after_a_jump_of_the_stamps_as_well(first)
     for number in range(10):
         node.put(STREAM, number)
         line, _ = node.take_line()
-        line.charge(0.35)
+        line.record_cost(0.35)
     node.put(STREAM, first, first + 1, first + 2)
     assert node.take() == first + 2
 
@@ -117,8 +117,8 @@ def test_one_call_that_was_held_up_makes_no_node_slow():
     for number in range(10):
         node.put(STREAM, number)
         line, _ = node.take_line()
-        line.charge(0.02)
-    line.charge(0.4)
+        line.record_cost(0.02)
+    line.record_cost(0.4)
     node.put(STREAM, 10, 11, 12, 13)
     assert [node.take() for _ in range(4)] == [10, 11, 12, 13]
 
@@ -133,18 +133,18 @@ def test_commands_are_never_skipped_however_slow_the_node_is():
     node = Node()
     node.put(EVERY, 0)
     line, _ = node.take_line()
-    line.charge(9.0)
+    line.record_cost(9.0)
     node.put(EVERY, *range(1, 50))
     assert [node.take() for _ in range(49)] == list(range(1, 50))
 
 
 def test_the_backlog_of_a_stream_is_bounded():
     node = Node()
-    node.put(STREAM, *range(BACKLOG + 5))
+    node.put(STREAM, *range(MAX_WAITING + 5))
     line, message = node.take_line()
     assert message.id == "5"
     assert line.skipped == 5
-    assert len(line.waiting) == BACKLOG - 1
+    assert len(line.waiting) == MAX_WAITING - 1
 
 
 def test_of_a_state_only_the_last_is_kept():
@@ -158,10 +158,10 @@ def test_of_a_state_only_the_last_is_kept():
 
 def test_the_cost_follows_within_a_few_messages():
     line = InputQueue(STREAM)
-    line.charge(0.1)
+    line.record_cost(0.1)
     assert line.cost_s == 0.1
     for _ in range(20):
-        line.charge(0.5)
+        line.record_cost(0.5)
     assert line.cost_s == pytest.approx(0.5, rel=0.1)
 
 
@@ -169,7 +169,7 @@ def test_the_lines_tell_what_became_of_each_input():
     node = Node()
     node.put(EVERY, 1, 2)
     node.put(STATE, 1, 2)
-    assert {line.port.name: (line.received, line.skipped) for line in node.inbox.lines} == {
+    assert {line.port.name: (line.received, line.skipped) for line in node.inbox.inputs} == {
         "every": (2, 0), "state": (2, 1),
     }  # fmt: skip
 
@@ -233,11 +233,11 @@ def test_a_simulated_alarm_goes_off_when_time_has_moved_and_not_by_the_wall():
     node.inbox.call_at(nanoseconds(0.01), lambda: "alarm")  # type: ignore[arg-type, return-value]
     taker = Taker(node.inbox)
     node.clock.set(nanoseconds(0.005))
-    node.inbox.time_moved()
+    node.inbox.time_changed()
     time.sleep(0.03)
     assert taker.taken == []
     node.clock.set(nanoseconds(0.01))
-    node.inbox.time_moved()
+    node.inbox.time_changed()
     assert taker.result() == "alarm"
 
 
@@ -372,7 +372,7 @@ class Watched:
         vitals = HealthMonitor(placement, clock, lambda _: None)
         self.node = Watcher("watcher", SimpleNamespace(clock=clock, vitals=vitals))  # type: ignore[arg-type]
         vitals.begin(self.node, lambda time, beat: None)
-        self.inbox.attend(vitals)
+        self.inbox.monitor_inputs(vitals)
 
     def put(self, number: int) -> None:
         self.inbox.put(Watcher.eye, frame(number))
@@ -444,7 +444,7 @@ def test_of_a_stream_what_was_overtaken_is_left_out():
     node = Node()
     node.put(STREAM, 1, 3, 2, 4, 4)
     assert [node.take() for _ in range(4)] == [1, 3, 4, 4]
-    [line] = node.inbox.lines
+    [line] = node.inbox.inputs
     assert (line.received, line.skipped) == (5, 1)
     node.put(STREAM, 3)
     node.inbox.call_soon(lambda: "nothing else waits")  # type: ignore[arg-type, return-value]

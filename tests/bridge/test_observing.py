@@ -20,7 +20,7 @@ def test_nothing_is_lost_while_an_onlooker_is_held_up() -> None:
     from rclpy.duration import Duration
 
     from socialbot.bridge.environment import spinning_node
-    from socialbot.bridge.transport import publisher_qos, open_transport
+    from socialbot.bridge.transport import open_transport, publisher_qos
     from socialbot.graph.node import Delivery
 
     heard: list[str] = []

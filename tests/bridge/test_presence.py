@@ -39,17 +39,17 @@ def test_up_is_heard_asked_to_end_and_says_that_it_has():
     with two_nodes() as (up, down):
         runs = RunListener(down)
         presence = RunAnnouncer(up, "waldo", asked.set)
-        assert eventually(lambda: presence.tell() or presence.run in runs.heard)
-        assert runs.heard[presence.run].state == "up"
-        assert is_here(runs.heard[presence.run])
+        assert eventually(lambda: presence.announce() or presence.run in runs.statuses)
+        assert runs.statuses[presence.run].state == "up"
+        assert is_here(runs.statuses[presence.run])
         runs.ask_to_end("another run")
         assert eventually(lambda: runs.ask_to_end(presence.run) or asked.is_set())
-        assert eventually(lambda: runs.heard[presence.run].state == "ending")
-        assert not is_gone(runs.heard[presence.run])
+        assert eventually(lambda: runs.statuses[presence.run].state == "ending")
+        assert not is_gone(runs.statuses[presence.run])
         with pytest.raises(NodeError), presence:
             raise NodeError("all processes have died")
-        assert eventually(lambda: runs.heard[presence.run].state == "ended")
-        last = runs.heard[presence.run]
+        assert eventually(lambda: runs.statuses[presence.run].state == "ended")
+        last = runs.statuses[presence.run]
         assert last.reason == "all processes have died"
         assert not is_gone(last), "its process, this one, still lives"
         ended = subprocess.Popen(["true"])
@@ -67,9 +67,9 @@ def test_that_it_has_ended_is_its_last_word(monkeypatch: pytest.MonkeyPatch):
         said: list[UpStatus] = []
         monkeypatch.setattr(presence, "_sender", SimpleNamespace(publish=said.append))
         with presence:
-            presence._take(DownRequest(stamp=1, run=presence.run))
-        presence._take(DownRequest(stamp=2, run=presence.run))
-        presence.tell()
+            presence._on_request(DownRequest(stamp=1, run=presence.run))
+        presence._on_request(DownRequest(stamp=2, run=presence.run))
+        presence.announce()
         assert [status.state for status in said] == ["ending", "ended"]
 
 
@@ -84,8 +84,8 @@ def test_with_keys_only_who_has_one_is_obeyed(tmp_path: Path, monkeypatch: pytes
         presence = RunAnnouncer(up, "waldo", asked.set)
         friend = RunListener(down)
         with presence:
-            assert eventually(lambda: presence.tell() or presence.run in friend.heard)
-            assert presence.run not in stranger.heard
+            assert eventually(lambda: presence.announce() or presence.run in friend.statuses)
+            assert presence.run not in stranger.statuses
             assert eventually(lambda: down.count_subscribers(DOWN_TOPIC) > 0)
             assert eventually(lambda: stranger.ask_to_end(presence.run) or presence.refused > 0)
             assert not asked.is_set()
@@ -95,12 +95,12 @@ def test_with_keys_only_who_has_one_is_obeyed(tmp_path: Path, monkeypatch: pytes
 def test_strangers_cannot_fill_the_memory(monkeypatch: pytest.MonkeyPatch):
     from socialbot.bridge import run_announcer as presence
 
-    monkeypatch.setattr(presence, "MOST_RUNS", 2)
+    monkeypatch.setattr(presence, "MAX_RUNS", 2)
     with two_nodes() as (_, down):
         runs = presence.RunListener(down)
         for number in range(5):
             runs.note(UpStatus(stamp=1, run=str(number), graph="g", machine="m", boot="b", pid=number, state="up"))
-        assert list(runs.heard) == ["0", "1"]
+        assert list(runs.statuses) == ["0", "1"]
 
 
 def test_the_same_half_up_twice_is_told_once(caplog: pytest.LogCaptureFixture):
@@ -110,9 +110,11 @@ def test_the_same_half_up_twice_is_told_once(caplog: pytest.LogCaptureFixture):
         first, second = RunAnnouncer(one, "waldo", lambda: None), RunAnnouncer(other, "waldo", lambda: None)
         stranger = RunAnnouncer(other, "warehouse", lambda: None)
         with first, second, stranger:
-            assert eventually(lambda: any((first.tell(), second.tell(), stranger.tell())) or len(caplog.records) >= 2)
-            first._said_at = second._said_at = 0.0
-            assert not eventually(lambda: any((first.tell(), second.tell())) or len(caplog.records) > 2, 1.5)
+            assert eventually(
+                lambda: any((first.announce(), second.announce(), stranger.announce())) or len(caplog.records) >= 2
+            )
+            first._announced_at = second._announced_at = 0.0
+            assert not eventually(lambda: any((first.announce(), second.announce())) or len(caplog.records) > 2, 1.5)
     assert {record.levelname for record in caplog.records} == {"ERROR"}
     assert all("is up twice, the other here" in record.getMessage() for record in caplog.records)
 
@@ -128,7 +130,7 @@ def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
         assert heard(runs, everything, Ending(), 20.0) == []
         assert time.monotonic() - begun < 0.5
         presence = RunAnnouncer(up, "waldo", lambda: None)
-        late = threading.Timer(LISTEN_S + 1.0, presence.tell)
+        late = threading.Timer(LISTEN_S + 1.0, presence.announce)
         late.start()
         with run_lock(presence.run):
             assert [one.run for one in heard(runs, everything, Ending(), 20.0)] == [presence.run]

@@ -48,7 +48,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from socialbot.core.process import Ending
-from socialbot.bridge.rclpy_context import spinning_node
+from socialbot.bridge.environment import spinning_node
 
 latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 picture = Image(width=640, height=480, encoding="bgr8", data=array.array("B", bytes({PICTURE_BYTES})))

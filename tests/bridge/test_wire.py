@@ -13,7 +13,7 @@ from socialbot.bags.codec import STRING, encode
 from socialbot.bridge import ros_checks
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, reach, warn_if_open
 from socialbot.bridge.security import SCHEMA, Seal, SealError, SecurityError, load_keys, new_key
-from socialbot.bridge.transport import WINDOW_VARIABLE, Transport, refusal_reason, split_keys, open_transport
+from socialbot.bridge.transport import WINDOW_VARIABLE, Transport, open_transport, refusal_reason, split_keys
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CompressedImage, HeadCommand, Utterance
 

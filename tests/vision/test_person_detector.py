@@ -238,7 +238,7 @@ def test_a_slow_detector_is_handed_the_newest_picture():
         inbox.put(port, Image.from_bgr(BLANK, stamp=stamp * SECOND // 10, frame_id="eye"))
         if stamp % 4 == 0:  # A look takes four pictures' time.
             line, image = inbox.take()  # type: ignore[misc]
-            line.charge(0.4)
+            line.record_cost(0.4)
             taken.append(image.stamp * 10 // SECOND)
     assert taken[2:] == [8, 12, 16, 20, 24, 28]
 
