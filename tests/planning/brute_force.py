@@ -83,11 +83,11 @@ def flat(effect: Any, world: World, env: dict[str, str], domain: PddlDomain) -> 
 def apply(effects: list[Any], world: World, env: dict[str, str], domain: PddlDomain, duration: float) -> World:
     facts, values = set(world[0]), dict(world[1])
     single = [one for effect in effects for one in flat(effect, world, env, domain)]
-    for kind in ("Delete", "Add", "Change"):
+    for kind in ("Delete", "Add", "NumericEffect"):
         for effect, inner in single:
             if type(effect).__name__ != kind:
                 continue
-            if kind == "Change":
+            if kind == "NumericEffect":
                 key = (effect.fluent.function, *(named(term, inner) for term in effect.fluent.terms))
                 amount = number(effect.amount, world, inner, duration)
                 old = values[key]

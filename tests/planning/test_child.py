@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.planning.planners.child_process import MOST_OUTPUT, guarded, run
+from socialbot.planning.planners.child_process import MAX_OUTPUT, guarded, run
 from tests.planning import busy
 
 pytestmark = busy.in_turn
@@ -46,17 +46,17 @@ def test_what_a_child_says_and_how_it_ends_is_told(tmp_path):
     ended = shell("echo yes; echo no >&2; pwd; exit 3", tmp_path)
     assert (ended.how, ended.code, ended.errors) == ("by itself", 3, "no\n")
     assert ended.output == f"yes\n{tmp_path}\n"
-    assert ended.death == "ended with code 3: no"
+    assert ended.crash == "ended with code 3: no"
 
 
 def test_a_signal_that_kills_it_is_named(tmp_path):
-    assert shell("echo ouch >&2; kill -SEGV $$", tmp_path).death == "died of SIGSEGV: ouch"
+    assert shell("echo ouch >&2; kill -SEGV $$", tmp_path).crash == "was killed by SIGSEGV: ouch"
 
 
 def test_much_output_is_read_to_its_end_and_too_much_is_cut_at_the_front(tmp_path):
-    ended = shell(f"head -c {MOST_OUTPUT} /dev/zero | tr '\\0' x; echo; echo end", tmp_path)
+    ended = shell(f"head -c {MAX_OUTPUT} /dev/zero | tr '\\0' x; echo; echo end", tmp_path)
     assert ended.how == "by itself"
-    assert len(ended.output) == MOST_OUTPUT
+    assert len(ended.output) == MAX_OUTPUT
     assert ended.output.endswith("x\nend\n")
 
 

@@ -246,13 +246,13 @@ def test_a_child_that_somebody_kills_is_a_failure_and_no_exception(planner):
         os.kill(child, signal.SIGKILL)
     asking.join()
     assert found[0].verdict is PlannerVerdict.FAILED
-    assert found[0].message == "kairos died of SIGKILL"
+    assert found[0].message == "kairos was killed by SIGKILL"
 
 
 @pytest.mark.parametrize(
     ("script", "message"),
     [
-        ("echo no luck >&2; kill -SEGV $$", "kairos died of SIGSEGV: no luck"),
+        ("echo no luck >&2; kill -SEGV $$", "kairos was killed by SIGSEGV: no luck"),
         ("echo no luck >&2; exit 1", "kairos ended with code 1: no luck"),
         ("echo nothing", "kairos ended with code 0"),
     ],

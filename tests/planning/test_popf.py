@@ -93,7 +93,7 @@ def test_that_it_calls_a_problem_unsolvable_proves_nothing(tmp_path):
     [
         ("sleep 1000", PlannerVerdict.GAVE_UP, "popf found no plan in 0.5 s"),
         ("echo std::bad_alloc >&2; exit 1", PlannerVerdict.GAVE_UP, "popf found no plan in 512 MB"),
-        ("kill -SEGV $$", PlannerVerdict.FAILED, "popf died of SIGSEGV"),
+        ("kill -SEGV $$", PlannerVerdict.FAILED, "popf was killed by SIGSEGV"),
         ("echo what\necho ';;;; Solution Found'\necho '1: (go'", PlannerVerdict.FAILED, "popf ended with code 0"),
     ],
 )

@@ -137,7 +137,7 @@ def test_what_its_reader_does_not_take_is_refused(stand_in):
 def test_an_engine_that_crashes_or_eats_the_memory_costs_no_more_than_the_plan(stand_in):
     crashed = Unified("crasher").solve(domain(), problem(), LONG)
     assert crashed.verdict is PlannerVerdict.FAILED
-    assert "died of SIGABRT" in crashed.message
+    assert "was killed by SIGABRT" in crashed.message
     assert Unified("eater").solve(domain(), problem(), LONG).message == "up:eater found no plan in 512 MB"
 
 

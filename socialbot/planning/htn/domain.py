@@ -1,4 +1,4 @@
-"""Task domains: states, actions and methods as Python functions."""
+"""Domains of task networks: states, and actions and methods as Python functions."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from socialbot.core.errors import PlanningError
 class TaskState:
     """State variables as attributes: ``State(loc={"spot1": "room4"})``, then ``state.loc["spot1"]``.
 
-    A variable is a dictionary, list or set, or a plain value. Values inside of those are never changed in place, but
-    replaced: copies share them.
+    A variable is a dictionary, list, set or plain value. Replace nested values rather than change them, as copies share
+    them.
     """
 
     def __init__(self, name: str = "state", **variables: Any) -> None:
@@ -38,11 +38,11 @@ class TaskState:
         return f"State({', '.join((repr(self.__name__), *(f'{name}={v!r}' for name, v in self.variables().items())))})"
 
     def variables(self) -> dict[str, Any]:
-        """The state variables by name."""
+        """Return the state variables by name."""
         return {name: value for name, value in vars(self).items() if name != "__name__"}
 
     def copy(self) -> TaskState:
-        """Another state with the same variables; one can be changed without the other."""
+        """Return an independent copy."""
         other = object.__new__(type(self))
         vars(other).update(
             (name, value.copy() if isinstance(value, (dict, list, set)) else value)
@@ -52,22 +52,22 @@ class TaskState:
 
 
 Item = tuple[Any, ...]
-"""A task or an action with its arguments: ``("a_navto", "spot1", "room1")``."""
+"""Task or action with its arguments: ``("a_navto", "spot1", "room1")``."""
 
-MOST_METHODS = 64
-"""A task can have this many methods."""
+MAX_METHODS = 64
+"""Maximum number of methods of a task."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def item_text(item: Item) -> str:
-    """The item as it is called: ``a_navto(spot1, room1)``."""
+    """Return an item as a call: ``a_navto(spot1, room1)``."""
     return f"{item[0]}({', '.join(map(str, item[1:]))})"
 
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """A function that is an action or a method, and how many arguments it takes beside the state."""
+    """Function of an action or method, with its numbers of arguments without the state."""
 
     name: str
     function: Callable[..., Any]
@@ -77,23 +77,22 @@ class Operator:
 
     @property
     def arity(self) -> str:
-        """How many arguments it takes, in words."""
+        """Number of arguments as text."""
         if self.most is None:
             return f"{self.least} or more"
         return str(self.least) if self.least == self.most else f"{self.least} to {self.most}"
 
     def takes(self, count: int) -> bool:
-        """Whether it can be called with ``count`` arguments beside the state."""
+        """Return whether it accepts a number of arguments."""
         return count >= self.least and (self.most is None or count <= self.most)
 
 
 class TaskDomain:
-    """What can be done, and how.
+    """Actions, tasks and methods.
 
-    An action takes a state and arguments, changes that state and returns it, or returns None if it cannot be done
-    there. A method takes a state, which it leaves as it is, and the arguments of its task; it returns a list of tasks
-    and actions, or None if it does not apply. The methods of a task are tried in the order of their declaration.
-    Both have to do the same for the same state: a planner calls them many times.
+    An action changes a state and returns it, or returns None if it is not applicable. A method returns a list of tasks
+    and actions for its task, or None, and does not change the state. Methods are tried in the order of declaration.
+    Both must be deterministic, as a planner calls them repeatedly.
     """
 
     def __init__(self, name: str) -> None:
@@ -102,12 +101,12 @@ class TaskDomain:
         self.methods: dict[str, tuple[Operator, ...]] = {}
 
     def action(self, function: Function) -> Function:
-        """Declares an action, called as the function is; a decorator."""
+        """Declare an action with the name of the function (decorator)."""
         self.declare_actions(function)
         return function
 
     def method(self, task: str) -> Callable[[Function], Function]:
-        """Declares a method for ``task``; a decorator."""
+        """Declare a method of a task (decorator)."""
 
         def declare(function: Function) -> Function:
             self.declare_task_methods(task, function)
@@ -116,7 +115,7 @@ class TaskDomain:
         return declare
 
     def declare_actions(self, *functions: Callable[..., Any] | Iterable[Callable[..., Any]]) -> None:
-        """Declares actions. Raises PlanningError for a name that is taken."""
+        """Declare actions. Raises PlanningError for a name that is taken."""
         for function in _flat(functions):
             new = _operator(function)
             if new.name in self.methods or self.actions.get(new.name, new) != new:
@@ -128,10 +127,7 @@ class TaskDomain:
             self.actions[new.name] = new
 
     def declare_task_methods(self, task: str, *functions: Callable[..., Any] | Iterable[Callable[..., Any]]) -> None:
-        """Declares methods for ``task``, in addition to those there are. Raises PlanningError for a name that is taken.
-
-        Declaring the same method again changes nothing.
-        """
+        """Declare more methods of a task; known ones have no effect. Raises PlanningError for a name that is taken."""
         for function in _flat(functions):
             new, old = _operator(function), self.methods.get(task, ())
             if new in old:
@@ -144,23 +140,20 @@ class TaskDomain:
                     where=new.where,
                     remedy="give each action and task a name of its own, and each method of a task",
                 )
-            if len(old) == MOST_METHODS:
+            if len(old) == MAX_METHODS:
                 raise PlanningError(
-                    f"{task} has {MOST_METHODS} methods already",
+                    f"{task} has {MAX_METHODS} methods already",
                     where=new.where,
                     remedy="group them as tasks of their own",
                 )
             self.methods[task] = (*old, new)
 
     def operators(self, name: str) -> tuple[Operator, ...]:
-        """The action called ``name``, or the methods of that task; none if there is no such thing."""
+        """Return the action of a name, or the methods of the task, if any."""
         return (self.actions[name],) if name in self.actions else self.methods.get(name, ())
 
     def after(self, state: TaskState, items: Iterable[Item]) -> TaskState:
-        """The state after actions have been done one after the other; ``state`` is left as it is.
-
-        Raises PlanningError for an action that cannot be done, or that there is not.
-        """
+        """Return the state after a sequence of actions. Raises PlanningError for one that cannot be done."""
         for item in items:
             if item[0] not in self.actions:
                 raise PlanningError(f"{self.name} has no action {item[0]!r}")
@@ -171,7 +164,7 @@ class TaskDomain:
         return state
 
     def similar(self, name: str) -> str | None:
-        """The action or task that ``name`` may be a mistake for."""
+        """Return the action or task with the most similar name."""
         near = get_close_matches(name, (*self.actions, *self.methods), 1)
         return near[0] if near else None
 

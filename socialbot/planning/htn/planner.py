@@ -1,4 +1,4 @@
-"""The task planner: plans, and repairs of plans that failed or no longer fit the world."""
+"""Task planner: plans, and repairs of plans that have failed or no longer fit the world."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from socialbot.planning.htn.tree import TaskAnswer, TaskFault, TaskLimits, TaskN
 
 
 def progressed(tree: TaskTree, reached: TaskNode, status: TaskStatus) -> TaskTree:
-    """``tree`` after all that is planned before the action ``reached`` was done; that one has ``status``."""
+    """Return a tree after the execution of all actions before ``reached``, which gets ``status``."""
     nodes = dict(tree.nodes)
     for node in tree.plan:
         if node.id == reached.id:
@@ -31,17 +31,17 @@ def progressed(tree: TaskTree, reached: TaskNode, status: TaskStatus) -> TaskTre
     if status != "failed" or reached.parent is not None:
         nodes[reached.id] = replace(reached, status=status)
         return replace(tree, nodes=nodes)
-    # No task is above it, so its own node has to tell both that it failed and that it is tried once more.
+    # Without a parent the node itself represents both the failure and the repetition.
     nodes[tree.next_id] = replace(reached, id=tree.next_id, parent=reached.id, former=(), status="failed")
     nodes[reached.id] = replace(reached, former=(*reached.former, tree.next_id))
     return replace(tree, nodes=nodes, next_id=tree.next_id + 1)
 
 
 def build_tree(tree: TaskTree, tops: Iterable[TaskPlace], trail: Trail | None, redone: int | None = None) -> TaskTree:
-    """``tree`` with ``tops`` done as ``trail`` tells; those that stand at no node become new roots.
+    """Return a tree with ``tops`` decomposed as in ``trail``; those without a node become new roots.
 
-    A task that is done by the same method and leads to the same as before keeps the ids below it, except for
-    ``redone``: what was done and what failed below that becomes former, the rest is left out.
+    A task with the same method and children keeps the ids below it. Executed and failed nodes below ``redone`` become
+    former nodes; its other nodes are removed.
     """
     methods: dict[TaskPlace, str | None] = {}
     below: dict[TaskPlace, list[TaskPlace]] = {}
@@ -84,7 +84,7 @@ def build_tree(tree: TaskTree, tops: Iterable[TaskPlace], trail: Trail | None, r
 
 
 def _remains(tree: TaskTree, redone: int) -> Iterator[TaskNode]:
-    """What is left of the nodes at and below ``redone``: what was done, what failed, and the tasks for that."""
+    """Yield the executed and failed nodes at and below ``redone``, with their ancestors."""
     left = {redone: tree.nodes[redone]}
     for node in tree.walk(redone):
         if node.status in ("done", "failed"):
@@ -105,12 +105,10 @@ LIMITS = TaskLimits()
 
 
 class TaskPlanner:
-    """Plans tasks of one domain. It keeps nothing between calls, and any number of threads can call it.
+    """Planner for the tasks of one domain; stateless and thread-safe. It raises nothing: errors are in the answer.
 
-    GTPyhop searches; trees, their re-entry, the blacklist and the limits are our own. It raises nothing: what goes
-    wrong is in the answer. Setting ``cancelled`` ends a call at its next attempt of an action or method, and so does
-    the timeout: one that never returns cannot be ended. Blacklisted actions, as ``("a_open_door", "spot1", "room1")``,
-    are not planned.
+    GTPyhop searches; repair, blacklist and limits are added here. A set ``cancelled`` or the timeout ends a call at
+    the next action or method. Blacklisted actions, such as ``("a_open_door", "spot1", "room1")``, are not planned.
     """
 
     def __init__(self, domain: TaskDomain) -> None:
@@ -125,7 +123,7 @@ class TaskPlanner:
         blacklist: Iterable[Item] = (),
         cancelled: threading.Event | None = None,
     ) -> TaskAnswer:
-        """How ``tasks`` can be done one after the other, beginning in ``state``, which is left as it is."""
+        """Plan a sequence of tasks from a state, which is not changed."""
 
         def work(search: TaskSearch) -> TaskAnswer:
             asked = list(tasks)
@@ -149,11 +147,10 @@ class TaskPlanner:
         blacklist: Iterable[Item] = (),
         cancelled: threading.Event | None = None,
     ) -> TaskAnswer:
-        """How to go on from ``state`` after the action at the node ``failed``, and those before it have been done.
+        """Repair a plan from ``state`` after the action at the node ``failed``; earlier actions are executed.
 
-        The nearest task that the action was for is done anew, with what comes after it; if that cannot be, the next
-        one above it. A way that does not lead to the same action once more is preferred. What was done stays in the
-        tree. What comes later and stays as it was keeps its ids.
+        The nearest ancestor with another decomposition is planned again, preferably without the same action, and then
+        all later tasks. Executed actions stay in the tree; unchanged later nodes keep their ids.
         """
 
         def work(search: TaskSearch) -> TaskAnswer:
@@ -178,10 +175,10 @@ class TaskPlanner:
         blacklist: Iterable[Item] = (),
         cancelled: threading.Event | None = None,
     ) -> TaskAnswer:
-        """How to go on from ``state`` when the action at ``next_node`` comes next and the world has changed.
+        """Repair a plan from a changed ``state`` before the action at ``next_node``.
 
-        Tasks that have begun go on as they are and all others are planned anew; a begun task is done in another way
-        only if it has to be. The tree stays equal, but for what was done, if the plan is still right.
+        Started tasks keep their decomposition if possible; the others are planned again. The tree of a plan that is
+        still valid stays equal, apart from executed actions.
         """
 
         def work(search: TaskSearch) -> TaskAnswer:
@@ -237,9 +234,9 @@ def _path(tree: TaskTree, id: int) -> list[TaskNode]:
 def _redo(
     search: TaskSearch, state: TaskState, tree: TaskTree, node: TaskNode, failed: int | None, *, again: bool
 ) -> TaskAnswer | None:
-    """What becomes of ``tree`` when ``node`` is done from ``state``, and then all that comes later; None if it cannot.
+    """Return the tree with a new decomposition of ``node`` and all later tasks; None if there is none.
 
-    Unless ``again``, it may not be done as it was when ``failed`` had failed.
+    Unless ``again``, the decomposition must differ from the one in which ``failed`` failed.
     """
     top = TaskPlace(node.item, node=node.id)
     later: list[int] = []

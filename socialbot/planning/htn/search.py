@@ -1,4 +1,4 @@
-"""Search for a task decomposition, with a private instance of GTPyhop."""
+"""Search for a task decomposition with a private instance of GTPyhop."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import Any
 
 from socialbot.core.errors import InstallationError, PlanningError
-from socialbot.planning.htn.domain import MOST_METHODS, Item, Operator, TaskDomain, TaskState, item_text
+from socialbot.planning.htn.domain import MAX_METHODS, Item, Operator, TaskDomain, TaskState, item_text
 from socialbot.planning.htn.tree import TaskFault, TaskLimits
 
 
@@ -36,7 +36,7 @@ _GTPYHOP: Any = _load()
 
 
 class Trail:
-    """What was decided, the last first: ``what`` was done, or refined by ``method``."""
+    """Linked list of decisions, newest first: ``what`` was executed, or refined by ``method``."""
 
     __slots__ = ("before", "method", "what")
 
@@ -47,9 +47,9 @@ class Trail:
 
 
 class SearchState(_GTPYHOP.State):
-    """A state in the search, and how it came about: ``done`` actions long."""
+    """State of the search with its decisions and the number of actions."""
 
-    __name__ = "moment"
+    __name__ = "search state"
 
     def __init__(self, state: TaskState, trail: Trail | None = None, done: int = 0) -> None:
         self.state = state
@@ -57,11 +57,11 @@ class SearchState(_GTPYHOP.State):
         self.done = done
 
     def copy(self, new_name: str | None = None) -> SearchState:
-        # Who does an action copies what it changes.
+        # Actions copy the part that they change.
         return self
 
     def __eq__(self, other: object) -> bool:
-        # GTPyhop leaves out of its plan what changes nothing: all of it, as the trail knows more.
+        # GTPyhop omits steps without a change from its plan: here all of them, as the trail replaces it.
         return True
 
     def __ne__(self, other: object) -> bool:
@@ -71,38 +71,38 @@ class SearchState(_GTPYHOP.State):
 
 
 Todo = tuple[Any, ...]
-"""An entry of a list to do. What its function raises ends the search, and is raised by `seek`."""
+"""Agenda entry. An exception of its function ends the search, and `seek` raises it."""
 
 
 def step(function: Callable[[SearchState], SearchState | None]) -> Todo:
-    """An entry that leads to another moment, or to None if that cannot be."""
+    """Return an entry whose function leads to another state, or None."""
     return ("_step", function)
 
 
 def task(function: Callable[[SearchState, int], list[Todo] | None], methods: int) -> Todo:
-    """An entry that leads to a list to do by each of so many methods, or to None if that one does not apply."""
+    """Return an entry whose function refines it by the method of an index, or returns None."""
     return (f"task {methods}", function)
 
 
 def seek(start: SearchState, todo: Sequence[Todo]) -> SearchState | None:
-    """The first moment at which all of ``todo`` is done, methods tried in order; None if there is none."""
+    """Return the first state after all entries, with methods tried in order; None if there is none."""
     found: list[SearchState] = []
 
-    def end(moment: SearchState) -> SearchState:
-        found.append(moment)
-        return moment
+    def end(current: SearchState) -> SearchState:
+        found.append(current)
+        return current
 
     _GTPYHOP.find_plan(start, [*todo, step(end)])
     return found[0] if found else None
 
 
-def _step(moment: SearchState, function: Callable[[SearchState], SearchState | None]) -> SearchState | None:
-    return function(moment)
+def _step(current: SearchState, function: Callable[[SearchState], SearchState | None]) -> SearchState | None:
+    return function(current)
 
 
 def _method(index: int) -> Callable[[SearchState, Callable[[SearchState, int], list[Todo] | None]], list[Todo] | None]:
-    def refine(moment: SearchState, function: Callable[[SearchState, int], list[Todo] | None]) -> list[Todo] | None:
-        return function(moment, index)
+    def refine(current: SearchState, function: Callable[[SearchState, int], list[Todo] | None]) -> list[Todo] | None:
+        return function(current, index)
 
     return refine
 
@@ -110,8 +110,8 @@ def _method(index: int) -> Callable[[SearchState, Callable[[SearchState, int], l
 def _declare() -> None:
     _GTPYHOP.Domain("socialbot")  # becomes the current one
     _GTPYHOP.declare_actions(_step)
-    methods = [_method(index) for index in range(MOST_METHODS)]
-    for count in range(MOST_METHODS + 1):
+    methods = [_method(index) for index in range(MAX_METHODS)]
+    for count in range(MAX_METHODS + 1):
         _GTPYHOP.declare_task_methods(f"task {count}", *methods[:count])
     _GTPYHOP.set_recursive_planning("iterative_dfs_backtracking")
     _GTPYHOP.verbose = 0
@@ -121,15 +121,15 @@ _declare()
 
 
 class LimitReached(Exception):  # noqa: N818 - no error
-    """The time or the attempts are used up."""
+    """Time or attempts are used up."""
 
 
 class Cancelled(Exception):  # noqa: N818 - no error
-    """Nobody wants to know any more."""
+    """The caller has cancelled the call."""
 
 
 class TaskDomainError(Exception):
-    """The domain, or what was asked, is wrong."""
+    """The domain or the request is wrong."""
 
     def __init__(self, fault: TaskFault, what: str, *, where: str | None = None, remedy: str | None = None) -> None:
         super().__init__(str(PlanningError(what, where=where, remedy=remedy)))
@@ -138,7 +138,7 @@ class TaskDomainError(Exception):
 
 @dataclass(eq=False, slots=True)
 class TaskPlace:
-    """Where an item stands: below another one; at the top, at a node of a tree, or nowhere yet."""
+    """Position of an item: below another one, at a node of a tree, or new at the top."""
 
     item: Item
     above: TaskPlace | None = None
@@ -147,21 +147,21 @@ class TaskPlace:
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """Demands that ``place`` was done in another way than by ``actions``, from the one number ``failed`` or earlier."""
+    """Constraint that a task leads to other ``actions`` from index ``failed`` on, or earlier."""
 
     place: TaskPlace
     actions: tuple[Item, ...]
     failed: int
 
     def holds(self, trail: Trail | None) -> bool:
-        """Whether ``trail``, which ends with ``place``, goes another way."""
+        """Return whether a trail that ends with the task satisfies the constraint."""
         new = [entry.what.item for entry in back(trail, self.place) if entry.method is None]
         again = len(self.actions) - self.failed <= len(new) <= len(self.actions)
         return not again or self.actions[len(self.actions) - len(new) :] != tuple(reversed(new))
 
 
 def back(trail: Trail | None, start: TaskPlace | None = None) -> Iterator[Trail]:
-    """The trail from its end back to where ``start`` was done or refined, or to its beginning."""
+    """Yield decisions from the newest back to the one of ``start``, or to the first."""
     while trail is not None:
         yield trail
         trail = None if trail.what is start else trail.before
@@ -169,7 +169,7 @@ def back(trail: Trail | None, start: TaskPlace | None = None) -> Iterator[Trail]
 
 @dataclass(eq=False)
 class TaskSearch:
-    """Searches in one domain that share their limits; ``end`` is when to give up (``time.thread_time``)."""
+    """Searches in one domain with shared limits; ``end`` is the deadline (``time.thread_time``)."""
 
     domain: TaskDomain
     limits: TaskLimits
@@ -180,7 +180,7 @@ class TaskSearch:
     _furthest: tuple[int, str] = field(default=(-1, ""))
 
     def run(self, state: TaskState, todo: Sequence[TaskPlace | Alternative]) -> SearchState | None:
-        """The moment at which all of ``todo`` is done, one after the other, or None if it cannot be.
+        """Return the state after all of ``todo``, or None.
 
         Raises LimitReached, Cancelled, DomainFault.
         """
@@ -188,16 +188,16 @@ class TaskSearch:
 
     @property
     def obstacle(self) -> str:
-        """What stood in the way when the search had got furthest."""
+        """Reason for the failure after the longest sequence of actions."""
         done, what = self._furthest
         return f"after {done} action{'' if done == 1 else 's'} {what}"
 
-    def check(self, item: Any, whence: str, where: str | None = None) -> None:
+    def check(self, item: Any, source: str, where: str | None = None) -> None:
         """Raises DomainFault if the domain has no such action or task."""
         if not isinstance(item, (list, tuple)) or not item or not isinstance(item[0], str):
             raise TaskDomainError(
                 TaskFault.MALFORMED,
-                f"{item!r:.80}, in {whence}, is no task",
+                f"{item!r:.80}, in {source}, is no task",
                 where=where,
                 remedy='write ("name", argument)',
             )
@@ -206,7 +206,7 @@ class TaskSearch:
             similar = self.domain.similar(item[0])
             raise TaskDomainError(
                 TaskFault.UNKNOWN,
-                f"{self.domain.name} has no action or task {item[0]!r}, which stands in {whence}",
+                f"{self.domain.name} has no action or task {item[0]!r}, which stands in {source}",
                 where=where,
                 remedy=f"did you mean {similar!r}?" if similar else "declare it",
             )
@@ -214,7 +214,7 @@ class TaskSearch:
             if not operator.takes(len(item) - 1):
                 raise TaskDomainError(
                     TaskFault.ARITY,
-                    f"{item_text(tuple(item))}, in {whence}: {operator.name} takes {operator.arity} arguments",
+                    f"{item_text(tuple(item))}, in {source}: {operator.name} takes {operator.arity} arguments",
                     where=where or operator.where,
                 )
 
@@ -224,14 +224,14 @@ class TaskSearch:
         methods = self.domain.methods.get(what.item[0])
         return step(partial(self._act, what)) if methods is None else task(partial(self._refine, what), len(methods))
 
-    def _act(self, place: TaskPlace, moment: SearchState) -> SearchState | None:
+    def _act(self, place: TaskPlace, current: SearchState) -> SearchState | None:
         self._count()
         if place.item in self.blacklist:
-            return self._stuck(moment, f"{item_text(place.item)} is blacklisted")
+            return self._fail(current, f"{item_text(place.item)} is blacklisted")
         action = self.domain.actions[place.item[0]]
-        after = self._call(action, moment.state.copy(), place.item)
+        after = self._call(action, current.state.copy(), place.item)
         if after is None or after is False:
-            return self._stuck(moment, f"{item_text(place.item)} cannot be done")
+            return self._fail(current, f"{item_text(place.item)} cannot be done")
         if not isinstance(after, TaskState):
             raise TaskDomainError(
                 TaskFault.MALFORMED,
@@ -239,24 +239,24 @@ class TaskSearch:
                 where=action.where,
                 remedy="return the state, or None if the action cannot be done",
             )
-        return SearchState(after, Trail(moment.trail, place, None), moment.done + 1)
+        return SearchState(after, Trail(current.trail, place, None), current.done + 1)
 
-    def _refine(self, place: TaskPlace, moment: SearchState, index: int) -> list[Todo] | None:
-        # GTPyhop asks all methods of a task at once; a fault counts only when the search comes to it.
+    def _refine(self, place: TaskPlace, current: SearchState, index: int) -> list[Todo] | None:
+        # GTPyhop calls all methods of a task at once; an error counts only when the search reaches it.
         self._count()
         method = self.domain.methods[place.item[0]][index]
         try:
-            items = self._items(method, self._call(method, moment.state, place.item))
+            items = self._items(method, self._call(method, current.state, place.item))
         except TaskDomainError as fault:
-            return [step(partial(_complain, fault))]
+            return [step(partial(_raise, fault))]
         if items is None:
-            return self._stuck(moment, f"no method does {item_text(place.item)}")
+            return self._fail(current, f"no method does {item_text(place.item)}")
         return [step(partial(_choose, place, method.name)), *(self._todo(TaskPlace(item, place)) for item in items)]
 
-    def _compare(self, otherwise: Alternative, moment: SearchState) -> SearchState | None:
-        if otherwise.holds(moment.trail):
-            return moment
-        return self._stuck(moment, f"{item_text(otherwise.place.item)} would fail as it did")
+    def _compare(self, otherwise: Alternative, current: SearchState) -> SearchState | None:
+        if otherwise.holds(current.trail):
+            return current
+        return self._fail(current, f"{item_text(otherwise.place.item)} would fail as it did")
 
     def _count(self) -> None:
         self.attempts += 1
@@ -265,9 +265,9 @@ class TaskSearch:
         if self.attempts > self.limits.steps or time.thread_time() >= self.end:
             raise LimitReached
 
-    def _stuck(self, moment: SearchState, what: str) -> None:
-        if moment.done >= self._furthest[0]:
-            self._furthest = (moment.done, what)
+    def _fail(self, current: SearchState, what: str) -> None:
+        if current.done >= self._furthest[0]:
+            self._furthest = (current.done, what)
 
     def _call(self, operator: Operator, state: TaskState, item: Item) -> Any:
         try:
@@ -296,9 +296,9 @@ class TaskSearch:
         return [tuple(item) for item in returned]
 
 
-def _choose(place: TaskPlace, method: str, moment: SearchState) -> SearchState:
-    return SearchState(moment.state, Trail(moment.trail, place, method), moment.done)
+def _choose(place: TaskPlace, method: str, current: SearchState) -> SearchState:
+    return SearchState(current.state, Trail(current.trail, place, method), current.done)
 
 
-def _complain(fault: TaskDomainError, moment: SearchState) -> None:
+def _raise(fault: TaskDomainError, current: SearchState) -> None:
     raise fault

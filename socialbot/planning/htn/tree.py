@@ -1,4 +1,4 @@
-"""Task trees: how each task was decomposed and what became of it; and the result of planning."""
+"""Task trees with decompositions and results of actions, and the answer of the task planner."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _MARKS = {None: "", "planned": "", "done": "+ ", "failed": "! "}
 
 @dataclass(frozen=True, slots=True)
 class TaskNode:
-    """A task, with the method that does it and the nodes that this leads to; or an action, with its status.
+    """Node of a task tree: a task with its method and children, or an action with its status.
 
-    ``former`` are nodes of ways that were given up: what was done of them, and what failed. An action has some if no
-    task is above it, and it is tried once more.
+    ``former`` are nodes of abandoned decompositions with executed or failed actions. An action without a parent has
+    them if it is repeated.
     """
 
     id: int
@@ -36,7 +36,7 @@ class TaskNode:
 
 @dataclass(frozen=True)
 class TaskTree:
-    """The nodes by id, and which of them are the tasks that were asked for. ``next_id`` was never used."""
+    """Tree of tasks by node id. The roots are the requested tasks; ``next_id`` is unused."""
 
     nodes: Mapping[int, TaskNode] = field(default_factory=dict)
     roots: tuple[int, ...] = ()
@@ -44,21 +44,21 @@ class TaskTree:
 
     @property
     def tasks(self) -> tuple[Item, ...]:
-        """What was asked for."""
+        """Requested tasks."""
         return tuple(self.nodes[root].item for root in self.roots)
 
     @property
     def plan(self) -> tuple[TaskNode, ...]:
-        """The actions that are still to be done, in order."""
+        """Remaining actions in order."""
         return tuple(node for node in self.walk() if node.status == "planned")
 
     @property
     def history(self) -> tuple[TaskNode, ...]:
-        """The actions that were done or failed, in order."""
+        """Executed and failed actions in order."""
         return tuple(node for node in self.walk() if node.status in ("done", "failed"))
 
     def walk(self, *starts: int, former: bool = True) -> Iterator[TaskNode]:
-        """The nodes at and below ``starts`` (the roots if there are none), in the order in which they come about."""
+        """Yield the nodes at and below ``starts`` (default: the roots) in the order of execution."""
         waiting = list(reversed(starts or self.roots))
         while waiting:
             node = self.nodes[waiting.pop()]
@@ -71,19 +71,19 @@ class TaskTree:
                 yield node
 
     def path(self, node: int) -> list[TaskNode]:
-        """The node and the tasks that it is for, the nearest first."""
+        """Return a node and its ancestors, the nearest first."""
         path = [self.nodes[node]]
         while (parent := path[-1].parent) is not None:
             path.append(self.nodes[parent])
         return path
 
     def later(self, node: TaskNode) -> tuple[int, ...]:
-        """The nodes beside ``node`` that come after it."""
+        """Return the later siblings of a node."""
         beside = self.roots if node.parent is None else self.nodes[node.parent].children
         return beside[beside.index(node.id) + 1 :]
 
     def as_data(self) -> dict[str, Any]:
-        """The tree as JSON takes it, if it takes the arguments."""
+        """Return the tree as data for JSON, if the arguments are."""
         return {
             "roots": list(self.roots),
             "next_id": self.next_id,
@@ -94,7 +94,7 @@ class TaskTree:
 
     @staticmethod
     def from_data(data: Mapping[str, Any]) -> TaskTree:
-        """The tree that `as_data` told of; lists among the arguments were tuples. Raises KeyError, TypeError."""
+        """Return the tree of `as_data`, with tuples for lists. Raises KeyError, TypeError."""
         nodes = (
             TaskNode(**{name: _tuple(value) if isinstance(value, list) else value for name, value in entry.items()})
             for entry in data["nodes"]
@@ -102,10 +102,7 @@ class TaskTree:
         return TaskTree({node.id: node for node in nodes}, tuple(data["roots"]), data["next_id"])
 
     def __str__(self) -> str:
-        """A drawing, a node a line: ``+`` before what was done, ``!`` before what failed, in brackets what is former.
-
-        Behind a task stands its method.
-        """
+        """Return a drawing with a node per line: ``+`` executed, ``!`` failed, parentheses former."""
         lines, waiting = [], [(self.nodes[root], 0, False) for root in reversed(self.roots)]
         while waiting:
             node, depth, former = waiting.pop()
@@ -121,36 +118,36 @@ def _tuple(value: Any) -> Any:
 
 
 class TaskVerdict(enum.Enum):
-    """What came of planning."""
+    """Result of task planning."""
 
     PLAN = "plan"
-    """There is a plan; it may be empty."""
+    """There is a plan, which may be empty."""
     IMPOSSIBLE = "impossible"
-    """Everything was tried: there is no plan."""
+    """The search is complete: no plan exists."""
     TIMEOUT = "timeout"
     """No plan was found within the limits; there may be one."""
     CANCELLED = "cancelled"
-    """Nobody wants to know any more."""
+    """The caller has cancelled the call."""
     ERROR = "error"
-    """The domain, or what was asked, is wrong: see `TaskFault`."""
+    """The domain or the request is wrong, see `TaskFault`."""
 
 
 class TaskFault(enum.Enum):
-    """What is wrong with a domain, or with what was asked."""
+    """Kind of error in a domain or a request."""
 
     UNKNOWN = "unknown"
-    """There is no action, task or node like that."""
+    """Unknown action, task or node."""
     ARITY = "arity"
-    """It takes another number of arguments."""
+    """Wrong number of arguments."""
     RAISED = "raised"
     """An action or method raised an exception."""
     MALFORMED = "malformed"
-    """An action returned no state, or a method no list of tasks."""
+    """An action did not return a state, or a method a list of tasks."""
 
 
 @dataclass(frozen=True, slots=True)
 class TaskLimits:
-    """How much planning may use: seconds of work, and attempts of actions and methods, which bound the memory."""
+    """Limits of task planning: processor time (s), and attempts of actions and methods, which bound the memory."""
 
     timeout_s: float = 5.0
     steps: int = 1_000_000
@@ -158,9 +155,9 @@ class TaskLimits:
 
 @dataclass(frozen=True, slots=True)
 class TaskAnswer:
-    """What came of planning: the tree if it is `TaskVerdict.PLAN`, else why not; and the seconds it took.
+    """Answer of the task planner: the tree, or the reason for its absence, and the elapsed seconds.
 
-    ``redone`` is the task that was done in another way, when a tree was re-entered and that was necessary.
+    ``redone`` is the task with a new decomposition after a repair.
     """
 
     verdict: TaskVerdict
@@ -172,5 +169,5 @@ class TaskAnswer:
 
     @property
     def plan(self) -> tuple[TaskNode, ...]:
-        """The actions to be done, in order, each with the id of its node."""
+        """Remaining actions in order, each with its node id."""
         return self.tree.plan if self.tree else ()

@@ -1,9 +1,8 @@
-"""The causal order of a plan: which starts and ends have to wait for which others, whatever the clock says.
+"""Causal order of a plan: the events that each start and end of a step has to wait for, independent of the clock.
 
-A happening waits for an earlier one if one of them reads what the other one writes, or if both write it in ways that
-do not commute. Whoever keeps to that finds at each start and end what was read there as it was planned; so a plan
-stays valid when its steps begin later, and last longer or shorter. For a predicate that has to be true (or false),
-only the first of those that make it so counts; to make it so again holds nothing up.
+An event waits for an earlier one if one reads what the other writes, or if both write in ways that do not commute. So
+a plan remains valid if its steps start later, or take longer or shorter. For a predicate that must be true (or false),
+only the first event that makes it so counts; repetitions delay nothing.
 """
 
 from __future__ import annotations
@@ -31,10 +30,10 @@ from socialbot.planning.pddl.state import PddlState
 
 @dataclass(frozen=True, slots=True)
 class CausalOrder:
-    """For each step, by its index, what has to happen before it may start, and before it may end.
+    """Events that must happen before the start and before the end of each step, by its index.
 
-    What follows from the rest is left out; so is, before an end, the start of the same step. An end that comes too
-    early does not let others start too early: they wait themselves for what should have come before it.
+    Events that follow from others are omitted, and so is the start of a step before its own end. Steps also wait for
+    the predecessors of an end, so that an early end cannot start them too early.
     """
 
     before_start: tuple[frozenset[PlanEvent], ...]
@@ -44,11 +43,14 @@ class CausalOrder:
 def causal_order(
     domain: PddlDomain, now: PddlProblem | PddlState, plan: PddlPlan, running: Collection[int] = ()
 ) -> CausalOrder:
-    """The order within ``plan``, which has to be valid from ``now`` on.
+    """Return the causal order of a valid plan.
 
-    The steps whose indexes are ``running`` have started: what they change at the start is part of ``now``, and the
-    rest of the plan was made for what is the case once they all have ended; their times only tell which one ends
-    first. Raises PlanningError for a step that is no action of the domain, or whose effects have no value.
+    Args:
+        now: Initial state, which includes the start effects of running steps.
+        running: Indexes of steps that have started. The other steps were planned for the state after their ends.
+
+    Raises:
+        PlanningError: A step is no action of the domain, or has undefined effects.
     """
     state = PddlState.of(now, domain) if isinstance(now, PddlProblem) else now.copy()
     history = _recorded(domain, state.copy(), plan, running)
@@ -63,9 +65,9 @@ def causal_order(
 
 @dataclass(frozen=True, slots=True)
 class _Reader:
-    """Something read at a position, or from one to another; -1 for what began before the plan.
+    """Span of positions at which something is read; -1 for a start before the plan.
 
-    What is written up to ``upto`` was written before, and what is written from ``since`` on is written after.
+    Writes up to ``upto`` come before it, and writes from ``since`` come after it.
     """
 
     first: int
@@ -76,57 +78,56 @@ class _Reader:
 
 @dataclass
 class _History:
-    """What a plan does; a position is the place of a happening in ``order``."""
+    """Events of a plan with their read and write sets; a position is an index in ``order``."""
 
     order: list[PlanEvent] = field(default_factory=list)
-    footprints: list[ReadWriteSets] = field(default_factory=list)
+    sets: list[ReadWriteSets] = field(default_factory=list)
     starts: dict[int, int] = field(default_factory=dict)
-    """The position at which each step starts."""
     spans: list[tuple[Reading, _Reader]] = field(default_factory=list)
     writes: dict[Predicate, list[tuple[int, bool]]] = field(default_factory=lambda: defaultdict(list))
-    """Where each predicate is made true or false."""
+    """Positions at which each predicate is made true or false."""
     positions: dict[Key, int] = field(default_factory=lambda: defaultdict(int))
-    """Where each key is written, as bits."""
+    """Positions at which each key is written, as a bit set."""
 
-    def add(self, happening: PlanEvent, footprint: ReadWriteSets, lasting: Reading | None) -> None:
-        """Notes what happens next; ``lasting`` is what the step has read all the time, when it ends."""
+    def add(self, event: PlanEvent, sets_of_event: ReadWriteSets, invariants: Reading | None) -> None:
+        """Append an event; ``invariants`` are the read set over all of a step, at its end."""
         position = len(self.order)
-        self.order.append(happening)
-        self.footprints.append(footprint)
-        if happening.edge == "start":
-            self.starts[happening.step] = position
-        elif lasting is not None:
-            start = self.starts.get(happening.step, -1)
-            self.spans.append((lasting, _Reader(start, position, start, position)))
-        for key in footprint.writing.keys:
+        self.order.append(event)
+        self.sets.append(sets_of_event)
+        if event.edge == "start":
+            self.starts[event.step] = position
+        elif invariants is not None:
+            start = self.starts.get(event.step, -1)
+            self.spans.append((invariants, _Reader(start, position, start, position)))
+        for key in sets_of_event.writing.keys:
             self.positions[key] |= 1 << position
         for predicates, made in (
-            (footprint.writing.added, True),
-            (footprint.writing.deleted - footprint.writing.added, False),
+            (sets_of_event.writing.added, True),
+            (sets_of_event.writing.deleted - sets_of_event.writing.added, False),
         ):
             for predicate in predicates:
                 self.writes[predicate].append((position, made))
 
     def readings(self) -> Iterator[tuple[Reading, _Reader]]:
-        for position, footprint in enumerate(self.footprints):
-            yield footprint.reading, _Reader(position, position, position - 1, position)
+        for position, sets_of_event in enumerate(self.sets):
+            yield sets_of_event.reading, _Reader(position, position, position - 1, position)
         yield from self.spans
 
     def literals(self) -> Iterator[tuple[Predicate, bool, _Reader]]:
-        """The predicates that have to be true or false, and where."""
+        """Yield the predicates that must be true or false, and their readers."""
         for reading, reader in self.readings():
             for predicate, wanted in reading.literals.items():
                 if predicate in self.writes:
                     yield predicate, wanted, reader
 
     def groups(self) -> Iterator[tuple[frozenset[Key], _Reader]]:
-        """All else that is read, and where."""
+        """Yield the other keys that are read, and their readers."""
         for reading, reader in self.readings():
             for keys in reading.groups:
                 yield keys, reader
 
     def writers(self, keys: Iterable[Key]) -> int:
-        """Where any of ``keys`` is written, as bits."""
+        """Return the positions at which any of the keys is written, as a bit set."""
         found = 0
         for key in keys:
             found |= self.positions.get(key, 0)
@@ -134,68 +135,68 @@ class _History:
 
 
 def _recorded(domain: PddlDomain, state: PddlState, plan: PddlPlan, running: Collection[int]) -> _History:
-    """Carries out ``plan`` in ``state`` and notes what it reads and writes."""
+    """Simulate a plan and record its read and write sets."""
     for step in plan.steps:
         if step.action not in domain.actions:
             raise PlanningError(f"{step.call}: the domain has no action {step.action}")
     actions = [ground(domain.actions[step.action], step.args) for step in plan.steps]
-    footprints = ReadWriteAnalysis(domain)
-    lasting = [footprints.reading(action.conditions_at("over all"), state) for action in actions]
+    analysis = ReadWriteAnalysis(domain)
+    invariants = [analysis.reading(action.conditions_at("over all"), state) for action in actions]
     history = _History()
-    for moment in time_points(plan, actions, running):
-        prints = {one: footprints.of(actions[one.step], one.edge, state) for one in moment.happenings}
-        for happening in _sequence(moment, prints, lasting):
-            history.add(happening, prints[happening], lasting[happening.step] if happening.edge == "end" else None)
-            effects = actions[happening.step].effects_at(happening.edge)
-            state.apply(changes(effects, state, duration=plan.steps[happening.step].duration_s))
+    for point in time_points(plan, actions, running):
+        sets = {one: analysis.of(actions[one.step], one.edge, state) for one in point.events}
+        for event in _sequence(point, sets, invariants):
+            history.add(event, sets[event], invariants[event.step] if event.edge == "end" else None)
+            effects = actions[event.step].effects_at(event.edge)
+            state.apply(changes(effects, state, duration=plan.steps[event.step].duration_s))
     return history
 
 
-def _sequence(moment: TimePoint, prints: dict[PlanEvent, ReadWriteSets], lasting: Sequence[Reading]) -> list[PlanEvent]:
-    """What happens at once, one after the other: what a step needs while it lasts comes first, and goes last."""
-    waiting = list(moment.happenings)
+def _sequence(point: TimePoint, sets: dict[PlanEvent, ReadWriteSets], invariants: Sequence[Reading]) -> list[PlanEvent]:
+    """Order simultaneous events: invariants of a step become true before its start, and false after its end."""
+    waiting = list(point.events)
     if len(waiting) == 1:
         return waiting
-    written = {one: print.writing.keys for one, print in prints.items()}
+    written = {one: one_set.writing.keys for one, one_set in sets.items()}
 
     def comes_first(one: PlanEvent, other: PlanEvent) -> bool:
-        needs_it = other.edge == "start" and not written[one].isdisjoint(lasting[other.step].keys)
-        needed_it = one.edge == "end" and not written[other].isdisjoint(lasting[one.step].keys)
+        needs_it = other.edge == "start" and not written[one].isdisjoint(invariants[other.step].keys)
+        needed_it = one.edge == "end" and not written[other].isdisjoint(invariants[one.step].keys)
         return one.step != other.step and (needs_it or needed_it)
 
     found: list[PlanEvent] = []
     while waiting:
         free = (one for one in waiting if not any(comes_first(other, one) for other in waiting))
-        # Steps that need each other to start at the same moment have no order.
+        # Steps that require each other to start simultaneously have no order.
         found.append(next(free, waiting[0]))
         waiting.remove(found[-1])
     return found
 
 
 class _Waits:
-    """For each position, the earlier ones that it has to wait for, as bits."""
+    """Earlier positions that each position has to wait for, as bit sets."""
 
     def __init__(self, positions: int) -> None:
         self.before = [0] * positions
 
     def add(self, later: int, earlier: int) -> None:
-        """``later`` waits for ``earlier``, unless they are the same or one of them is no position."""
+        """Let ``later`` wait for ``earlier``, if both are positions and differ."""
         if 0 <= earlier < later:
             self.before[later] |= 1 << earlier
 
 
 def _order_writes(history: _History, waits: _Waits) -> None:
-    """What makes something true and what makes it false keep to the order of the plan; so do changes of a value."""
+    """Keep the order of writes that do not commute."""
     for writes in history.writes.values():
         for former, block in _neighbours(writes):
             for later in block:
                 for earlier in former:
                     waits.add(later, earlier)
     values: dict[Fluent, list[tuple[int, int | None]]] = defaultdict(list)
-    for position, footprint in enumerate(history.footprints):
-        for fluent in footprint.writing.moved:
+    for position, sets_of_event in enumerate(history.sets):
+        for fluent in sets_of_event.writing.moved:
             values[fluent].append((position, None))
-        for fluent in footprint.writing.assigned:
+        for fluent in sets_of_event.writing.assigned:
             values[fluent].append((position, position))
     for writes in values.values():
         for former, block in _neighbours(writes):
@@ -205,7 +206,7 @@ def _order_writes(history: _History, waits: _Waits) -> None:
 
 
 def _neighbours(writes: Sequence[tuple[int, object]]) -> Iterator[tuple[list[int], list[int]]]:
-    """Blocks of equal writes, which commute, each with the one before it."""
+    """Yield pairs of successive blocks of commuting writes."""
     blocks = [[position for position, _ in block] for _, block in itertools.groupby(writes, key=lambda one: one[1])]
     return itertools.pairwise(blocks)
 
@@ -213,29 +214,29 @@ def _neighbours(writes: Sequence[tuple[int, object]]) -> Iterator[tuple[list[int
 def _order_literal(
     writes: Sequence[tuple[int, bool]], initially: bool, wanted: bool, reader: _Reader, waits: _Waits
 ) -> None:
-    """A predicate that has to be as ``wanted``: its reader waits for what made it so, and what unmakes it for that."""
+    """Let a reader wait for the write that makes a predicate as wanted, and the reverting write for the reader."""
     truth = initially
-    maker = -1
+    origin = -1
     for position, made in writes:
         if position > reader.upto:
             break
         if made != truth:
-            truth, maker = made, position
+            truth, origin = made, position
     if reader.first >= 0:
-        waits.add(reader.first, maker)
-    spoilt = False
+        waits.add(reader.first, origin)
+    reverted = False
     for position, made in writes:
         if position < reader.since:
             continue
         if made != wanted:
-            spoilt = True
+            reverted = True
             waits.add(position, reader.last)
-        elif spoilt:
+        elif reverted:
             break
 
 
 def _order_group(writers: int, reader: _Reader, waits: _Waits) -> None:
-    """What is read otherwise has to be just as planned: all who write it come before or after, as in the plan."""
+    """Keep all writers of other keys before or after their reader, as in the plan."""
     last_inside = -1
     for position in _bits(writers):
         if position <= reader.upto:
@@ -243,7 +244,7 @@ def _order_group(writers: int, reader: _Reader, waits: _Waits) -> None:
         elif position >= reader.since:
             waits.add(position, reader.last)
         else:
-            # It held after each of these, in their order, whenever they happen.
+            # The condition held after each write inside the span, in this order.
             waits.add(position, last_inside)
             last_inside = position
 
@@ -256,12 +257,12 @@ def _bits(mask: int) -> Iterator[int]:
 
 
 def _reduced(history: _History, waits: _Waits, steps: int) -> CausalOrder:
-    """The order without what follows from the rest, where ends may come too early."""
+    """Remove transitive waits, except through ends that may come early."""
     starts: list[frozenset[PlanEvent]] = [frozenset()] * steps
     ends: list[frozenset[PlanEvent]] = [frozenset()] * steps
     implied: list[int] = []
-    for position, happening in enumerate(history.order):
-        own_start = history.starts.get(happening.step, -1) if happening.edge == "end" else -1
+    for position, event in enumerate(history.order):
+        own_start = history.starts.get(event.step, -1) if event.edge == "end" else -1
         covered = implied[own_start] if own_start >= 0 else 0
         all_before = covered
         needed: list[PlanEvent] = []
@@ -269,10 +270,10 @@ def _reduced(history: _History, waits: _Waits, steps: int) -> CausalOrder:
             if not covered >> earlier & 1:
                 needed.append(history.order[earlier])
                 covered |= implied[earlier]
-        if happening.edge == "start":
-            starts[happening.step] = frozenset(needed)
+        if event.edge == "start":
+            starts[event.step] = frozenset(needed)
             all_before = covered
         else:
-            ends[happening.step] = frozenset(needed)
+            ends[event.step] = frozenset(needed)
         implied.append(all_before | 1 << position)
     return CausalOrder(tuple(starts), tuple(ends))

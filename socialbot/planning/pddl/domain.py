@@ -1,4 +1,4 @@
-"""PDDL 2.1 domains, problems and plans as data, and problems as text."""
+"""Domains, problems and plans of PDDL 2.1 as data, and problems as text."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from socialbot.planning.pddl.formulas import (
 )
 
 OBJECT = "object"
-"""The type of everything."""
+"""Root of the type hierarchy."""
 
 TimeSpecifier = Literal["start", "over all", "end"]
 
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """The name and the parameters of a predicate or function."""
+    """Name and parameters of a predicate or function."""
 
     name: str
     parameters: tuple[TypedName, ...] = ()
@@ -38,7 +38,7 @@ class Signature:
 
 @dataclass(frozen=True, slots=True)
 class TimedCondition:
-    """A formula that has to hold when an action starts, while it lasts (between start and end), or when it ends."""
+    """Condition of an action at its start, over all of its duration, or at its end."""
 
     when: TimeSpecifier
     formula: Formula
@@ -46,7 +46,7 @@ class TimedCondition:
 
 @dataclass(frozen=True, slots=True)
 class TimedEffect:
-    """What an action changes when it starts, or when it ends."""
+    """Effect of an action at its start or end."""
 
     when: Literal["start", "end"]
     effect: Effect
@@ -54,7 +54,7 @@ class TimedEffect:
 
 @dataclass(frozen=True, slots=True)
 class DurationBounds:
-    """Least and greatest duration, s; the same expression twice for ``(= ?duration e)``, None for no bound."""
+    """Minimum and maximum duration (s); equal for ``(= ?duration e)``, None for no bound."""
 
     least: Expression | None
     most: Expression | None
@@ -62,7 +62,7 @@ class DurationBounds:
 
 @dataclass(frozen=True, slots=True)
 class PddlAction:
-    """An action; without ``duration`` it is instantaneous, and all is at its start."""
+    """Action; without ``duration`` it is instantaneous, with conditions and effects at its start."""
 
     name: str
     parameters: tuple[TypedName, ...] = ()
@@ -74,9 +74,13 @@ class PddlAction:
 
 @dataclass(frozen=True)
 class PddlDomain:
-    """What can be and what can be done. ``text`` is the PDDL it was read from, which planners are given.
+    """Domain of PDDL.
 
-    ``types`` maps each type to its parents (`OBJECT` itself has none); ``derived`` predicates follow from formulas.
+    Attributes:
+        types: The parents of each type; `OBJECT` has none.
+        derived: Parameters and formula of each derived predicate.
+        text: The PDDL source, which planners get.
+        where: File name for error messages.
     """
 
     name: str
@@ -89,20 +93,19 @@ class PddlDomain:
     requirements: frozenset[str] = frozenset()
     text: str = field(default="", compare=False, repr=False)
     where: str = field(default="", compare=False)
-    """The file, for errors."""
 
     def is_a(self, kind: str, of: str) -> bool:
-        """Whether the type ``kind`` is ``of``, or a sub-type of it."""
+        """Return whether a type is ``of``, or a sub-type of it."""
         return kind == of or of == OBJECT or any(self.is_a(parent, of) for parent in self.types.get(kind, ()))
 
     def fits(self, types: tuple[str, ...], wanted: tuple[str, ...]) -> bool:
-        """Whether something of any of ``types`` is always of a ``wanted`` one."""
+        """Return whether all of ``types`` are sub-types of ``wanted`` ones."""
         return all(any(self.is_a(kind, one) for one in wanted) for kind in types)
 
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """What makes a plan better; ``total-time`` is a function without objects here."""
+    """Metric of plans; ``total-time`` is a function without parameters."""
 
     direction: Literal["minimize", "maximize"]
     expression: Expression
@@ -113,7 +116,7 @@ class Metric:
 
 @dataclass(frozen=True)
 class PddlProblem:
-    """What is, and what is wanted. ``objects`` maps names to types (constants of the domain need not be among them)."""
+    """Problem of PDDL: initial state and goal. ``objects`` maps names to types; constants may be missing."""
 
     name: str
     domain: str
@@ -129,12 +132,12 @@ class PddlProblem:
 _LINE = re.compile(r"\s*([0-9.eE+-]+)\s*:\s*\(([^()]*)\)\s*(?:\[\s*([0-9.eE+-]+)\s*\]\s*)?(?:;.*)?$")
 
 SEPARATION_S = 0.001
-"""How far planners keep steps apart that must not coincide; plans may be late by as much for every step."""
+"""Separation (s) that planners put between steps; deadlines allow for it."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class PlanStep:
-    """An action with its objects, when to begin it (s from the start of the plan) and how long it lasts (s)."""
+    """Action with its objects, start time (s from the start of the plan) and duration (s)."""
 
     start_s: float
     action: str
@@ -143,12 +146,12 @@ class PlanStep:
 
     @property
     def end_s(self) -> float:
-        """When it ends, s."""
+        """End time (s)."""
         return self.start_s + self.duration_s
 
     @property
     def call(self) -> str:
-        """The action with its objects, as PDDL writes it: ``(carrier_move carrier_a base deposit)``."""
+        """The action with its objects in PDDL: ``(carrier_move carrier_a base deposit)``."""
         return f"({' '.join((self.action, *self.args))})"
 
     def __str__(self) -> str:
@@ -157,13 +160,13 @@ class PlanStep:
 
 @dataclass(frozen=True, slots=True)
 class PddlPlan:
-    """Steps in the order of their starts."""
+    """Plan: steps in the order of their start times."""
 
     steps: tuple[PlanStep, ...] = ()
 
     @property
     def makespan_s(self) -> float:
-        """When the last step ends, s."""
+        """End time (s) of the last step."""
         return max((step.end_s for step in self.steps), default=0.0)
 
     def __str__(self) -> str:
@@ -171,14 +174,14 @@ class PddlPlan:
 
 
 def in_time(plan: PddlPlan, makespan_s: float) -> bool:
-    """Whether a plan ends in time, but for what keeps its steps apart."""
+    """Return whether a plan ends in time, apart from the separations between steps."""
     return plan.makespan_s <= makespan_s + SEPARATION_S * (len(plan.steps) + 1)
 
 
 def parse_plan(text: str, *, where: str = "plan") -> PddlPlan:
-    """The plan that ``text`` holds, a step a line as planners print it. Raises PlanningError with the line.
+    """Parse a plan with one step per line, as planners print it. Raises PlanningError with the line.
 
-    Empty lines and comments (``;``) are left out; a step without a duration lasts 0 s.
+    Empty lines and comments (``;``) are ignored; the default duration is 0 s.
     """
     steps = []
     for number, line in enumerate(text.splitlines(), 1):
@@ -200,10 +203,7 @@ def parse_plan(text: str, *, where: str = "plan") -> PddlPlan:
 
 
 def problem_text(problem: PddlProblem, constants: Container[str] = ()) -> str:
-    """The problem in PDDL, the same text for equal problems; ``constants``, which the domain declares, are left out.
-
-    Without a goal there is no ``:goal``, which planners may not take.
-    """
+    """Return a problem in PDDL without the ``constants`` of its domain; equal problems have equal texts."""
     objects = (TypedName(name, types) for name, types in problem.objects.items() if name not in constants)
     values = [f"(= {fluent} {number_text(value)})" for fluent, value in problem.values.items()]
     lines = [

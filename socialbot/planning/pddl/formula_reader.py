@@ -1,4 +1,4 @@
-"""Read formulas, numeric expressions, effects and actions of PDDL 2.1."""
+"""Readers of formulas, numeric expressions, effects and actions of PDDL 2.1."""
 
 from __future__ import annotations
 
@@ -43,20 +43,18 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII)
 
 
 def is_number(item: Sexpression) -> bool:
-    """Whether it is written like a number."""
+    """Return whether an item is a number."""
     return isinstance(item, SexpWord) and _NUMBER.fullmatch(item.text) is not None
 
 
 class FormulaReader:
-    """Makes formulas and effects of S-expressions, and checks each name. Raises PlanningError with the line."""
+    """Converts S-expressions to formulas and effects, and checks all names. Raises PlanningError with the line."""
 
     def __init__(self, vocabulary: Vocabulary) -> None:
         self.names = vocabulary
 
-    # Formulas
-
     def formula(self, item: Sexpression, scope: Scope) -> Formula:
-        """A formula; an empty group always holds."""
+        """Read a formula; an empty group is true."""
         group = self.names.group(item, "a condition")
         if not group.items:
             return And()
@@ -80,7 +78,7 @@ class FormulaReader:
                 return self.predicate(group, scope)
 
     def predicate(self, item: Sexpression, scope: Scope) -> Predicate:
-        """A predicate that is declared, with terms that fit it."""
+        """Read a declared predicate with matching terms."""
         group = self.names.group(item, "a predicate")
         word = self.names.word(group.items, 0, "the name of a predicate", group)
         signature = self.names.domain.predicates.get(word.text)
@@ -106,10 +104,8 @@ class FormulaReader:
             and (item.text in self.names.objects or item.text not in self.names.domain.functions)
         )
 
-    # Numbers
-
     def expression(self, item: Sexpression, scope: Scope) -> Expression:
-        """A numeric expression."""
+        """Read a numeric expression."""
         if isinstance(item, SexpWord):
             return self._number(item, scope)
         word = self.names.word(item.items, 0, "a number or function", item)
@@ -137,7 +133,7 @@ class FormulaReader:
         return self.fluent(SexpGroup((word,), word.line), scope)
 
     def fluent(self, item: Sexpression, scope: Scope) -> Fluent:
-        """A function that is declared, with terms that fit it; its name alone if it takes none."""
+        """Read a declared function with matching terms; without parameters its name is enough."""
         group = SexpGroup((item,), item.line) if isinstance(item, SexpWord) else item
         word = self.names.word(group.items, 0, "the name of a function", group)
         signature = self.names.domain.functions.get(word.text)
@@ -145,10 +141,8 @@ class FormulaReader:
             raise self.names.unknown("function", word.text, self.names.domain.functions, word)
         return Fluent(word.text, self.names.terms(signature, group, scope, "function"))
 
-    # Effects
-
     def effects(self, item: Sexpression, scope: Scope) -> tuple[Effect, ...]:
-        """Effects; ``and`` and empty groups leave no trace."""
+        """Read effects as a flat sequence."""
         group = self.names.group(item, "an effect")
         if not group.items:
             return ()
@@ -177,10 +171,8 @@ class FormulaReader:
             raise self.names.error(f"{predicate.name} is derived: no action can change it", item)
         return predicate
 
-    # Forms
-
     def pair(self, group: SexpGroup) -> tuple[Sexpression, Sexpression]:
-        """The two parts after the head."""
+        """Return the two parts after the head."""
         if len(group.rest) != 2:
             raise self.names.error(f"{group.head} takes two parts, not {len(group.rest)}: {group}", group)
         return group.rest[0], group.rest[1]
@@ -196,14 +188,14 @@ DURATIVE = (":parameters", ":duration", ":condition", ":effect")
 
 
 class ActionReader:
-    """Makes actions of S-expressions. Raises PlanningError with the line."""
+    """Converts S-expressions to actions. Raises PlanningError with the line."""
 
     def __init__(self, vocabulary: Vocabulary) -> None:
         self.names = vocabulary
         self.formulas = FormulaReader(vocabulary)
 
     def instantaneous(self, group: SexpGroup) -> PddlAction:
-        """An ``:action``."""
+        """Read an ``:action``."""
         action, scope, fields = self._head(group, INSTANTANEOUS)
         condition, effect = fields.get(":precondition"), fields.get(":effect")
         return replace(
@@ -213,7 +205,7 @@ class ActionReader:
         )
 
     def durative(self, group: SexpGroup) -> PddlAction:
-        """A ``:durative-action``."""
+        """Read a ``:durative-action``."""
         action, scope, fields = self._head(group, DURATIVE)
         if ":duration" not in fields:
             raise self.names.error(f"the action {action.name} has no :duration", group, "add :duration (= ?duration 5)")
@@ -226,7 +218,7 @@ class ActionReader:
         )
 
     def _head(self, group: SexpGroup, keys: tuple[str, ...]) -> tuple[PddlAction, Scope, dict[str, Sexpression]]:
-        """The action so far, the scope of its parameters, and what stands after each key."""
+        """Return the action without its body, the scope of its parameters, and the item after each key."""
         word = self.names.word(group.items, 1, "the name of the action", group)
         name = self.names.new_name(word, "an action")
         fields: dict[str, Sexpression] = {}
@@ -245,8 +237,6 @@ class ActionReader:
         listed = fields.get(":parameters")
         parameters = self.names.variables(self.names.group(listed, "parameters").items) if listed else ()
         return PddlAction(name, parameters, line=group.line), Scope().within(parameters), fields
-
-    # Durations
 
     def _bounds(self, item: Sexpression, scope: Scope) -> DurationBounds:
         found = DurationBounds(None, None)
@@ -278,10 +268,7 @@ class ActionReader:
             return self._duration_parts(part)
         return [group]
 
-    # Conditions and effects with their times
-
     def _time(self, group: SexpGroup) -> tuple[TimeSpecifier, Sexpression]:
-        """The time that a condition or effect begins with, and the rest of it."""
         words = tuple(item.text if isinstance(item, SexpWord) else "" for item in group.items[:2])
         times: dict[tuple[str, ...], TimeSpecifier] = {
             ("at", "start"): "start",
@@ -350,14 +337,13 @@ class ActionReader:
 
 
 def _timed(time: TimeSpecifier, formula: Formula) -> tuple[TimedCondition, ...]:
-    """The conjuncts of ``formula`` one by one, so that one that does not hold can be named."""
+    """Split a conjunction, so that errors name the violated part."""
     if isinstance(formula, And):
         return tuple(condition for part in formula.parts for condition in _timed(time, part))
     return (TimedCondition(time, formula),)
 
 
 def _by_time(effects: tuple[TimedEffect, ...]) -> list[tuple[Literal["start", "end"], tuple[Effect, ...]]]:
-    """The effects at the start and those at the end, if there are any."""
     parted: list[tuple[Literal["start", "end"], tuple[Effect, ...]]] = [
         ("start", tuple(one.effect for one in effects if one.when == "start")),
         ("end", tuple(one.effect for one in effects if one.when == "end")),

@@ -1,7 +1,7 @@
-"""Formulas and effects of PDDL 2.1: what conditions, goals and actions are made of.
+"""Formulas, numeric expressions and effects of PDDL 2.1.
 
-Terms are plain strings: names of objects, or variables such as ``?box``. All names are in lower case, as PDDL
-does not tell cases apart. ``str()`` of a formula, expression or effect is its PDDL.
+Terms are strings: names of objects, or variables such as ``?box``. All names are lower case, as PDDL ignores case.
+``str()`` returns the PDDL.
 """
 
 from __future__ import annotations
@@ -16,18 +16,15 @@ Terms = tuple[str, ...]
 
 @dataclass(frozen=True, slots=True)
 class TypedName:
-    """A variable or object and its type; with ``either`` several types, it may have any of them."""
+    """Variable or object with its type, or with the types of an ``either``."""
 
     name: str
     types: tuple[str, ...] = ("object",)
 
 
-# Numbers
-
-
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number."""
+    """Numeric constant."""
 
     value: float
 
@@ -37,7 +34,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Fluent:
-    """The value of a function for some objects, such as ``(stacked base_1)``."""
+    """Function of some objects, such as ``(stacked base_1)``."""
 
     function: str
     terms: Terms = ()
@@ -48,7 +45,7 @@ class Fluent:
 
 @dataclass(frozen=True, slots=True)
 class Arithmetic:
-    """``+``, ``-``, ``*`` or ``/`` of two or more expressions; ``-`` of one is its negative."""
+    """``+``, ``-``, ``*`` or ``/`` of two or more expressions; ``-`` of one is its negation."""
 
     operator: Literal["+", "-", "*", "/"]
     parts: tuple[Expression, ...]
@@ -59,7 +56,7 @@ class Arithmetic:
 
 @dataclass(frozen=True, slots=True)
 class Duration:
-    """``?duration``, the duration of the action."""
+    """The duration of the action, ``?duration``."""
 
     def __str__(self) -> str:
         return "?duration"
@@ -70,12 +67,9 @@ Expression = Number | Fluent | Arithmetic | Duration
 Comparator = Literal["<", "<=", "=", ">=", ">"]
 
 
-# Formulas
-
-
 @dataclass(frozen=True, slots=True)
 class Predicate:
-    """A predicate about some objects, such as ``(on box_a box_b)``."""
+    """Predicate of some objects, such as ``(on box_a box_b)``."""
 
     name: str
     terms: Terms = ()
@@ -86,7 +80,7 @@ class Predicate:
 
 @dataclass(frozen=True, slots=True)
 class Equality:
-    """``(= ?x ?y)`` of two objects."""
+    """Equality ``(= ?x ?y)`` of two objects."""
 
     left: str
     right: str
@@ -97,7 +91,7 @@ class Equality:
 
 @dataclass(frozen=True, slots=True)
 class NumericComparison:
-    """Two numbers compared."""
+    """Comparison of two numeric expressions."""
 
     comparator: Comparator
     left: Expression
@@ -109,7 +103,7 @@ class NumericComparison:
 
 @dataclass(frozen=True, slots=True)
 class Not:
-    """A formula that shall not hold."""
+    """Negation."""
 
     part: Formula
 
@@ -119,7 +113,7 @@ class Not:
 
 @dataclass(frozen=True, slots=True)
 class And:
-    """All of some formulas; of none, what always holds."""
+    """Conjunction; true without parts."""
 
     parts: tuple[Formula, ...] = ()
 
@@ -129,7 +123,7 @@ class And:
 
 @dataclass(frozen=True, slots=True)
 class Or:
-    """At least one of some formulas; of none, what never holds. ``(imply a b)`` is read as ``(or (not a) b)``."""
+    """Disjunction; false without parts. ``(imply a b)`` is read as ``(or (not a) b)``."""
 
     parts: tuple[Formula, ...] = ()
 
@@ -139,7 +133,7 @@ class Or:
 
 @dataclass(frozen=True, slots=True)
 class Quantified:
-    """A formula for all objects of some types, or for at least one."""
+    """Universal or existential quantification over objects of some types."""
 
     quantifier: Literal["forall", "exists"]
     variables: tuple[TypedName, ...]
@@ -152,12 +146,9 @@ class Quantified:
 Formula = Predicate | Equality | NumericComparison | Not | And | Or | Quantified
 
 
-# Effects
-
-
 @dataclass(frozen=True, slots=True)
 class Add:
-    """Makes a predicate true."""
+    """Add effect: makes a predicate true."""
 
     predicate: Predicate
 
@@ -167,7 +158,7 @@ class Add:
 
 @dataclass(frozen=True, slots=True)
 class Delete:
-    """Makes a predicate false."""
+    """Delete effect: makes a predicate false."""
 
     predicate: Predicate
 
@@ -177,7 +168,7 @@ class Delete:
 
 @dataclass(frozen=True, slots=True)
 class NumericEffect:
-    """Changes the value of a function."""
+    """Numeric effect on a function."""
 
     operator: Literal["assign", "increase", "decrease", "scale-up", "scale-down"]
     fluent: Fluent
@@ -189,7 +180,7 @@ class NumericEffect:
 
 @dataclass(frozen=True, slots=True)
 class UniversalEffect:
-    """Effects for all objects of some types."""
+    """Effects for all objects of some types (``forall``)."""
 
     variables: tuple[TypedName, ...]
     effects: tuple[Effect, ...]
@@ -200,7 +191,7 @@ class UniversalEffect:
 
 @dataclass(frozen=True, slots=True)
 class ConditionalEffect:
-    """Effects if a condition holds."""
+    """Effects under a condition (``when``)."""
 
     condition: Formula
     effects: tuple[Effect, ...]
@@ -213,32 +204,29 @@ Effect = Add | Delete | NumericEffect | UniversalEffect | ConditionalEffect
 
 
 class PddlWorld(Protocol):
-    """What formulas are asked about: a state while a plan is checked, or what an agent believes."""
+    """Interpretation of formulas: the state of a simulated plan, or the beliefs of an agent."""
 
     def holds(self, predicate: Predicate) -> bool:
-        """Whether a predicate without variables is true."""
+        """Return whether a ground predicate is true."""
         ...
 
     def value(self, fluent: Fluent) -> float | None:
-        """The value of a function without variables; None when it has none."""
+        """Return the value of a ground function; None if undefined."""
         ...
 
     def objects(self, types: tuple[str, ...]) -> Iterable[str]:
-        """The objects of any of these types or of a sub-type, in a fixed order."""
+        """Return the objects of any of these types or of a sub-type, in a fixed order."""
         ...
 
 
-# Text
-
-
 def number_text(value: float) -> str:
-    """A number as PDDL writes it: exact, without exponent."""
+    """Return a number in PDDL: exact, without exponent."""
     text = repr(float(value))
     return (format(Decimal(text), "f") if "e" in text else text).removesuffix(".0")
 
 
 def typed_text(typed: Iterable[TypedName]) -> str:
-    """Variables or objects with their types, as PDDL writes them: ``?a ?b - box``."""
+    """Return variables or objects with their types in PDDL: ``?a ?b - box``."""
     words: list[str] = []
     types: tuple[str, ...] | None = None
     for one in typed:

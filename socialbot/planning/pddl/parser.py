@@ -1,4 +1,4 @@
-"""Read S-expressions and the names a PDDL domain or problem declares, with line numbers for errors."""
+"""Parser of S-expressions, and the declared names of a PDDL domain or problem, with line numbers for errors."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ from socialbot.core.errors import PlanningError
 from socialbot.planning.pddl.domain import OBJECT, PddlDomain, Signature
 from socialbot.planning.pddl.formulas import Terms, TypedName
 
-DEPTH = 100
-"""How deep parentheses may be nested."""
+MAX_DEPTH = 100
 
 _TOKEN = re.compile(r"[()]|[^\s()]+")
 
 
 @dataclass(frozen=True, slots=True)
 class SexpWord:
-    """Anything without blanks and parentheses, in lower case."""
+    """Token of an S-expression, in lower case."""
 
     text: str
     line: int
@@ -30,19 +29,19 @@ class SexpWord:
 
 @dataclass(frozen=True, slots=True)
 class SexpGroup:
-    """What stands between two parentheses; ``line`` is that of the first of them."""
+    """Items between two parentheses; ``line`` is that of the opening one."""
 
     items: tuple[Sexpression, ...]
     line: int
 
     @property
     def head(self) -> str:
-        """The first word; empty if there is none."""
+        """First word, or an empty text."""
         return self.items[0].text if self.items and isinstance(self.items[0], SexpWord) else ""
 
     @property
     def rest(self) -> tuple[Sexpression, ...]:
-        """All but the first item."""
+        """All items but the first."""
         return self.items[1:]
 
     def __str__(self) -> str:
@@ -53,7 +52,7 @@ Sexpression = SexpWord | SexpGroup
 
 
 def read_sexpression(text: str, *, where: str) -> SexpGroup:
-    """The one group that ``text`` consists of; comments begin with ``;``. Raises PlanningError with the line."""
+    """Parse a text of exactly one group; comments begin with ``;``. Raises PlanningError with the line."""
     whole: SexpGroup | None = None
     end = nested = 0
     open_groups: list[tuple[int, list[Sexpression]]] = []
@@ -66,8 +65,8 @@ def read_sexpression(text: str, *, where: str) -> SexpGroup:
                     remedy=f"remove it, or the parenthesis too many before it; (define ends in line {end}",
                 )
             if token == "(":
-                if len(open_groups) == DEPTH:
-                    raise PlanningError(f"more than {DEPTH} parentheses in each other", where=f"{where}:{number}")
+                if len(open_groups) == MAX_DEPTH:
+                    raise PlanningError(f"more than {MAX_DEPTH} parentheses in each other", where=f"{where}:{number}")
                 open_groups.append((number, []))
             elif not open_groups:
                 raise PlanningError(
@@ -103,47 +102,47 @@ _NAME = re.compile(r"[^\W\d][\w-]*")
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """The variables that a formula may use, with their types, and whether it may use ``?duration``."""
+    """Variables of a formula with their types, and whether ``?duration`` is allowed."""
 
     variables: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     duration: bool = False
 
     def within(self, variables: Iterable[TypedName]) -> Scope:
-        """The scope inside a quantifier or an action."""
+        """Return the scope inside a quantifier or an action."""
         return Scope({**self.variables, **{typed.name: typed.types for typed in variables}}, self.duration)
 
 
 @dataclass
 class Vocabulary:
-    """The names that are known so far. ``objects`` are all that can be named: constants, in problems objects too."""
+    """Names that are declared so far; ``objects`` are constants and, in problems, objects."""
 
     where: str
     domain: PddlDomain
     objects: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def error(self, what: str, at: Sexpression, remedy: str | None = None) -> PlanningError:
-        """An error with the file and the line of ``at``."""
+        """Return an error with the file and the line of ``at``."""
         return PlanningError(what, where=f"{self.where}:{at.line}", remedy=remedy)
 
     def unsupported(self, what: str, at: Sexpression) -> PlanningError:
-        """An error for what PDDL knows and socialbot does not."""
+        """Return an error for an unsupported feature of PDDL."""
         return self.error(f"not supported by socialbot: {what}", at)
 
     def unknown(self, kind: str, name: str, known: Iterable[str], at: Sexpression) -> PlanningError:
-        """An error for a name that is not declared, with the nearest one that is."""
+        """Return an error for an undeclared name, with the nearest declared one."""
         near = difflib.get_close_matches(name, list(known), n=1)
         return self.error(
             f"unknown {kind} {name!r}", at, f"did you mean {near[0]!r}?" if near else f"declare the {kind}"
         )
 
     def group(self, item: Sexpression, what: str) -> SexpGroup:
-        """``item`` if it is a group."""
+        """Return an item that must be a group."""
         if isinstance(item, SexpWord):
             raise self.error(f"expected {what} in parentheses, found {item}", item)
         return item
 
     def word(self, items: Sequence[Sexpression], index: int, what: str, of: Sexpression) -> SexpWord:
-        """The word at ``index``."""
+        """Return the item at an index, which must be a word."""
         if index >= len(items):
             raise self.error(f"{what} is missing", of)
         item = items[index]
@@ -152,7 +151,7 @@ class Vocabulary:
         return item
 
     def new_name(self, word: SexpWord, what: str) -> str:
-        """The name that ``word`` gives to something."""
+        """Return a word as a new name."""
         if word.text in RESERVED or not _NAME.fullmatch(word.text):
             raise self.error(
                 f"{word.text!r} cannot be the name of {what}",
@@ -163,10 +162,8 @@ class Vocabulary:
             )
         return word.text
 
-    # Lists with types
-
     def typed_list(self, items: Sequence[Sexpression]) -> list[tuple[SexpWord, tuple[str, ...]]]:
-        """Words with their types, as in ``a b - box c``; the types are not looked up."""
+        """Return words with their unchecked types, as in ``a b - box c``."""
         found: list[tuple[SexpWord, tuple[str, ...]]] = []
         waiting: list[SexpWord] = []
         rest = _parted(items)
@@ -192,14 +189,14 @@ class Vocabulary:
         return tuple(dict.fromkeys(self.word(item.items, n, "a type", item).text for n in range(1, len(item.items))))
 
     def known_types(self, types: tuple[str, ...], at: Sexpression) -> tuple[str, ...]:
-        """``types`` if all are declared."""
+        """Return types that must be declared."""
         for name in types:
             if name not in self.domain.types:
                 raise self.unknown("type", name, self.domain.types, at)
         return types
 
     def variables(self, items: Sequence[Sexpression]) -> tuple[TypedName, ...]:
-        """The variables that a list declares."""
+        """Return the variables that a list declares."""
         found: dict[str, TypedName] = {}
         for word, types in self.typed_list(items):
             if not word.text.startswith("?") or not _NAME.fullmatch(word.text[1:]):
@@ -212,15 +209,13 @@ class Vocabulary:
         return tuple(found.values())
 
     def signature(self, item: Sexpression, what: str) -> Signature:
-        """The signature of a predicate or function."""
+        """Return the signature of a predicate or function."""
         group = self.group(item, what)
         name = self.new_name(self.word(group.items, 0, f"the name of {what}", group), what)
         return Signature(name, self.variables(group.rest))
 
-    # Uses of what was declared
-
     def terms(self, signature: Signature, group: SexpGroup, scope: Scope, kind: str) -> Terms:
-        """The terms that a predicate or function is given, if they fit it."""
+        """Return the arguments of a predicate or function, which must match its signature."""
         if len(group.rest) != len(signature.parameters):
             raise self.error(
                 f"{signature.name} takes {len(signature.parameters)} terms, not {len(group.rest)}: {group}",
@@ -239,7 +234,7 @@ class Vocabulary:
         return terms
 
     def term(self, item: Sexpression, scope: Scope) -> str:
-        """The name of an object or variable that is declared."""
+        """Return the name of a declared object or variable."""
         if isinstance(item, SexpGroup):
             raise self.error(f"expected an object or a variable, found {item}", item)
         if item.text.startswith("?"):
@@ -251,7 +246,7 @@ class Vocabulary:
 
 
 def _parted(items: Sequence[Sexpression]) -> Iterator[Sexpression]:
-    """The items of a list with types; ``-box`` is ``- box``, as many write it."""
+    """Yield the items of a typed list; ``-box`` is accepted as ``- box``."""
     for item in items:
         if isinstance(item, SexpWord) and len(item.text) > 1 and item.text.startswith("-"):
             yield SexpWord("-", item.line)

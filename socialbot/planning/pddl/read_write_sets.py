@@ -37,13 +37,13 @@ from socialbot.planning.pddl.semantics import (
 from socialbot.planning.pddl.state import PddlState
 
 EPSILON_S = 0.0005
-"""What happens nearer than this is simultaneous, s."""
+"""Events nearer than this (s) are simultaneous."""
 
 Edge = Literal["start", "end"]
 
 
 class PlanEvent(NamedTuple):
-    """The start or the end of a step, which is given by its index; all there is of an instantaneous one is a start."""
+    """Start or end of a step, given by its index; an instantaneous step only has a start."""
 
     step: int
     edge: Edge
@@ -51,16 +51,17 @@ class PlanEvent(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TimePoint:
-    """What happens at once, in the order of the steps, ends first."""
+    """Simultaneous events, ends first, in the order of the steps."""
 
     time_s: float
-    happenings: tuple[PlanEvent, ...]
+    events: tuple[PlanEvent, ...]
 
 
 def time_points(plan: PddlPlan, actions: Sequence[GroundAction], running: Collection[int] = ()) -> list[TimePoint]:
-    """All moments of ``plan``, whose steps do ``actions``.
+    """Return the timeline of a plan.
 
-    The steps ``running`` have started before; they end first of all, one after the other in the order of their ends.
+    Args:
+        running: Indexes of steps that have started before. They end first, one by one, in the order of their ends.
     """
     ends = sorted(running, key=lambda index: (plan.steps[index].end_s, index))
     found = [TimePoint(0.0, (PlanEvent(index, "end"),)) for index in ends]
@@ -89,27 +90,27 @@ def _in_order(together: list[PlanEvent]) -> tuple[PlanEvent, ...]:
 
 
 Key = Predicate | Fluent
-"""What can be read or written; derived predicates are read by way of what they follow from."""
+"""Basic predicate or fluent; a derived predicate is replaced by those that it depends on."""
 
 
 @dataclass
 class Reading:
-    """What a condition reads: predicates that have to be true or false, and groups of what it reads otherwise."""
+    """Read set of a condition: predicates with their wanted truth, and groups of other keys."""
 
     literals: dict[Predicate, bool] = field(default_factory=dict)
     groups: list[frozenset[Key]] = field(default_factory=list)
 
     @property
     def keys(self) -> frozenset[Key]:
-        """All that is read."""
+        """All keys that are read."""
         return frozenset(self.literals).union(*self.groups)
 
 
 @dataclass
 class Writing:
-    """What effects write. What is both ``added`` and ``deleted`` is true in the end.
+    """Write set of effects; additions override deletions.
 
-    Functions that are only increased or decreased are ``moved``; those that are changed otherwise are ``assigned``.
+    Functions are ``moved`` if they are only increased or decreased, else ``assigned``.
     """
 
     added: set[Predicate] = field(default_factory=set)
@@ -119,19 +120,19 @@ class Writing:
 
     @property
     def keys(self) -> frozenset[Key]:
-        """All that is written, and the names of it."""
+        """All keys that are written."""
         return frozenset((*self.added, *self.deleted, *self.moved, *self.assigned))
 
 
 @dataclass
 class ReadWriteSets:
-    """What a start or an end reads and writes."""
+    """Read and write sets of an event."""
 
     reading: Reading
     writing: Writing
 
     def clash(self, other: ReadWriteSets) -> str | None:
-        """What cannot happen at once here and there: what one changes and the other reads, or changes otherwise."""
+        """Return a key for which two simultaneous events interfere; None if there is none."""
         mine, theirs = self.writing, other.writing
         found = (
             (self.reading.keys & theirs.keys)
@@ -145,7 +146,7 @@ class ReadWriteSets:
 
 
 class ReadWriteAnalysis:
-    """Takes the footprints of the actions of a domain."""
+    """Computes the read and write sets of the actions of a domain."""
 
     def __init__(self, domain: PddlDomain) -> None:
         self._domain = domain
@@ -153,7 +154,7 @@ class ReadWriteAnalysis:
         self._changing = frozenset(_changing(effects))
 
     def of(self, action: GroundAction, edge: Edge, state: PddlState) -> ReadWriteSets:
-        """The footprint of the start or end of ``action`` in ``state``."""
+        """Return the read and write sets of the start or end of an action."""
         reading = self.reading(action.conditions_at(edge), state)
         effects = action.effects_at(edge)
         self._read_by_effects(effects, state, {}, reading)
@@ -165,7 +166,7 @@ class ReadWriteAnalysis:
         return ReadWriteSets(reading, _writing(effects, state))
 
     def reading(self, formulas: Iterable[Formula], state: PddlState) -> Reading:
-        """What ``formulas`` read in ``state``."""
+        """Return the read set of formulas."""
         reading = Reading()
         for formula in formulas:
             self._read(formula, True, state, {}, reading)
@@ -196,7 +197,7 @@ class ReadWriteAnalysis:
                         self._read(part, wanted, state, inner, into)
 
     def _read_any(self, parts: list[tuple[Formula, Binding]], wanted: bool, state: PddlState, into: Reading) -> None:
-        """Reads parts of which one has to be as ``wanted``; those that nothing can change may settle it."""
+        """Read parts of a disjunction; static parts may decide it."""
         settled = [self._settled(part, state, inner) for part, inner in parts]
         if wanted in settled:
             return
@@ -208,7 +209,7 @@ class ReadWriteAnalysis:
             into.groups.append(inside.keys)
 
     def _settled(self, formula: Formula, state: PddlState, binding: Binding) -> bool | None:
-        """Whether ``formula`` is true or false for ever; None if actions can change that."""
+        """Return the truth of a static formula; None if actions can change it."""
         match formula:
             case Predicate(name):
                 changing = name in self._domain.derived or name in self._changing
@@ -228,7 +229,7 @@ class ReadWriteAnalysis:
                 return decided((self._settled(part, state, inner) for part, inner in parts), decisive)
 
     def _read_by_effects(self, effects: Iterable[Effect], state: PddlState, binding: Binding, into: Reading) -> None:
-        """Reads the amounts, and the conditions as a whole: it matters which way they turn out."""
+        """Read the amounts and conditions of effects; the truth of a condition matters either way."""
         for effect in effects:
             match effect:
                 case UniversalEffect(variables, inside):
@@ -271,7 +272,7 @@ def _writing(effects: Iterable[Effect], state: PddlState) -> Writing:
 
 
 def _changing(effects: Iterable[Effect]) -> Iterator[str]:
-    """The names of the predicates that some effect may change."""
+    """Yield the predicates that effects may change, by name."""
     for effect in effects:
         match effect:
             case Add(predicate) | Delete(predicate):

@@ -1,8 +1,8 @@
-"""The reader of PDDL 2.1 domains and problems.
+"""Reader of PDDL 2.1 domains and problems.
 
-It knows typing with hierarchies and ``either``, constants, functions, durative actions, negative, disjunctive and
-quantified conditions, equality, conditional effects, inequalities of durations, and derived predicates. Timed initial
-literals, preferences, constraints and continuous effects are refused. What is used need not be required.
+Supported are type hierarchies and ``either``, constants, functions, durative actions, negative, disjunctive and
+quantified conditions, equality, conditional effects, duration inequalities, and derived predicates. Timed initial
+literals, preferences, constraints and continuous effects are errors. ``:requirements`` may be incomplete.
 """
 
 from __future__ import annotations
@@ -36,17 +36,16 @@ _UNSUPPORTED = {
 
 
 def read_domain(text: str, *, where: str = "domain") -> PddlDomain:
-    """The domain that ``text`` holds. Raises PlanningError with ``where`` and the line."""
+    """Read a domain. Raises PlanningError with ``where`` and the line."""
     return _DomainReader(text, where).read()
 
 
 def read_problem(text: str, domain: PddlDomain, *, where: str = "problem") -> PddlProblem:
-    """The problem that ``text`` holds; without ``:goal`` its goal is None. Raises PlanningError with the line."""
+    """Read a problem; without ``:goal`` its goal is None. Raises PlanningError with ``where`` and the line."""
     return _ProblemReader(text, domain, where).read()
 
 
 def _named(names: Vocabulary, whole: SexpGroup, kind: str) -> str:
-    """The name in ``(define (domain name) ...)``."""
     if whole.head != "define" or not whole.rest:
         raise names.error(f"expected (define ({kind} ...) ...), found ({whole.head} ...)", whole)
     group = names.group(whole.rest[0], f"{kind} and its name")
@@ -59,7 +58,7 @@ def _named(names: Vocabulary, whole: SexpGroup, kind: str) -> str:
 def _sections(
     names: Vocabulary, whole: SexpGroup, single: tuple[str, ...], repeated: tuple[str, ...]
 ) -> list[SexpGroup]:
-    """The sections, each checked to be known and, but for the ``repeated``, to be there once."""
+    """Return the sections; unknown ones and duplicates of ``single`` ones are errors."""
     sections = [names.group(item, "a section") for item in whole.rest[1:]]
     seen: set[str] = set()
     for section in sections:
@@ -83,7 +82,7 @@ def _requirements(names: Vocabulary, section: SexpGroup) -> frozenset[str]:
 
 
 def _objects(names: Vocabulary, section: SexpGroup) -> dict[str, tuple[str, ...]]:
-    """The objects that a section declares; those of the domain may be declared again, with the same type."""
+    """Return the declared objects; constants of the domain may be repeated with the same type."""
     found: dict[str, tuple[str, ...]] = {}
     for word, types in names.typed_list(section.rest):
         name = names.new_name(word, "an object")
@@ -128,7 +127,7 @@ class _DomainReader:
                     raise names.error("object is the type of everything and has no other type", word)
                 continue
             name = names.new_name(word, "a type")
-            # A type in two lines, or named only as the type of another, is common in domains that are in use.
+            # Domains in use declare a type in two lines, or only as the parent of another type.
             found[name] = tuple(dict.fromkeys((*found.get(name, ()), *parents)))
         for word, parents in listed:
             for parent in parents:
@@ -141,7 +140,7 @@ class _DomainReader:
         return found
 
     def _untyped(self, items: tuple[Sexpression, ...]) -> tuple[Sexpression, ...]:
-        """The functions without ``- number``, which says nothing: values are always numbers."""
+        """Remove ``- number`` from a list of functions."""
         found: list[Sexpression] = []
         rest = iter(items)
         for item in rest:
@@ -163,7 +162,7 @@ class _DomainReader:
         return found
 
     def _read_derived(self, sections: list[SexpGroup]) -> None:
-        """Several rules for a predicate are one: any of them will do."""
+        """Read derived predicates; several rules for one predicate become a disjunction."""
         names = self._names
         rules: dict[str, list[tuple[tuple[TypedName, ...], Formula]]] = {}
         for section in sections:
@@ -209,7 +208,7 @@ class _DomainReader:
 
 
 def _renamed(rule: tuple[tuple[TypedName, ...], Formula], parameters: tuple[TypedName, ...]) -> Formula:
-    """The condition of a rule about ``parameters`` in place of its own, which may be of narrower types."""
+    """Return the condition of a rule with other parameters, whose types may be wider."""
     pairs = list(zip(rule[0], parameters, strict=True))
     narrow = [(own, parameter) for own, parameter in pairs if own.types != parameter.types]
     formula = substitute(

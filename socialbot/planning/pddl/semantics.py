@@ -1,7 +1,7 @@
-"""What formulas and effects mean in a world.
+"""Semantics of formulas and effects of PDDL 2.1.
 
-A function that has no value makes each comparison it is part of neither true nor false; so nothing that depends on
-it holds, negated or not.
+A comparison with an undefined function is neither true nor false (Kleene's logic), so its negation does not hold
+either.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from socialbot.planning.pddl.formulas import (
 )
 
 TOLERANCE = 1e-9
-"""Numbers nearer than this, relative to the larger of them and 1, are equal."""
+"""Relative tolerance of numeric comparisons."""
 
 Binding = Mapping[str, str]
-"""Which object each variable stands for."""
+"""Objects by variables."""
 
 _NONE: Binding = {}
 
 
 @dataclass(frozen=True, slots=True)
 class SetValue:
-    """Gives a function a value."""
+    """Assignment of a value to a ground function."""
 
     fluent: Fluent
     value: float
@@ -61,16 +61,13 @@ class SetValue:
 GroundChange = Add | Delete | SetValue
 
 
-# Formulas
-
-
 def holds(formula: Formula, world: PddlWorld, binding: Binding = _NONE) -> bool:
-    """Whether ``formula`` is true in ``world``; ``binding`` gives its variables objects."""
+    """Return whether a formula is true in a world."""
     return _truth(formula, world, binding) is True
 
 
 def unmet(formulas: Iterable[Formula], world: PddlWorld, binding: Binding = _NONE) -> list[Formula]:
-    """Which of ``formulas`` do not hold; of conjunctions, which of their parts."""
+    """Return the formulas, or parts of conjunctions, that do not hold."""
     found: list[Formula] = []
     for formula in formulas:
         if isinstance(formula, And):
@@ -81,7 +78,7 @@ def unmet(formulas: Iterable[Formula], world: PddlWorld, binding: Binding = _NON
 
 
 def _truth(formula: Formula, world: PddlWorld, binding: Binding) -> bool | None:
-    """True, false, or None where a value is missing (Kleene's logic)."""
+    """Return the truth in Kleene's logic; None if undefined."""
     match formula:
         case Predicate():
             return world.holds(bound(formula, binding) if binding else formula)
@@ -105,7 +102,7 @@ def _truth(formula: Formula, world: PddlWorld, binding: Binding) -> bool | None:
 
 
 def decided(truths: Iterable[bool | None], decisive: bool) -> bool | None:
-    """``decisive`` if any of the truths is, else None if any is, else the opposite."""
+    """Return ``decisive`` if any of the truths is, else None if any is, else the opposite."""
     result: bool | None = not decisive
     for truth in truths:
         if truth is decisive:
@@ -116,14 +113,14 @@ def decided(truths: Iterable[bool | None], decisive: bool) -> bool | None:
 
 
 def bindings(variables: tuple[TypedName, ...], world: PddlWorld, binding: Binding = _NONE) -> Iterator[Binding]:
-    """``binding`` with each combination of objects for ``variables``."""
+    """Yield a binding extended by each combination of objects for some variables."""
     names = [typed.name for typed in variables]
     for objects in itertools.product(*(tuple(world.objects(typed.types)) for typed in variables)):
         yield {**binding, **dict(zip(names, objects, strict=True))}
 
 
 def compare(comparator: str, left: float, right: float) -> bool:
-    """Whether two numbers compare so, within `TOLERANCE`."""
+    """Compare two numbers within `TOLERANCE`."""
     close = abs(left - right) <= TOLERANCE * max(1.0, abs(left), abs(right))
     match comparator:
         case "<":
@@ -138,13 +135,10 @@ def compare(comparator: str, left: float, right: float) -> bool:
             return left > right and not close
 
 
-# Numbers
-
-
 def evaluate(
     expression: Expression, world: PddlWorld, binding: Binding = _NONE, duration: float | None = None
 ) -> float | None:
-    """The value of ``expression``; None if a part has none, or for a division by zero or a number too large."""
+    """Return the value of an expression; None if undefined, infinite or a division by zero."""
     match expression:
         case Number(value):
             return value
@@ -178,7 +172,7 @@ def _calculated(operator: str, values: list[float]) -> float | None:
 
 
 def fluents(expression: Expression, binding: Binding = _NONE) -> Iterator[Fluent]:
-    """The values that ``expression`` reads."""
+    """Yield the ground functions in an expression."""
     match expression:
         case Fluent():
             yield bound(expression, binding)
@@ -190,7 +184,7 @@ def fluents(expression: Expression, binding: Binding = _NONE) -> Iterator[Fluent
 
 
 def atoms(formula: Formula, world: PddlWorld, binding: Binding = _NONE) -> Iterator[Predicate | Fluent]:
-    """All that ``formula`` reads, with the objects of ``world``."""
+    """Yield the ground predicates and functions in a formula."""
     match formula:
         case Predicate():
             yield bound(formula, binding)
@@ -209,16 +203,13 @@ def atoms(formula: Formula, world: PddlWorld, binding: Binding = _NONE) -> Itera
             return
 
 
-# Effects
-
-
 def changes(
     effects: Iterable[Effect], world: PddlWorld, binding: Binding = _NONE, duration: float | None = None
 ) -> list[GroundChange]:
-    """What ``effects`` change in ``world``, all at once, in the order to apply it.
+    """Return the simultaneous changes by effects, deletions first; additions override deletions.
 
-    What is both deleted and added is added. Conditions and amounts are those of the world before. Several changes of
-    the same function add up. Raises PlanningError if an amount, or a value to be increased, does not exist.
+    Conditions and amounts are those of the world before. Several effects on one function accumulate. Raises
+    PlanningError for an undefined amount or value.
     """
     deleted: dict[Predicate, Delete] = {}
     added: dict[Predicate, Add] = {}
@@ -242,7 +233,7 @@ def changes(
 def triggered(
     effects: Iterable[Effect], world: PddlWorld, binding: Binding = _NONE
 ) -> Iterator[tuple[Add | Delete | NumericEffect, Binding]]:
-    """The single effects that take place, each with its binding."""
+    """Yield the elementary effects whose conditions hold, with their bindings."""
     for effect in effects:
         match effect:
             case UniversalEffect(variables, inside):
@@ -276,12 +267,9 @@ def _changed(operator: str, fluent: Fluent, before: float | None, amount: float 
     return after
 
 
-# Objects in place of variables
-
-
 @dataclass(frozen=True, slots=True)
 class GroundAction:
-    """An action with objects in place of its parameters."""
+    """Action with objects in place of its parameters."""
 
     name: str
     args: tuple[str, ...]
@@ -290,11 +278,11 @@ class GroundAction:
     effects: tuple[TimedEffect, ...]
 
     def conditions_at(self, when: TimeSpecifier) -> tuple[Formula, ...]:
-        """What has to hold when it starts, while it lasts, or when it ends."""
+        """Return the conditions at a time."""
         return tuple(condition.formula for condition in self.conditions if condition.when == when)
 
     def effects_at(self, when: TimeSpecifier) -> tuple[Effect, ...]:
-        """What it changes when it starts, or when it ends."""
+        """Return the effects at a time."""
         return tuple(effect.effect for effect in self.effects if effect.when == when)
 
     def __str__(self) -> str:
@@ -302,7 +290,7 @@ class GroundAction:
 
 
 def ground(action: PddlAction, args: Iterable[str]) -> GroundAction:
-    """``action`` with ``args`` in place of its parameters. Raises PlanningError if their number is wrong."""
+    """Ground an action. Raises PlanningError for a wrong number of arguments."""
     objects = tuple(args)
     if len(objects) != len(action.parameters):
         raise PlanningError(
@@ -320,7 +308,7 @@ def ground(action: PddlAction, args: Iterable[str]) -> GroundAction:
 
 
 def substitute(formula: Formula, binding: Binding) -> Formula:
-    """``formula`` with what ``binding`` has for its free variables."""
+    """Replace the free variables of a formula."""
     match formula:
         case Predicate():
             return bound(formula, binding)
@@ -339,7 +327,7 @@ def substitute(formula: Formula, binding: Binding) -> Formula:
 
 
 def substitute_number(expression: Expression, binding: Binding) -> Expression:
-    """``expression`` with what ``binding`` has for its variables."""
+    """Replace the variables of an expression."""
     match expression:
         case Fluent():
             return bound(expression, binding)
@@ -380,6 +368,6 @@ def bound(named: Predicate, binding: Binding) -> Predicate: ...
 @overload
 def bound(named: Fluent, binding: Binding) -> Fluent: ...
 def bound(named: Predicate | Fluent, binding: Binding) -> Predicate | Fluent:
-    """``named`` with what ``binding`` has for its variables."""
+    """Replace the variables of a predicate or function."""
     terms = tuple(binding.get(term, term) for term in named.terms)
     return Predicate(named.name, terms) if isinstance(named, Predicate) else Fluent(named.function, terms)

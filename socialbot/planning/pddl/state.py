@@ -1,4 +1,4 @@
-"""A mutable PDDL state and its derived predicates."""
+"""Mutable PDDL state with derived predicates."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from socialbot.planning.pddl.semantics import GroundChange, atoms, bindings, hol
 
 
 class Derivation:
-    """Finds what the derived predicates of a domain are in a world.
+    """Evaluates the derived predicates of a domain.
 
-    ``circle`` names a predicate that depends on its own opposite; there is none in a domain that was read.
+    ``circle`` is a predicate that depends on its own negation; domains from the reader have none.
     """
 
     def __init__(self, domain: PddlDomain) -> None:
@@ -33,7 +33,7 @@ class Derivation:
         self._bases: dict[Predicate, frozenset[Predicate | Fluent]] = {}
 
     def derived(self, world: PddlWorld) -> frozenset[Predicate]:
-        """All that is derived in ``world``, which is asked for other predicates only."""
+        """Return all derived predicates that hold in a world of basic predicates."""
         overlay = _Overlay(world, self._rules)
         for level in self._levels:
             before = -1
@@ -48,7 +48,7 @@ class Derivation:
         return frozenset(overlay.found)
 
     def bases(self, predicate: Predicate, world: PddlWorld) -> frozenset[Predicate | Fluent]:
-        """All that the derived ``predicate`` may follow from in the end, with the objects of ``world``."""
+        """Return all basic predicates and fluents that a derived predicate may depend on."""
         if predicate not in self._bases:
             seen = {predicate}
             waiting = [predicate]
@@ -66,7 +66,7 @@ class Derivation:
         return self._bases[predicate]
 
     def _by_level(self) -> list[list[str]]:
-        """The derived predicates, each after all that it needs the opposite of."""
+        """Stratify the derived predicates by negation."""
         levels = dict.fromkeys(self._rules, 0)
         changed = True
         while changed:
@@ -83,7 +83,7 @@ class Derivation:
 
 
 class _Overlay:
-    """A world with what was derived so far."""
+    """A world with the predicates derived so far."""
 
     def __init__(self, world: PddlWorld, rules: Iterable[str]) -> None:
         self._world = world
@@ -101,7 +101,7 @@ class _Overlay:
 
 
 def _read(formula: Formula, positive: bool) -> Iterator[tuple[str, bool]]:
-    """The names of the predicates that ``formula`` reads, and whether it wants them to be true."""
+    """Yield the predicates in a formula by name, and whether they occur positively."""
     match formula:
         case Predicate(name):
             yield name, positive
@@ -117,7 +117,7 @@ def _read(formula: Formula, positive: bool) -> Iterator[tuple[str, bool]]:
 
 
 class PddlState:
-    """The facts and values of a moment; a `PddlWorld` that formulas can be asked about."""
+    """Facts and fluent values; a `PddlWorld`."""
 
     def __init__(
         self,
@@ -128,7 +128,6 @@ class PddlState:
     ) -> None:
         self.domain = domain
         self.types: Mapping[str, tuple[str, ...]] = {**domain.constants, **objects}
-        """The types of each object, constants of the domain first."""
         self.facts = set(facts)
         self.values = dict(values or {})
         self.derivation = Derivation(domain)
@@ -137,15 +136,15 @@ class PddlState:
 
     @classmethod
     def of(cls, problem: PddlProblem, domain: PddlDomain) -> PddlState:
-        """The state that ``problem`` begins with."""
+        """Return the initial state of a problem."""
         return cls(domain, problem.objects, problem.facts, problem.values)
 
     def copy(self) -> PddlState:
-        """A state of its own with the same facts and values."""
+        """Return an independent copy."""
         return PddlState(self.domain, self.types, self.facts, self.values)
 
     def problem(self, goal: Formula | None, *, name: str = "now") -> PddlProblem:
-        """How to reach ``goal`` from here."""
+        """Return the problem of reaching a goal from this state."""
         return PddlProblem(name, self.domain.name, self.types, frozenset(self.facts), dict(self.values), goal)
 
     def holds(self, predicate: Predicate) -> bool:
@@ -166,7 +165,7 @@ class PddlState:
         return found
 
     def apply(self, changes: Iterable[GroundChange]) -> None:
-        """Carries out changes in their order."""
+        """Apply changes in their order."""
         self._derived = None
         for change in changes:
             match change:

@@ -15,12 +15,12 @@ from socialbot.planning.pddl.semantics import TOLERANCE, GroundAction, SetValue,
 from socialbot.planning.pddl.state import PddlState
 
 DURATION_S = 0.001
-"""How exactly a duration has to be met, s: plans are printed with three decimals."""
+"""Tolerance of durations (s): plans are printed with three decimals."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlanFault:
-    """What is wrong with a plan; ``condition`` is what does not hold, ``step`` the index of the step, if one is it."""
+    """Error of a plan, with the index of the step and the violated condition if any."""
 
     message: str
     time_s: float = 0.0
@@ -34,16 +34,17 @@ class PlanFault:
 def validate_plan(
     domain: PddlDomain, problem: PddlProblem, plan: PddlPlan, running: Collection[int] = ()
 ) -> tuple[PlanFault, ...]:
-    """All that is wrong with ``plan`` in the order of time; empty for a plan that is valid.
+    """Simulate a plan by the rules of PDDL 2.1; return its errors in the order of time.
 
-    The steps whose indexes are ``running`` started before ``problem`` was seen, and end before all others begin.
-    Without a goal in ``problem`` any end will do.
+    Args:
+        problem: Initial state and goal; without a goal any final state is valid.
+        running: Indexes of steps that started before, and end before all others start.
     """
     state = PddlState.of(problem, domain)
     wrong = [
         PlanFault(message, step.start_s, index)
         for index, step in enumerate(plan.steps)
-        if (message := unfit(domain, state, step, index in running)) is not None
+        if (message := _static_error(domain, state, step, index in running)) is not None
     ]
     if wrong:
         return tuple(wrong)
@@ -51,8 +52,8 @@ def validate_plan(
     return tuple(_Simulation(domain, state, plan, actions, running).run(problem.goal))
 
 
-def unfit(domain: PddlDomain, state: PddlState, step: PlanStep, running: bool = False) -> str | None:
-    """Why ``step`` makes no sense, whatever is the case: an unknown action or object, a wrong type or time."""
+def _static_error(domain: PddlDomain, state: PddlState, step: PlanStep, running: bool = False) -> str | None:
+    """Return an error that does not depend on the state: unknown name, wrong type or time; else None."""
     action = domain.actions.get(step.action)
     if action is None:
         return f"{step.call}: the domain has no action {step.action}"
@@ -90,46 +91,48 @@ class _Simulation:
         self._steps = plan.steps
         self._actions = actions
         self._running = running
-        self._footprints = ReadWriteAnalysis(domain)
-        self._moments = time_points(plan, actions, running)
-        self._lasting: dict[int, frozenset[Key]] = {}
-        """What the conditions over all of the steps that go on read."""
+        self._sets = ReadWriteAnalysis(domain)
+        self._timeline = time_points(plan, actions, running)
+        self._invariants: dict[int, frozenset[Key]] = {}
+        """Read sets of the invariants of running steps."""
 
     def run(self, goal: Formula | None) -> Iterator[PlanFault]:
         time_s = 0.0
-        yield from self._begun(self._running, time_s)
-        for moment in self._moments:
-            time_s = moment.time_s
-            yield from self._clashes(moment)
-            for happening in moment.happenings:
-                yield from self._unready(happening, time_s)
-            for happening in moment.happenings:
-                if happening.edge == "end":
-                    self._lasting.pop(happening.step, None)
+        yield from self._check_invariants(self._running, time_s)
+        for point in self._timeline:
+            time_s = point.time_s
+            yield from self._interference(point)
+            for event in point.events:
+                yield from self._condition_errors(event, time_s)
+            for event in point.events:
+                if event.edge == "end":
+                    self._invariants.pop(event.step, None)
             changed: set[Key] = set()
-            for happening in moment.happenings:
-                yield from self._carried_out(happening, time_s, changed)
-            for index in [index for index, read in self._lasting.items() if not read.isdisjoint(changed)]:
-                yield from self._interrupted(index, time_s)
-            starts = (one.step for one in moment.happenings if one.edge == "start")
-            yield from self._begun((index for index in starts if self._actions[index].duration is not None), time_s)
+            for event in point.events:
+                yield from self._apply(event, time_s, changed)
+            for index in [index for index, read in self._invariants.items() if not read.isdisjoint(changed)]:
+                yield from self._invariant_errors(index, time_s)
+            starts = (one.step for one in point.events if one.edge == "start")
+            yield from self._check_invariants(
+                (index for index in starts if self._actions[index].duration is not None), time_s
+            )
         for formula in unmet(() if goal is None else (goal,), self._state):
             yield PlanFault(f"the goal is not reached: {formula} does not hold", time_s, None, formula)
 
-    def _begun(self, indexes: Iterable[int], time_s: float) -> Iterator[PlanFault]:
+    def _check_invariants(self, indexes: Iterable[int], time_s: float) -> Iterator[PlanFault]:
         for index in indexes:
             formulas = self._actions[index].conditions_at("over all")
             if formulas:
-                self._lasting[index] = self._footprints.reading(formulas, self._state).keys
-                yield from self._interrupted(index, time_s)
+                self._invariants[index] = self._sets.reading(formulas, self._state).keys
+                yield from self._invariant_errors(index, time_s)
 
-    def _interrupted(self, index: int, time_s: float) -> Iterator[PlanFault]:
+    def _invariant_errors(self, index: int, time_s: float) -> Iterator[PlanFault]:
         call = self._steps[index].call
         for formula in unmet(self._actions[index].conditions_at("over all"), self._state):
             yield PlanFault(f"{call} cannot go on: {formula} does not hold", time_s, index, formula)
 
-    def _unready(self, happening: PlanEvent, time_s: float) -> Iterator[PlanFault]:
-        index, edge = happening
+    def _condition_errors(self, event: PlanEvent, time_s: float) -> Iterator[PlanFault]:
+        index, edge = event
         step = self._steps[index]
         for formula in unmet(self._actions[index].conditions_at(edge), self._state):
             yield PlanFault(f"{step.call} cannot {edge}: {formula} does not hold", time_s, index, formula)
@@ -145,30 +148,27 @@ class _Simulation:
         elif most is not None and step.duration_s > most + DURATION_S + TOLERANCE:
             yield PlanFault(f"{step.call} lasts {step.duration_s:g} s, more than {most:g} s", time_s, index)
 
-    def _carried_out(self, happening: PlanEvent, time_s: float, changed: set[Key]) -> Iterator[PlanFault]:
-        step = self._steps[happening.step]
-        effects = self._actions[happening.step].effects_at(happening.edge)
+    def _apply(self, event: PlanEvent, time_s: float, changed: set[Key]) -> Iterator[PlanFault]:
+        step = self._steps[event.step]
+        effects = self._actions[event.step].effects_at(event.edge)
         try:
             made = changes(effects, self._state, duration=step.duration_s)
         except PlanningError as error:
-            yield PlanFault(f"{step.call}: {error.what}", time_s, happening.step)
+            yield PlanFault(f"{step.call}: {error.what}", time_s, event.step)
             return
         self._state.apply(made)
         changed.update(one.fluent if isinstance(one, SetValue) else one.predicate for one in made)
 
-    def _clashes(self, moment: TimePoint) -> Iterator[PlanFault]:
-        """What cannot be at once."""
-        if len(moment.happenings) < 2:
+    def _interference(self, point: TimePoint) -> Iterator[PlanFault]:
+        if len(point.events) < 2:
             return
-        prints = [
-            (one, self._footprints.of(self._actions[one.step], one.edge, self._state)) for one in moment.happenings
-        ]
+        prints = [(one, self._sets.of(self._actions[one.step], one.edge, self._state)) for one in point.events]
         for (one, mine), (other, theirs) in itertools.combinations(prints, 2):
             what = mine.clash(theirs)
             if what is not None:
                 first, second = self._steps[one.step].call, self._steps[other.step].call
                 yield PlanFault(
                     f"{first} cannot {one.edge} at the moment that {second} {other.edge}s: both need {what}",
-                    moment.time_s,
+                    point.time_s,
                     other.step,
                 )

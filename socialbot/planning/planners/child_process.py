@@ -1,7 +1,7 @@
-"""Child processes for planners: started with limits, listened to, and ended with all they started.
+"""Child processes of planners with limits of time, memory and output.
 
-A planner that crashes, hangs or eats the memory costs one plan, not the robot. Its time is that in which it works or
-sleeps: while others have the processor none of it passes, so that how busy the machine is decides nothing.
+The time of a process is that in which it runs or sleeps. Time in which it waits for a processor does not count, so the
+load of the machine does not change the result.
 """
 
 from __future__ import annotations
@@ -21,22 +21,23 @@ from pathlib import Path
 from typing import Literal
 
 POLL_S = 0.02
-"""How often somebody looks whether the plan is still wanted."""
-MOST_OUTPUT = 16_000_000
-"""Bytes kept of what a child writes; of more the end is kept."""
+MAX_OUTPUT = 16_000_000
+"""Bytes of output that are kept, from its end."""
 MB = 1_000_000
-READY = "R"
-"""The state of a process that works, or could."""
+RUNNABLE = "R"
+"""State of a process that runs or waits for a processor."""
 TICKS = os.sysconf("SC_CLK_TCK")
-"""In a second of the time that Linux says a process has worked."""
+"""Clock ticks per second in the processor times of Linux."""
 _GUARD = str(Path(__file__).with_name("exec_with_limits.py"))
 
 
 @dataclass(frozen=True, slots=True)
 class ChildExit:
-    """How a child ended. ``code`` is its exit code, or minus the number of the signal that killed it.
+    """Result of a child process.
 
-    ``seconds`` is how much of its time it has used.
+    Attributes:
+        code: Exit code, or minus the number of the signal that killed it.
+        seconds: Time that it has used.
     """
 
     how: Literal["by itself", "late", "cancelled"]
@@ -46,8 +47,8 @@ class ChildExit:
     seconds: float
 
     @property
-    def death(self) -> str:
-        """How it ended, and the last lines that it wrote as errors."""
+    def crash(self) -> str:
+        """Description of a crash, with the last lines of the error output."""
         tail = " / ".join(line.strip() for line in self.errors.splitlines()[-5:] if line.strip())[-600:]
         return f"{self._code()}: {tail}" if tail else self._code()
 
@@ -55,22 +56,21 @@ class ChildExit:
         if self.code >= 0:
             return f"ended with code {self.code}"
         try:
-            return f"died of {signal.Signals(-self.code).name}"
+            return f"was killed by {signal.Signals(-self.code).name}"
         except ValueError:
-            return f"died of signal {-self.code}"
+            return f"was killed by signal {-self.code}"
 
 
 def guarded(command: Sequence[str], memory_mb: int, cpu_s: float) -> list[str]:
-    """``command`` such that it runs with limits on its address space and processor time, and dies with this process."""
+    """Return a command with limits of address space and processor time, which is killed with this process."""
     limits = (str(memory_mb * MB), str(math.ceil(cpu_s)), str(os.getpid()))
     return [sys.executable, "-I", "-S", _GUARD, *limits, *command]
 
 
 def run(command: Sequence[str], folder: Path, timeout_s: float, cancelled: threading.Event) -> ChildExit:
-    """Runs ``command`` in ``folder`` until it ends, has used ``timeout_s``, or ``cancelled`` is set.
+    """Run a command until it ends, has used ``timeout_s``, or ``cancelled`` is set; then kill its process group.
 
-    Its standard input is a pipe that closes when this process ends. When it ends, by itself or not, its whole
-    process group is killed. Raises OSError when it cannot be started.
+    Raises OSError if it cannot be started.
     """
     process = subprocess.Popen(
         command,
@@ -85,19 +85,16 @@ def run(command: Sequence[str], folder: Path, timeout_s: float, cancelled: threa
     used = ProcessTime(process.pid)
     with process:
         try:
-            how = _listen(process, {process.stdout: output, process.stderr: errors}, used, timeout_s, cancelled)
+            how = _communicate(process, {process.stdout: output, process.stderr: errors}, used, timeout_s, cancelled)
         finally:
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
-    texts = (heard.decode("utf-8", "replace") for heard in (output, errors))
+    texts = (buffers.decode("utf-8", "replace") for buffers in (output, errors))
     return ChildExit(how, process.returncode, *texts, seconds=used.seconds)
 
 
 class ProcessTime:
-    """The time that a process has used since this was made: at work, or asleep, but not waiting for a processor.
-
-    Where Linux does not tell, all of the time counts.
-    """
+    """Time that a process has used, running or sleeping; elapsed time where /proc is missing."""
 
     def __init__(self, pid: int) -> None:
         self._process = Path(f"/proc/{pid}")
@@ -106,39 +103,36 @@ class ProcessTime:
 
     @property
     def seconds(self) -> float:
-        """What it was (s) when `look` was called last."""
+        """Time (s) at the last `update`."""
         return self._worked + self._slept
 
-    def look(self) -> float:
-        """What it is (s) by now."""
+    def update(self) -> float:
+        """Return the time (s) up to now."""
         now, worked = time.monotonic(), self._worked
         with suppress(OSError):  # it has just ended, or this is not Linux
             worked = sum(map(int, _stat(self._process)[11:13])) / TICKS
-        if worked == self._worked and not self._is_ready():
+        if worked == self._worked and not self._is_runnable():
             self._slept += now - self._looked
         self._looked, self._worked = now, worked
         return self.seconds
 
-    def _is_ready(self) -> bool:
-        """Whether one of its threads is at work, or waits for a processor."""
+    def _is_runnable(self) -> bool:
         try:
-            return any(_stat(thread)[0] == READY for thread in (self._process / "task").iterdir())
+            return any(_stat(thread)[0] == RUNNABLE for thread in (self._process / "task").iterdir())
         except OSError:
             return False
 
 
 def _stat(process: Path) -> list[str]:
-    """What Linux says of a process or thread: its state, and so on."""
-    # What stands before is its name, in parentheses.
+    # The fields follow the name in parentheses.
     return (process / "stat").read_text("ascii", "replace").rpartition(")")[2].split()
 
 
-def _listen(
-    process: subprocess.Popen[bytes], heard: dict, used: ProcessTime, timeout_s: float, cancelled: threading.Event
+def _communicate(
+    process: subprocess.Popen[bytes], buffers: dict, used: ProcessTime, timeout_s: float, cancelled: threading.Event
 ) -> Literal["by itself", "late", "cancelled"]:
-    """Reads what a child writes until it has ended (nothing unread is left then), is late or is not wanted."""
     with selectors.DefaultSelector() as selector:
-        for pipe, buffer in heard.items():
+        for pipe, buffer in buffers.items():
             selector.register(pipe, selectors.EVENT_READ, buffer)
         while True:
             over = process.poll() is not None
@@ -147,7 +141,7 @@ def _listen(
                 return "by itself"
             if cancelled.is_set():
                 return "cancelled"
-            if used.look() >= timeout_s:
+            if used.update() >= timeout_s:
                 return "late"
             if not selector.get_map():
                 with suppress(subprocess.TimeoutExpired):
@@ -155,14 +149,13 @@ def _listen(
 
 
 def _read(selector: selectors.BaseSelector, wait_s: float) -> bool:
-    """Reads what is there, waiting for it; whether there was any."""
     any_read = False
     for key, _ in selector.select(wait_s) if selector.get_map() else []:
         data = os.read(key.fd, 1 << 16)
         if data:
             any_read = True
             key.data.extend(data)
-            del key.data[:-MOST_OUTPUT]
+            del key.data[:-MAX_OUTPUT]
         else:
             selector.unregister(key.fileobj)
     return any_read

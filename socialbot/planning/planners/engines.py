@@ -1,4 +1,4 @@
-"""The planners by name: Kairos, POPF and the engines of unified-planning."""
+"""Planners by name: Kairos, POPF and the engines of unified-planning."""
 
 from __future__ import annotations
 
@@ -27,12 +27,11 @@ from socialbot.planning.planners.planner import (
 )
 
 UNHURRIED_S = 1_000_000
-"""The time that Kairos is told it has. It gives each of its searches a share by the clock on the wall, so that which of
-them finds a plan would hang on how busy the machine is. We end it when it has used the time that there is."""
+"""Timeout that Kairos gets. It splits its timeout among its searches by elapsed time, so that the load of the machine
+would change the result; socialbot ends the process instead."""
 VALIDATE_S = 2.0
-"""To check a plan takes milliseconds."""
 THREAD_MB = 128
-"""Address space that a thread takes without using it."""
+"""Address space that a thread reserves."""
 PLAN_FILE = "plan.txt"
 
 _VERDICTS = {
@@ -46,14 +45,11 @@ _VERDICTS = {
 
 
 class Kairos(ChildPlanner):
-    """Temporal and numeric; fast where steps are many. The same problem gets the same plan with one thread.
+    """Temporal and numeric planner; deterministic with one thread. Raises InstallationError if it is not installed.
 
-    Where its first plan is too long, a greedy search has half of the time to find a shorter one; it is the quickest
-    at that, but blind for some. Kairos' own choice of a search has half of what is left then; if it comes to no end,
-    the rest is for the search that takes begin and end of an action for two steps: slow, but it finds plans in which
-    actions have to overlap.
-
-    Raises InstallationError when Kairos is not installed.
+    If its first plan is too long, a greedy search gets half of the time to find a shorter one. The default search of
+    Kairos gets half of the rest. The remaining time is for the engine m3, which treats start and end of an action as
+    two steps: it is slow, but finds plans with required concurrency.
     """
 
     name = "kairos"
@@ -75,7 +71,7 @@ class Kairos(ChildPlanner):
         if search.good(answer) or answer.seconds < search.half.left_s:
             return answer
         other = self._search(search.after(answer), *options, "--engine", "m3")
-        # That it has no use for what the domain uses says nothing of the problem.
+        # m3 does not support all domains, which says nothing about the problem.
         found = answer if other.verdict is PlannerVerdict.REFUSED else other
         return replace(found, seconds=answer.seconds + other.seconds)
 
@@ -88,7 +84,6 @@ class Kairos(ChildPlanner):
         return replace(self._answer(ended, search), seconds=ended.seconds)
 
     def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
-        """What a search came to."""
         if ended.how == "cancelled":
             return PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
         plans = _plans(ended.output)
@@ -96,11 +91,11 @@ class Kairos(ChildPlanner):
             return _without(ended, search.limits)
         best = min(plans, key=lambda plan: plan.makespan_s)
         if search.limits.makespan_s is not None and not in_time(best, search.limits.makespan_s):
-            return PlannerAnswer(PlannerVerdict.SOLVED, best)  # nobody will use it
+            return PlannerAnswer(PlannerVerdict.SOLVED, best)  # too long for the caller
         return self._checked(best, search)
 
     def _checked(self, plan: PddlPlan, search: SearchJob) -> PlannerAnswer:
-        """``plan``, when the validator of Kairos agrees too."""
+        """Return the plan if the validator of Kairos accepts it."""
         (search.folder / PLAN_FILE).write_text(str(plan), "utf-8")
         command = [self.command, "validate", DOMAIN_FILE, PROBLEM_FILE, PLAN_FILE]
         ended = run(command, search.folder, VALIDATE_S, search.cancelled)
@@ -113,7 +108,7 @@ class Kairos(ChildPlanner):
 
 @cache
 def _command() -> str:
-    """Where it lies: with its package, wherever that was installed, or on the PATH. Raises InstallationError."""
+    """Return the path of the program: in its package or on the PATH."""
     try:
         own = [file.locate() for file in files("kairos-planner") or () if file.name == "kairos"]
     except PackageNotFoundError:
@@ -128,7 +123,7 @@ def _command() -> str:
 
 
 def _plans(output: str) -> list[PddlPlan]:
-    """The plans that it has written, one a line; what is no whole line is none."""
+    """Return the plans in complete lines of JSON."""
     return [_plan(json.loads(line)) for line in output.splitlines() if line.startswith("{") and line.endswith("}")]
 
 
@@ -141,27 +136,25 @@ def _plan(written: dict) -> PddlPlan:
 
 
 def _seconds(number: float | None) -> float:
-    """A time without the noise of its last digits."""
     return round(float(number or 0.0), 6)
 
 
 def _without(ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer:
-    """What it means that there is no plan."""
     if ended.how == "late" or ended.code == 11:
         return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"kairos found no plan in {limits.timeout_s:g} s")
     if ended.code == 12 or "bad_alloc" in ended.errors:
         return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"kairos found no plan in {limits.memory_mb} MB")
     verdict = _VERDICTS.get(ended.code, PlannerVerdict.FAILED)
     if verdict is PlannerVerdict.FAILED:
-        return PlannerAnswer(verdict, message=f"kairos {ended.death}")
+        return PlannerAnswer(verdict, message=f"kairos {ended.crash}")
     return PlannerAnswer(verdict, message=f"kairos: {_reason(ended)}")
 
 
 def _reason(ended: ChildExit) -> str:
-    """The first error or note that it wrote, without the code at its end."""
+    """Return the first error or note without its code."""
     lines = [line.strip() for line in (ended.errors + ended.output).splitlines()]
     found = next((line for line in lines if re.search(r"\b(error|note):", line)), None)
-    return re.sub(r"\s*\[[a-z_.]+\]$", "", found) if found else ended.death
+    return re.sub(r"\s*\[[a-z_.]+\]$", "", found) if found else ended.crash
 
 
 _SOLUTION = re.compile(r"^;+ *Solution Found", re.MULTILINE | re.IGNORECASE)
@@ -169,10 +162,10 @@ _STEP = re.compile(r"\s*[0-9.]+\s*:\s*\(")
 
 
 class Popf(ChildPlanner):
-    """Runs ``popf``, or the program at ``path``. Raises InstallationError when there is none.
+    """POPF on the PATH, or at ``path``. Raises InstallationError if it is missing.
 
-    It knows no negative conditions and no derived predicates. That it calls a problem unsolvable is no proof:
-    it says so of some that can be solved.
+    It supports neither negative conditions nor derived predicates. It calls some solvable problems unsolvable, so this
+    counts as no proof.
     """
 
     name = "popf"
@@ -199,7 +192,6 @@ class Popf(ChildPlanner):
         return replace(self._answer(ended, search.limits), seconds=ended.seconds)
 
     def _answer(self, ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer:
-        """What a search came to."""
         if ended.how == "cancelled":
             return PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
         plan = _last_plan(ended.output, whole=ended.how == "by itself")
@@ -211,11 +203,11 @@ class Popf(ChildPlanner):
             return PlannerAnswer(PlannerVerdict.GAVE_UP, message="popf says that there is no plan, which is no proof")
         if "bad_alloc" in ended.errors or "out of memory" in ended.errors.lower():
             return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"popf found no plan in {limits.memory_mb} MB")
-        return PlannerAnswer(PlannerVerdict.FAILED, message=f"popf {ended.death}")
+        return PlannerAnswer(PlannerVerdict.FAILED, message=f"popf {ended.crash}")
 
 
 def _last_plan(output: str, *, whole: bool) -> PddlPlan | None:
-    """The last of the plans it wrote, which is the best; if it was cut short, the last that is surely whole."""
+    """Return the last plan, which is the best; after a timeout, the last complete one."""
     parts = _SOLUTION.split(output)[1:]
     for part in reversed(parts if whole else parts[:-1]):
         lines = [line for line in part.splitlines() if _STEP.match(line)]
@@ -229,14 +221,14 @@ def _last_plan(output: str, *, whole: bool) -> PddlPlan | None:
 ANSWER_FILE = "answer.json"
 GRACE_S = 0.5
 LIBRARIES_MB = 4000
-"""Address space that the library and what it brings may take beside the memory of the engine; most is never used."""
+"""Address space (MB) that the library reserves beside the memory of the engine."""
 
 
 class Unified(ChildPlanner):
-    """The engine that unified-planning knows by the name ``engine``. Raises InstallationError without the library.
+    """Engine of unified-planning by name. Raises InstallationError without the library.
 
-    Starting it takes a second or two, within the time there is, and engines go by the clock on the wall. Its reader of
-    PDDL refuses some of what ours takes. It is asked for one plan: it does not search for a shorter one.
+    Its start takes one or two seconds of the timeout, and engines measure elapsed time. Its reader supports less of
+    PDDL. It makes one plan and does not search for a shorter one.
     """
 
     def __init__(self, engine: str) -> None:
@@ -263,7 +255,6 @@ class Unified(ChildPlanner):
         return replace(self._answer(ended, search), seconds=ended.seconds)
 
     def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
-        """What a search came to."""
         limits = search.limits
         if ended.how == "cancelled":
             return PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
@@ -272,10 +263,10 @@ class Unified(ChildPlanner):
         if "MemoryError" in ended.errors or "bad_alloc" in ended.errors:
             return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} found no plan in {limits.memory_mb} MB")
         if ended.code != 0:
-            return PlannerAnswer(PlannerVerdict.FAILED, message=f"{self.name} {ended.death}")
-        return self._told(json.loads((search.folder / ANSWER_FILE).read_text("utf-8")))
+            return PlannerAnswer(PlannerVerdict.FAILED, message=f"{self.name} {ended.crash}")
+        return self._decoded(json.loads((search.folder / ANSWER_FILE).read_text("utf-8")))
 
-    def _told(self, written: dict) -> PlannerAnswer:
+    def _decoded(self, written: dict) -> PlannerAnswer:
         verdict = PlannerVerdict(written["verdict"])
         if verdict is not PlannerVerdict.SOLVED:
             return PlannerAnswer(verdict, message=f"{self.name}: {written['message']}")
@@ -290,9 +281,11 @@ DEFAULT = "kairos"
 
 
 def make_planner(name: str = DEFAULT) -> Planner:
-    """The planner called ``kairos``, ``popf``, ``popf:/path/to/popf``, or ``up:ENGINE`` for one of unified-planning.
+    """Return the planner ``kairos``, ``popf``, ``popf:/path/to/popf``, or ``up:ENGINE`` of unified-planning.
 
-    Raises ParameterError for another name, InstallationError when it is not installed.
+    Raises:
+        ParameterError: The name is unknown.
+        InstallationError: The planner is not installed.
     """
     kind, _, detail = name.partition(":")
     if name == "kairos":

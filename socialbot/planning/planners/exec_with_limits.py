@@ -1,9 +1,8 @@
-"""What a planner's process is before it becomes the planner: a script that sets its limits.
+"""Script that sets limits and executes a planner.
 
-``python -I -S guard.py MEMORY_BYTES CPU_S PARENT COMMAND...`` takes the limits upon itself, asks the kernel to be
-killed when the process PARENT dies (on Linux), and becomes COMMAND. A script of its own, because a process with
-threads cannot safely do anything between fork and exec. ``bridge/bound.py`` does the same without limits; they share
-nothing, because planning does not know the bridge, and a script that starts this fast has no package to import from.
+``python -I -S _exec_with_limits.py MEMORY_BYTES CPU_S PARENT COMMAND...`` limits itself, lets Linux kill it with the
+process PARENT, and executes COMMAND. It is a script because a process with threads cannot run code between fork and
+exec, and it imports no package to start fast.
 """
 
 from __future__ import annotations
@@ -12,13 +11,13 @@ import os
 import resource
 import sys
 
-# From Linux' headers; the module signal takes half as long to import as all else here together.
+# From the headers of Linux: importing the module signal would take half of the start time.
 PR_SET_PDEATHSIG = 1
 SIGKILL = 9
 
 
 def main() -> None:
-    """Does what the module says; never returns."""
+    """Set the limits and execute the command."""
     memory, cpu, parent = (int(word) for word in sys.argv[1:4])
     command = sys.argv[4:]
     _limit(resource.RLIMIT_AS, memory)

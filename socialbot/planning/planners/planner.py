@@ -1,4 +1,4 @@
-"""The planner interface, the problems that planners cannot take, and planners that run in child processes."""
+"""Interface of planners, the check of problems before planning, and planners in child processes."""
 
 from __future__ import annotations
 
@@ -32,30 +32,32 @@ from socialbot.planning.pddl.validation import validate_plan
 
 
 class PlannerVerdict(enum.Enum):
-    """What came of planning."""
+    """Result of planning."""
 
     SOLVED = "solved"
-    """There is a plan, and it was validated."""
+    """There is a validated plan."""
     IMPOSSIBLE = "impossible"
-    """It is proved that there is no plan."""
+    """There is a proof that no plan exists."""
     GAVE_UP = "gave up"
-    """No plan was found within the limits of time and memory; there may be one."""
+    """No plan was found within the limits; there may be one."""
     INVALID = "invalid"
-    """The planner made a plan that does not do what is asked for."""
+    """The planner returned a plan that does not reach the goal."""
     REFUSED = "refused"
-    """The problem cannot be asked: it has no goal, an unknown object, a predicate that the domain does not have."""
+    """The problem is wrong: no goal, an unknown object, a predicate that the domain lacks."""
     FAILED = "failed"
-    """The planner died, or said something that makes no sense."""
+    """The planner crashed, or its output is invalid."""
     CANCELLED = "cancelled"
-    """Nobody wants to know any more."""
+    """The caller has cancelled the call."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannerLimits:
-    """How much a planner may use. ``makespan_s`` is how long the plan may last; longer ones are no use.
+    """Limits of a planner.
 
-    ``timeout_s`` is how long it may work, all threads together, or sleep. While others have the processor no time
-    passes, so that the same problem gets the same answer however busy the machine is.
+    Attributes:
+        timeout_s: Time that it may run (all threads together) or sleep. Waiting for a processor does not count, so
+            the load of the machine does not change the answer.
+        makespan_s: Maximum makespan of the plan.
     """
 
     timeout_s: float = 5.0
@@ -66,7 +68,7 @@ class PlannerLimits:
 
 @dataclass(frozen=True, slots=True)
 class PlannerAnswer:
-    """What came of planning: the plan if it is `PlannerVerdict.SOLVED`, else why not, and the seconds it took."""
+    """Answer of a planner: the plan, or the reason for its absence, and the elapsed seconds."""
 
     verdict: PlannerVerdict
     plan: PddlPlan | None = None
@@ -75,14 +77,14 @@ class PlannerAnswer:
 
 
 class Planner(Protocol):
-    """Finds plans. Every plan it returns has been validated; it raises nothing: what goes wrong is in the answer."""
+    """Planner that returns validated plans. It raises nothing: errors are in the answer."""
 
     name: str
 
     def solve(
         self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: threading.Event | None = None
     ) -> PlannerAnswer:
-        """Blocks until there is an answer; setting ``cancelled`` (from another thread) ends that within 0.1 s."""
+        """Block until there is an answer, or for 0.1 s after another thread has set ``cancelled``."""
         ...
 
 
@@ -90,17 +92,17 @@ Types = tuple[str, ...]
 
 
 def unsupported_feature(domain: PddlDomain, problem: PddlProblem) -> str | None:
-    """The first thing that is wrong with ``problem``: no goal, or a name that does not fit the domain; else None."""
-    return next(_Asked(domain, problem).mistakes(), None)
+    """Return the first error of a problem, such as a missing goal or an unknown name; else None."""
+    return next(_ProblemCheck(domain, problem).errors(), None)
 
 
-class _Asked:
+class _ProblemCheck:
     def __init__(self, domain: PddlDomain, problem: PddlProblem) -> None:
         self.domain = domain
         self.problem = problem
         self.objects: Mapping[str, Types] = {**domain.constants, **problem.objects}
 
-    def mistakes(self) -> Iterator[str]:
+    def errors(self) -> Iterator[str]:
         if not self.domain.text:
             yield f"the domain {self.domain.name} has no text to give to a planner"
         if self.problem.goal is None:
@@ -116,7 +118,7 @@ class _Asked:
             yield from self._atom("function", self.domain.functions, fluent.function, fluent.terms, {})
             if not math.isfinite(value):
                 yield f"{_spelled(fluent.function, fluent.terms)} is {value}"
-        yield from (f"in the goal: {mistake}" for mistake in self._formula(self.problem.goal, {}))
+        yield from (f"in the goal: {error}" for error in self._formula(self.problem.goal, {}))
 
     def _formula(self, formula: Formula, variables: Mapping[str, Types]) -> Iterator[str]:
         match formula:
@@ -166,14 +168,11 @@ class _Asked:
             types = self._types(term, variables)
             if types is None:
                 yield f"{spelled}: unknown object {term!r}"
-            elif not self._fits(types, parameter.types):
+            elif not self.domain.fits(types, parameter.types):
                 yield f"{spelled}: {term} is a {'|'.join(types)}, not a {'|'.join(parameter.types)}"
 
     def _types(self, term: str, variables: Mapping[str, Types]) -> Types | None:
         return variables.get(term) if term.startswith("?") else self.objects.get(term)
-
-    def _fits(self, types: Types, wanted: Types) -> bool:
-        return all(any(self.domain.is_a(kind, of) for of in wanted) for kind in types)
 
 
 def _spelled(name: str, terms: Types) -> str:
@@ -188,9 +187,12 @@ PROBLEM_FILE = "problem.pddl"
 
 @dataclass(frozen=True, slots=True)
 class SearchJob:
-    """What a planner is to do: the domain and the problem lie in ``folder``; it has ``left_s`` (s) for that.
+    """Task of a planner process.
 
-    ``target_s`` is the makespan that ends a search for ever shorter plans; None asks for the first plan.
+    Attributes:
+        folder: Folder with the files of domain and problem.
+        left_s: Remaining time (s).
+        target_s: Makespan that ends an anytime search; None for the first plan.
     """
 
     folder: Path
@@ -201,30 +203,27 @@ class SearchJob:
 
     @property
     def half(self) -> SearchJob:
-        """The same with half of the time."""
+        """The same job with half of the time."""
         return replace(self, left_s=self.left_s / 2)
 
     def after(self, answer: PlannerAnswer) -> SearchJob:
-        """The same with the time that a search left that came to ``answer``."""
+        """Return the same job with the time left after an answer."""
         return replace(self, left_s=max(0.0, self.left_s - answer.seconds))
 
     def good(self, answer: PlannerAnswer) -> bool:
-        """Whether a plan is there that ends in time."""
+        """Return whether an answer has a plan that ends in time."""
         return answer.plan is not None and (self.target_s is None or in_time(answer.plan, self.target_s))
 
 
 class ChildPlanner(ABC):
-    """A planner that is asked by files and answers with plans; see `socialbot.planning.planners.planner.Planner`.
-
-    Its first plan is taken if it lasts no longer than it may. Else the planner searches on for a shorter one.
-    """
+    """Planner in a child process that reads files. If its first plan is too long, it searches for a shorter one."""
 
     name = ""
 
     def solve(
         self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: threading.Event | None = None
     ) -> PlannerAnswer:
-        """Blocks until there is an answer; setting ``cancelled`` (from another thread) ends that within 0.1 s."""
+        """Block until there is an answer, or for 0.1 s after another thread has set ``cancelled``."""
         begin = time.monotonic()
         try:
             answer = self._solve(domain, problem, limits, cancelled or threading.Event())
@@ -235,10 +234,7 @@ class ChildPlanner(ABC):
 
     @abstractmethod
     def search(self, search: SearchJob) -> PlannerAnswer:
-        """Runs the planner. `PlannerVerdict.SOLVED` means here that it says so; nothing is validated or compared yet.
-
-        The seconds of the answer are those that were used of what was left.
-        """
+        """Run the planner; its plan is not validated yet, and the seconds are those of the time limit."""
 
     def _solve(
         self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: threading.Event
@@ -255,13 +251,12 @@ class ChildPlanner(ABC):
             aimed = replace(search.after(answer), target_s=limits.makespan_s)
             if answer.plan is None or aimed.good(answer):
                 return answer
-            # What is minimized now is the makespan, whatever the problem says.
+            # Minimize the makespan rather than the metric of the problem.
             text = problem_text(replace(problem, metric=None), domain.constants)
             (folder / PROBLEM_FILE).write_text(text, "utf-8")
             return _shorter(answer.plan, self._validated(self.search(aimed), domain, problem), aimed)
 
     def _validated(self, answer: PlannerAnswer, domain: PddlDomain, problem: PddlProblem) -> PlannerAnswer:
-        """``answer``, or that its plan is invalid, by our own judgement."""
         if answer.plan is None:
             return answer
         found = validate_plan(domain, problem, answer.plan)
@@ -269,10 +264,7 @@ class ChildPlanner(ABC):
 
 
 def _shorter(late: PddlPlan, answer: PlannerAnswer, search: SearchJob) -> PlannerAnswer:
-    """What the search for a plan shorter than ``late`` came to.
-
-    It says of no other plan how long it lasts: how far a search came in its time is not the same twice.
-    """
+    """Return the answer of the second search; its makespans are not reported, as they are not reproducible."""
     if search.good(answer) or answer.verdict in (PlannerVerdict.CANCELLED, PlannerVerdict.FAILED):
         return answer
     found = f"the plan found first lasts {late.makespan_s:g} s, longer than the {search.target_s:g} s there are"

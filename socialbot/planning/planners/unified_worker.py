@@ -1,7 +1,7 @@
-"""What runs in the process of `socialbot.planning.planners.engines`: an engine of unified-planning, asked once.
+"""Worker process for one call of an engine of unified-planning.
 
-``python -m socialbot.planning.planners.unified_worker ENGINE DOMAIN PROBLEM TIMEOUT_S ANSWER``. The file ANSWER then
-holds the name of a verdict, a message, and the steps of the plan if there is one. The library is imported here only.
+``python -m socialbot.planning.planners.unified_worker ENGINE DOMAIN PROBLEM TIMEOUT_S ANSWER``. It writes
+the verdict, a message and the steps of the plan to the file ANSWER. Only this process imports the library.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 from socialbot.planning.planners.planner import PlannerVerdict
 
 INSTANT_S = 0.001
-"""How far apart actions without duration are put when a plan only says their order."""
+"""Separation of actions without duration in plans that only have an order."""
 
 _VERDICTS = {
     "SOLVED_SATISFICING": PlannerVerdict.SOLVED,
@@ -32,7 +32,7 @@ _VERDICTS = {
 
 
 def main() -> None:
-    """Does what the module says."""
+    """Run the engine and write the answer."""
     engine, domain, problem, timeout_s, answer = sys.argv[1:6]
     verdict, message, steps = _ask(engine, domain, problem, float(timeout_s))
     written = {"verdict": verdict.value, "message": message, "steps": steps}
@@ -64,7 +64,7 @@ def _ask(engine: str, domain: str, problem: str, timeout_s: float) -> tuple[Plan
 
 
 def _steps(plan: Any) -> Iterator[tuple[float, str, list[str], float]]:
-    """When each action starts, its name and objects, and how long it lasts, s."""
+    """Yield start time (s), name, objects and duration (s) of each action."""
     if hasattr(plan, "timed_actions"):
         for start, action, duration in plan.timed_actions:
             yield float(start), *_call(action), float(duration or 0)
