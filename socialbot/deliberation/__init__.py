@@ -1,6 +1,88 @@
-"""Deliberation on the engine: desires with deadlines, a scheduler that chooses, plans that are carried out."""
+"""Deliberation on the engine: desires with deadlines, rules, and plans that are executed and repaired."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.trace import SENTENCES
+
+if TYPE_CHECKING:
+    from socialbot.deliberation._fact_index import parse_fact, parse_facts
+    from socialbot.deliberation.actions import PlanAction, register
+    from socialbot.deliberation.deliberator import Deliberator, Observer
+    from socialbot.deliberation.facts import FactBase
+    from socialbot.deliberation.files import load_beliefs, load_desires, load_rules, restore_mind, save_mind
+    from socialbot.deliberation.messages import (
+        FLUENT,
+        INSTANCE,
+        PREDICATE,
+        Desire,
+        Dnf,
+        Fact,
+        FactCondition,
+        FactConjunction,
+    )
+    from socialbot.deliberation.options import DeliberationOptions, option_infos
+    from socialbot.deliberation.requests import Policies, RequestClient, RequestServer, SentRequest
+    from socialbot.deliberation.rules import ReactiveRule, RuleEffect
+    from socialbot.deliberation.sensing import FactSensor, fluent, instance, predicate, sensed_by
+
+__all__ = [
+    "DeliberationOptions",
+    "Deliberator",
+    "Desire",
+    "Dnf",
+    "FLUENT",
+    "Fact",
+    "FactBase",
+    "FactCondition",
+    "FactConjunction",
+    "FactSensor",
+    "INSTANCE",
+    "Observer",
+    "PREDICATE",
+    "PlanAction",
+    "Policies",
+    "ReactiveRule",
+    "RequestClient",
+    "RequestServer",
+    "RuleEffect",
+    "SentRequest",
+    "fluent",
+    "instance",
+    "load_beliefs",
+    "load_desires",
+    "load_rules",
+    "option_infos",
+    "parse_fact",
+    "parse_facts",
+    "predicate",
+    "register",
+    "restore_mind",
+    "save_mind",
+    "sensed_by",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on its first use, as other rooms only need the messages."""
+    if name in __all__:
+        for module in (
+            "messages",
+            "_fact_index",
+            "options",
+            "facts",
+            "rules",
+            "actions",
+            "sensing",
+            "deliberator",
+            "requests",
+            "files",
+        ):
+            found = import_module(f"{__name__}.{module}")
+            if name in vars(found):
+                return vars(found)[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 SENTENCES.update(
     desire="it desired {}",

@@ -23,7 +23,12 @@ from typing import Protocol
 from socialbot.bdi import Engine
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.action_executor import IsSensed
+from socialbot.deliberation._action_executor import IsSensed
+from socialbot.deliberation._fact_index import like
+from socialbot.deliberation._matching import mismatch, unfit_condition
+from socialbot.deliberation._plan_executor import PlanExecutor
+from socialbot.deliberation._pursuit import DesirePursuit, RunInBackground
+from socialbot.deliberation._wakeup import WakeupLoop
 from socialbot.deliberation.desires import (
     DesireBase,
     DesireState,
@@ -36,16 +41,11 @@ from socialbot.deliberation.desires import (
     relatives_to_drop,
     unpreparable,
 )
-from socialbot.deliberation.fact_index import like
 from socialbot.deliberation.facts import FactBase, out_of_range
-from socialbot.deliberation.matching import mismatch, unfit_condition
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.deliberation.plan_executor import PlanExecutor
-from socialbot.deliberation.pursuit import DesirePursuit, RunInBackground
 from socialbot.deliberation.rules import Reaction, ReactiveRule, RuleBook, conditions_in
 from socialbot.deliberation.sensing import SensorTimeouts
-from socialbot.deliberation.wakeup import WakeupLoop
 from socialbot.planning.pddl.domain import PddlDomain
 from socialbot.planning.planners.planner import Planner
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-from socialbot.deliberation.fact_index import has_wildcards, variables_in
+from socialbot.deliberation._fact_index import has_wildcards, variables_in
 from socialbot.deliberation.messages import INSTANCE, Desire, Dnf, Fact, FactConjunction
 from socialbot.deliberation.options import DeliberationOptions, Policy
 from socialbot.deliberation.rules import conditions_in

@@ -21,8 +21,8 @@ from typing import Any
 from socialbot.bdi import Atom, Engine
 from socialbot.bdi.literals import PERCEPT, SELF, source
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.fact_index import FactIndex, has_wildcards, near, signature_of
-from socialbot.deliberation.matching import CompiledClause, clauses_of, fitting, mismatch
+from socialbot.deliberation._fact_index import FactIndex, has_wildcards, near, signature_of
+from socialbot.deliberation._matching import CompiledClause, clauses_of, fitting, mismatch
 from socialbot.deliberation.messages import (
     FLUENT,
     INSTANCE,

@@ -50,10 +50,10 @@ from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
 from socialbot.core.yaml import line_of, load_yaml
+from socialbot.deliberation._fact_index import FactIndex, near
+from socialbot.deliberation._matching import mismatch, unfit_condition
 from socialbot.deliberation.deliberator import Deliberator
-from socialbot.deliberation.fact_index import FactIndex, near
 from socialbot.deliberation.facts import FactBase
-from socialbot.deliberation.matching import mismatch, unfit_condition
 from socialbot.deliberation.messages import (
     FLUENT,
     INSTANCE,

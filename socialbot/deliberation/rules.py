@@ -9,9 +9,8 @@ from typing import Any, Literal, TypeVar
 import msgspec
 
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.fact_index import FactIndex, filled, has_wildcards, signature_of, variable_of, variables_in
-from socialbot.deliberation.facts import FactBase, out_of_range
-from socialbot.deliberation.matching import (
+from socialbot.deliberation._fact_index import FactIndex, filled, has_wildcards, signature_of, variable_of, variables_in
+from socialbot.deliberation._matching import (
     CompiledClause,
     CompiledCondition,
     Match,
@@ -20,6 +19,7 @@ from socialbot.deliberation.matching import (
     mismatch,
     unfit_condition,
 )
+from socialbot.deliberation.facts import FactBase, out_of_range
 from socialbot.deliberation.messages import INSTANCE, Desire, Dnf, Fact, FactCondition
 from socialbot.planning.pddl.domain import PddlDomain
 

@@ -19,9 +19,9 @@ from socialbot.bdi import Engine
 from socialbot.bdi.sensors import Sensor
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.action_executor import IsSensed
-from socialbot.deliberation.fact_index import signature_of
-from socialbot.deliberation.matching import fitting
+from socialbot.deliberation._action_executor import IsSensed
+from socialbot.deliberation._fact_index import signature_of
+from socialbot.deliberation._matching import fitting
 from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Fact
 from socialbot.planning.pddl.domain import PddlDomain
 

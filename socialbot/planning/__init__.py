@@ -1,1 +1,3 @@
-"""Planning: PDDL domains and problems, planners in processes of their own, plans and their checks."""
+"""Planning: `pddl` (PDDL 2.1), `planners` (temporal planners) and `htn` (task networks)."""
+
+__all__ = ["htn", "pddl", "planners"]

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from evaluation.warehouse_runs import Kill, Result, Story, play, troubled
 from socialbot.core.messages import TraceRecord
-from socialbot.deliberation import execution as merging
-from socialbot.deliberation.action_executor import ActionExecutor
-from socialbot.deliberation.plan_executor import PlanExecutor
+from socialbot.deliberation import _execution as merging
+from socialbot.deliberation._action_executor import ActionExecutor
+from socialbot.deliberation._plan_executor import PlanExecutor
 
 
 @pytest.fixture(autouse=True)

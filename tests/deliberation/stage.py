@@ -8,10 +8,10 @@ from typing import Any
 from socialbot.bdi import Atom, Engine, LongAction, Trace, variables
 from socialbot.bdi.literals import Change, Event, literal
 from socialbot.core.clock import SECOND, ManualClock
+from socialbot.deliberation._plan_executor import PlanExecutor, PlanOutcome
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import FLUENT, INSTANCE, Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.deliberation.plan_executor import PlanExecutor, PlanOutcome
 from socialbot.planning.pddl.domain import PddlDomain, parse_plan
 from socialbot.planning.pddl.reader import read_domain
 

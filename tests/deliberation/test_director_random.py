@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Record
+from socialbot.deliberation._plan_executor import PlanOutcome
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.deliberation.plan_executor import PlanOutcome
 from socialbot.planning.pddl.domain import PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.semantics import SetValue, changes, ground, holds
 from socialbot.planning.pddl.state import PddlState

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from socialbot.core.clock import SECOND
-from socialbot.deliberation.execution import PlanExecution, PlanTask
+from socialbot.deliberation._execution import PlanExecution, PlanTask
 from socialbot.planning.pddl.domain import PlanStep
 from socialbot.planning.pddl.semantics import ground
 from tests.deliberation.stage import WORKSHOP, desire

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.deliberation.action_executor import RollbackLog
+from socialbot.deliberation._action_executor import RollbackLog
 from socialbot.planning.pddl.formulas import Add, Delete, Fluent, Predicate
 from socialbot.planning.pddl.semantics import SetValue
 from tests.deliberation.stage import Stage, fact

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.deliberation.fact_index import FactIndex
-from socialbot.deliberation.matching import Match, fitting, matches, unfit_condition
+from socialbot.deliberation._fact_index import FactIndex
+from socialbot.deliberation._matching import Match, fitting, matches, unfit_condition
 from socialbot.deliberation.messages import FLUENT, INSTANCE, Dnf, Fact, FactCondition, FactConjunction
 from tests.deliberation.domains import YARD, dnf, i, n, p
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from socialbot.bdi import Engine, Trace
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
+from socialbot.deliberation._matching import matches
 from socialbot.deliberation.facts import FactBase
-from socialbot.deliberation.matching import matches
 from socialbot.deliberation.messages import Desire, Dnf, FactCondition, FactConjunction
 from socialbot.deliberation.rules import ReactiveRule, RuleBook, RuleEffect
 from tests.deliberation.domains import YARD, dnf, domain, i, n, p

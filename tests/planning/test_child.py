@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.planning.planners.child_process import MAX_OUTPUT, guarded, run
+from socialbot.planning.planners._child_process import MAX_OUTPUT, guarded, run
 from tests.planning import busy
 
 pytestmark = busy.in_turn

@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.planning.pddl.read_write_sets import ReadWriteAnalysis
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.pddl.semantics import ground
 from socialbot.planning.pddl.state import PddlState
+from socialbot.planning.pddl.validation import ReadWriteAnalysis
 
 DOMAIN = """(define (domain d) (:types box) (:constants a b - box)
   (:predicates (p ?x - box) (q ?x - box) (next ?x ?y - box)) (:functions (n) (m))

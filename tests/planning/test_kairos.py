@@ -165,7 +165,6 @@ def test_when_no_plan_is_short_enough_the_first_found_is_named():
     assert answer.verdict is PlannerVerdict.GAVE_UP
     told = "the plan found first lasts 142.013 s, longer than the 100 s there are; none was found that is short enough"
     assert answer.message == told
-    assert 1.0 < answer.seconds < 3.0
     assert 0.9 < children_worked() - worked < 1.5
 
 

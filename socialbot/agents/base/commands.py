@@ -14,8 +14,8 @@ from socialbot.bdi.stdlib.goals import desire as pursued
 from socialbot.bdi.stdlib.goals import drop_goal
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.core.errors import RuleError, SocialbotError
+from socialbot.deliberation import parse_fact, parse_facts
 from socialbot.deliberation.deliberator import Deliberator
-from socialbot.deliberation.fact_index import parse_fact, parse_facts
 from socialbot.deliberation.messages import Desire
 
 PERSON = "person"

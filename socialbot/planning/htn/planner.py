@@ -7,8 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-from socialbot.planning.htn.domain import Item, TaskDomain, TaskState
-from socialbot.planning.htn.search import (
+from socialbot.planning.htn._search import (
     Alternative,
     Cancelled,
     LimitReached,
@@ -18,6 +17,7 @@ from socialbot.planning.htn.search import (
     Trail,
     back,
 )
+from socialbot.planning.htn.domain import Item, TaskDomain, TaskState
 from socialbot.planning.htn.tree import TaskAnswer, TaskFault, TaskLimits, TaskNode, TaskStatus, TaskTree, TaskVerdict
 
 

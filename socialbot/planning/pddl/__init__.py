@@ -1,1 +1,40 @@
-"""PDDL 2.1: read, represent, simulate and validate."""
+"""PDDL 2.1: read, represent, simulate and validate domains, problems and plans."""
+
+from socialbot.planning.pddl.causal_order import CausalOrder, causal_order
+from socialbot.planning.pddl.domain import (
+    OBJECT,
+    PddlAction,
+    PddlDomain,
+    PddlPlan,
+    PddlProblem,
+    PlanStep,
+    Signature,
+    in_time,
+    parse_plan,
+    problem_text,
+)
+from socialbot.planning.pddl.reader import read_domain, read_problem
+from socialbot.planning.pddl.state import Derivation, PddlState
+from socialbot.planning.pddl.validation import PlanEvent, PlanFault, validate_plan
+
+__all__ = [
+    "OBJECT",
+    "CausalOrder",
+    "Derivation",
+    "PddlAction",
+    "PddlDomain",
+    "PddlPlan",
+    "PddlProblem",
+    "PddlState",
+    "PlanEvent",
+    "PlanFault",
+    "PlanStep",
+    "Signature",
+    "causal_order",
+    "in_time",
+    "parse_plan",
+    "problem_text",
+    "read_domain",
+    "read_problem",
+    "validate_plan",
+]

@@ -15,7 +15,9 @@ from dataclasses import dataclass, field
 from socialbot.core.errors import PlanningError
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
 from socialbot.planning.pddl.formulas import Fluent, Predicate
-from socialbot.planning.pddl.read_write_sets import (
+from socialbot.planning.pddl.semantics import changes, ground
+from socialbot.planning.pddl.state import PddlState
+from socialbot.planning.pddl.validation import (
     Key,
     PlanEvent,
     Reading,
@@ -24,8 +26,6 @@ from socialbot.planning.pddl.read_write_sets import (
     TimePoint,
     time_points,
 )
-from socialbot.planning.pddl.semantics import changes, ground
-from socialbot.planning.pddl.state import PddlState
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,10 +11,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+from socialbot.planning.pddl._formula_reader import ActionReader, FormulaReader, is_number
+from socialbot.planning.pddl._parser import Scope, SexpGroup, Sexpression, SexpWord, Vocabulary, read_sexpression
 from socialbot.planning.pddl.domain import OBJECT, Metric, PddlAction, PddlDomain, PddlProblem, Signature
-from socialbot.planning.pddl.formula_reader import ActionReader, FormulaReader, is_number
 from socialbot.planning.pddl.formulas import And, Equality, Fluent, Formula, Or, Predicate, Quantified, TypedName
-from socialbot.planning.pddl.parser import Scope, SexpGroup, Sexpression, SexpWord, Vocabulary, read_sexpression
 from socialbot.planning.pddl.semantics import substitute
 from socialbot.planning.pddl.state import Derivation
 

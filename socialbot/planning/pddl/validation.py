@@ -1,18 +1,296 @@
-"""The validation of plans: each is carried out on paper, by the rules of PDDL 2.1."""
+"""Validation of plans by simulation, with their timeline and the read and write sets of their events."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
 from socialbot.core.errors import PlanningError
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
-from socialbot.planning.pddl.formulas import Formula
-from socialbot.planning.pddl.read_write_sets import EPSILON_S, Key, PlanEvent, ReadWriteAnalysis, TimePoint, time_points
-from socialbot.planning.pddl.semantics import TOLERANCE, GroundAction, SetValue, changes, evaluate, ground, unmet
+from socialbot.planning.pddl.formulas import (
+    Add,
+    And,
+    ConditionalEffect,
+    Delete,
+    Effect,
+    Equality,
+    Fluent,
+    Formula,
+    Not,
+    NumericComparison,
+    NumericEffect,
+    Or,
+    Predicate,
+    Quantified,
+    UniversalEffect,
+)
+from socialbot.planning.pddl.semantics import (
+    TOLERANCE,
+    Binding,
+    GroundAction,
+    SetValue,
+    bindings,
+    bound,
+    changes,
+    decided,
+    evaluate,
+    fluents,
+    ground,
+    substitute,
+    triggered,
+    unmet,
+)
 from socialbot.planning.pddl.state import PddlState
+
+EPSILON_S = 0.0005
+"""Events nearer than this (s) are simultaneous."""
+
+Edge = Literal["start", "end"]
+
+
+class PlanEvent(NamedTuple):
+    """Start or end of a step, given by its index; an instantaneous step only has a start."""
+
+    step: int
+    edge: Edge
+
+
+@dataclass(frozen=True, slots=True)
+class TimePoint:
+    """Simultaneous events, ends first, in the order of the steps."""
+
+    time_s: float
+    events: tuple[PlanEvent, ...]
+
+
+def time_points(plan: PddlPlan, actions: Sequence[GroundAction], running: Collection[int] = ()) -> list[TimePoint]:
+    """Return the timeline of a plan.
+
+    Args:
+        running: Indexes of steps that have started before. They end first, one by one, in the order of their ends.
+    """
+    ends = sorted(running, key=lambda index: (plan.steps[index].end_s, index))
+    found = [TimePoint(0.0, (PlanEvent(index, "end"),)) for index in ends]
+    times: list[tuple[float, PlanEvent]] = []
+    for index, (step, action) in enumerate(zip(plan.steps, actions, strict=True)):
+        if index in running:
+            continue
+        times.append((step.start_s, PlanEvent(index, "start")))
+        if action.duration is not None:
+            times.append((step.end_s, PlanEvent(index, "end")))
+    times.sort(key=lambda timed: timed[0])
+    together: list[PlanEvent] = []
+    begin = 0.0
+    for time_s, happening in times:
+        if together and time_s - begin >= EPSILON_S:
+            found.append(TimePoint(begin, _in_order(together)))
+            together = []
+        if not together:
+            begin = time_s
+        together.append(happening)
+    return [*found, TimePoint(begin, _in_order(together))] if together else found
+
+
+def _in_order(together: list[PlanEvent]) -> tuple[PlanEvent, ...]:
+    return tuple(sorted(together, key=lambda one: (one.edge == "start", one.step)))
+
+
+Key = Predicate | Fluent
+"""Basic predicate or fluent; a derived predicate is replaced by those that it depends on."""
+
+
+@dataclass
+class Reading:
+    """Read set of a condition: predicates with their wanted truth, and groups of other keys."""
+
+    literals: dict[Predicate, bool] = field(default_factory=dict)
+    groups: list[frozenset[Key]] = field(default_factory=list)
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """All keys that are read."""
+        return frozenset(self.literals).union(*self.groups)
+
+
+@dataclass
+class Writing:
+    """Write set of effects; additions override deletions.
+
+    Functions are ``moved`` if they are only increased or decreased, else ``assigned``.
+    """
+
+    added: set[Predicate] = field(default_factory=set)
+    deleted: set[Predicate] = field(default_factory=set)
+    moved: set[Fluent] = field(default_factory=set)
+    assigned: set[Fluent] = field(default_factory=set)
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """All keys that are written."""
+        return frozenset((*self.added, *self.deleted, *self.moved, *self.assigned))
+
+
+@dataclass
+class ReadWriteSets:
+    """Read and write sets of an event."""
+
+    reading: Reading
+    writing: Writing
+
+    def clash(self, other: ReadWriteSets) -> str | None:
+        """Return a key for which two simultaneous events interfere; None if there is none."""
+        mine, theirs = self.writing, other.writing
+        found = (
+            (self.reading.keys & theirs.keys)
+            | (other.reading.keys & mine.keys)
+            | (mine.added & theirs.deleted)
+            | (mine.deleted & theirs.added)
+            | (mine.assigned & (theirs.assigned | theirs.moved))
+            | (mine.moved & theirs.assigned)
+        )
+        return min(map(str, found), default=None)
+
+
+class ReadWriteAnalysis:
+    """Computes the read and write sets of the actions of a domain."""
+
+    def __init__(self, domain: PddlDomain) -> None:
+        self._domain = domain
+        effects = (one.effect for action in domain.actions.values() for one in action.effects)
+        self._changing = frozenset(_changing(effects))
+
+    def of(self, action: GroundAction, edge: Edge, state: PddlState) -> ReadWriteSets:
+        """Return the read and write sets of the start or end of an action."""
+        reading = self.reading(action.conditions_at(edge), state)
+        effects = action.effects_at(edge)
+        self._read_by_effects(effects, state, {}, reading)
+        if edge == "start" and action.duration is not None:
+            bounds = (action.duration.least, action.duration.most)
+            read = frozenset(fluent for one in bounds if one is not None for fluent in fluents(one))
+            if read:
+                reading.groups.append(read)
+        return ReadWriteSets(reading, _writing(effects, state))
+
+    def reading(self, formulas: Iterable[Formula], state: PddlState) -> Reading:
+        """Return the read set of formulas."""
+        reading = Reading()
+        for formula in formulas:
+            self._read(formula, True, state, {}, reading)
+        return reading
+
+    def _read(self, formula: Formula, wanted: bool, state: PddlState, binding: Binding, into: Reading) -> None:
+        match formula:
+            case Predicate(name):
+                if name in self._domain.derived:
+                    into.groups.append(state.derivation.bases(bound(formula, binding), state))
+                else:
+                    into.literals[bound(formula, binding)] = wanted
+            case Not(part):
+                self._read(part, not wanted, state, binding, into)
+            case NumericComparison(_, left, right):
+                into.groups.append(frozenset((*fluents(left, binding), *fluents(right, binding))))
+            case Equality():
+                pass
+            case _:
+                parts = list(_parts(formula, state, binding))
+                disjunctive = isinstance(formula, Or) or (
+                    isinstance(formula, Quantified) and formula.quantifier == "exists"
+                )
+                if disjunctive == wanted:
+                    self._read_any(parts, wanted, state, into)
+                else:
+                    for part, inner in parts:
+                        self._read(part, wanted, state, inner, into)
+
+    def _read_any(self, parts: list[tuple[Formula, Binding]], wanted: bool, state: PddlState, into: Reading) -> None:
+        """Read parts of a disjunction; static parts may decide it."""
+        settled = [self._settled(part, state, inner) for part, inner in parts]
+        if wanted in settled:
+            return
+        parts = [part for part, known in zip(parts, settled, strict=True) if known is None]
+        inside = into if len(parts) == 1 else Reading()
+        for part, inner in parts:
+            self._read(part, wanted, state, inner, inside)
+        if inside is not into and inside.keys:
+            into.groups.append(inside.keys)
+
+    def _settled(self, formula: Formula, state: PddlState, binding: Binding) -> bool | None:
+        """Return the truth of a static formula; None if actions can change it."""
+        match formula:
+            case Predicate(name):
+                changing = name in self._domain.derived or name in self._changing
+                return None if changing else state.holds(bound(formula, binding))
+            case Equality(left, right):
+                return binding.get(left, left) == binding.get(right, right)
+            case Not(part):
+                known = self._settled(part, state, binding)
+                return None if known is None else not known
+            case NumericComparison():
+                return None
+            case _:
+                decisive = isinstance(formula, Or) or (
+                    isinstance(formula, Quantified) and formula.quantifier == "exists"
+                )
+                parts = _parts(formula, state, binding)
+                return decided((self._settled(part, state, inner) for part, inner in parts), decisive)
+
+    def _read_by_effects(self, effects: Iterable[Effect], state: PddlState, binding: Binding, into: Reading) -> None:
+        """Read the amounts and conditions of effects; the truth of a condition matters either way."""
+        for effect in effects:
+            match effect:
+                case UniversalEffect(variables, inside):
+                    for inner in bindings(variables, state, binding):
+                        self._read_by_effects(inside, state, inner, into)
+                case ConditionalEffect(condition, inside):
+                    if self._settled(condition, state, binding) is None:
+                        read = self.reading((substitute(condition, binding),), state).keys
+                        into.groups.append(read)
+                    self._read_by_effects(inside, state, binding, into)
+                case NumericEffect(_, _, amount):
+                    read = frozenset(fluents(amount, binding))
+                    if read:
+                        into.groups.append(read)
+                case _:
+                    pass
+
+
+def _parts(formula: And | Or | Quantified, state: PddlState, binding: Binding) -> Iterator[tuple[Formula, Binding]]:
+    match formula:
+        case Quantified(_, variables, part):
+            return ((part, inner) for inner in bindings(variables, state, binding))
+        case _:
+            return ((part, binding) for part in formula.parts)
+
+
+def _writing(effects: Iterable[Effect], state: PddlState) -> Writing:
+    writing = Writing()
+    for effect, binding in triggered(effects, state):
+        match effect:
+            case Add(predicate):
+                writing.added.add(bound(predicate, binding))
+            case Delete(predicate):
+                writing.deleted.add(bound(predicate, binding))
+            case NumericEffect(operator, fluent, _):
+                target = writing.moved if operator in ("increase", "decrease") else writing.assigned
+                target.add(bound(fluent, binding))
+    writing.moved -= writing.assigned
+    return writing
+
+
+def _changing(effects: Iterable[Effect]) -> Iterator[str]:
+    """Yield the predicates that effects may change, by name."""
+    for effect in effects:
+        match effect:
+            case Add(predicate) | Delete(predicate):
+                yield predicate.name
+            case UniversalEffect(_, inside) | ConditionalEffect(_, inside):
+                yield from _changing(inside)
+            case _:
+                pass
+
 
 DURATION_S = 0.001
 """Tolerance of durations (s): plans are printed with three decimals."""

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from socialbot.core.errors import InstallationError, ParameterError, PlanningError
 from socialbot.planning.pddl.domain import PddlPlan, PlanStep, in_time, parse_plan
-from socialbot.planning.planners.child_process import ChildExit, guarded, run
+from socialbot.planning.planners._child_process import ChildExit, guarded, run
 from socialbot.planning.planners.planner import (
     DOMAIN_FILE,
     PROBLEM_FILE,
@@ -245,7 +245,7 @@ class Unified(ChildPlanner):
         if search.target_s is not None:
             return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} does not search for shorter plans")
         left_s, limits = search.left_s, search.limits
-        worker = [sys.executable, "-m", "socialbot.planning.planners.unified_worker", self.engine]
+        worker = [sys.executable, "-m", "socialbot.planning.planners._unified_worker", self.engine]
         command = guarded(
             [*worker, DOMAIN_FILE, PROBLEM_FILE, f"{left_s:.3f}", ANSWER_FILE],
             limits.memory_mb + LIBRARIES_MB,

@@ -13,7 +13,7 @@ import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from socialbot.deliberation.fact_index import KINDS, FactIndex, Params, has_wildcards, like, variable_of, variables_in
+from socialbot.deliberation._fact_index import KINDS, FactIndex, Params, has_wildcards, like, variable_of, variables_in
 from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Dnf, Fact, FactCondition, FactConjunction
 from socialbot.planning.pddl.domain import OBJECT, PddlDomain
 

@@ -23,14 +23,14 @@ from typing import Literal
 from socialbot.bdi import Engine
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.action_executor import ActionExecutor, IsSensed, fact_of
-from socialbot.deliberation.execution import PlanExecution, PlanTask, merged, projected
-from socialbot.deliberation.fact_index import FactIndex
+from socialbot.deliberation._action_executor import ActionExecutor, IsSensed, fact_of
+from socialbot.deliberation._execution import PlanExecution, PlanTask, merged, projected
+from socialbot.deliberation._fact_index import FactIndex
+from socialbot.deliberation._matching import fitting
+from socialbot.deliberation._wakeup import WakeupLoop
 from socialbot.deliberation.facts import FactBase
-from socialbot.deliberation.matching import fitting
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.deliberation.wakeup import WakeupLoop
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.formulas import Formula
 

@@ -11,11 +11,11 @@ from socialbot.bdi.intentions import Failure
 from socialbot.bdi.literals import literal
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation.execution import PlanTask, Projection, have_happened
+from socialbot.deliberation._execution import PlanTask, Projection, have_happened
+from socialbot.deliberation._wakeup import WakeupLoop
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import FLUENT, PREDICATE, ActionStatus, Fact
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.deliberation.wakeup import WakeupLoop
 from socialbot.planning.pddl.formulas import (
     Add,
     Delete,

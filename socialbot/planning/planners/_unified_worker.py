@@ -1,6 +1,6 @@
 """Worker process for one call of an engine of unified-planning.
 
-``python -m socialbot.planning.planners.unified_worker ENGINE DOMAIN PROBLEM TIMEOUT_S ANSWER``. It writes
+``python -m socialbot.planning.planners._unified_worker ENGINE DOMAIN PROBLEM TIMEOUT_S ANSWER``. It writes
 the verdict, a message and the steps of the plan to the file ANSWER. Only this process imports the library.
 """
 

@@ -11,10 +11,10 @@ from typing import Any
 from socialbot.bdi import Engine
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import PlanningError
+from socialbot.deliberation._plan_executor import PlanExecutor, PlanOutcome
 from socialbot.deliberation.desires import DesireState, End
 from socialbot.deliberation.facts import FactBase, problem_of
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.deliberation.plan_executor import PlanExecutor, PlanOutcome
 from socialbot.planning.pddl.domain import PddlDomain, PddlProblem, in_time
 from socialbot.planning.planners.planner import Planner, PlannerAnswer, PlannerVerdict
 

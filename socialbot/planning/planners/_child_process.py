@@ -28,7 +28,7 @@ RUNNABLE = "R"
 """State of a process that runs or waits for a processor."""
 TICKS = os.sysconf("SC_CLK_TCK")
 """Clock ticks per second in the processor times of Linux."""
-_GUARD = str(Path(__file__).with_name("exec_with_limits.py"))
+_GUARD = str(Path(__file__).with_name("_exec_with_limits.py"))
 
 
 @dataclass(frozen=True, slots=True)

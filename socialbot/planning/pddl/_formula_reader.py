@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from typing import Literal, cast
 
+from socialbot.planning.pddl._parser import Scope, SexpGroup, Sexpression, SexpWord, Vocabulary
 from socialbot.planning.pddl.domain import DurationBounds, PddlAction, TimedCondition, TimedEffect, TimeSpecifier
 from socialbot.planning.pddl.formulas import (
     Add,
@@ -30,7 +31,6 @@ from socialbot.planning.pddl.formulas import (
     Quantified,
     UniversalEffect,
 )
-from socialbot.planning.pddl.parser import Scope, SexpGroup, Sexpression, SexpWord, Vocabulary
 
 COMPARATORS = frozenset({"<", "<=", "=", ">=", ">"})
 ARITHMETIC = frozenset("+-*/")

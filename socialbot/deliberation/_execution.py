@@ -14,10 +14,9 @@ from socialbot.deliberation.messages import ActionExecutionInfo, ActionStatus, D
 from socialbot.planning.pddl.causal_order import causal_order
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.formulas import Add, Delete, Effect, Fluent, Formula, PddlWorld, Predicate
-from socialbot.planning.pddl.read_write_sets import PlanEvent
 from socialbot.planning.pddl.semantics import TOLERANCE, GroundAction, GroundChange, SetValue, changes, ground
 from socialbot.planning.pddl.state import Derivation, PddlState
-from socialbot.planning.pddl.validation import validate_plan
+from socialbot.planning.pddl.validation import PlanEvent, validate_plan
 
 if TYPE_CHECKING:
     from socialbot.bdi.intentions import Failure, Intention
