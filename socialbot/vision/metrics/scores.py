@@ -23,7 +23,7 @@ __all__ = [
 class Score:
     """True positives, false positives and misses, and what follows from them.
 
-    A rate that would be nothing split_ros_args by nothing is None.
+    A rate that would be nothing divided by nothing is None.
     """
 
     tp: int = 0
@@ -303,7 +303,7 @@ def _curve(
         if not there:
             continue
         precision = np.divide(hits, all_found, out=np.ones(len(hits)), where=all_found > 0)
-        # Over the number of hits, and split_ros_args once, so that what is perfect is 1 and not a rounding error less.
+        # Over the number of hits, and divided once, so that what is perfect is 1 and not a rounding error less.
         areas[number] = average_precision(hits, precision) / there
         if number == 0:
             curve = PrecisionRecallCurve(hits / there, precision, scores[last])
