@@ -21,7 +21,7 @@ from socialbot.runs.history import History
 from socialbot.runs.narration import Wording
 from socialbot.runs.plan_trees import PlanTree, trees_at
 from socialbot.runs.record import DIAGNOSTICS, SCORED, SEEN, TRACE, NodeTold
-from socialbot.runs.report_worlds import World, world_of
+from socialbot.core.registry import WorldView, world_view_of
 from socialbot.runs.run import GraphView, NodesThen, Picture, Pictures, graph_view
 from socialbot.runs.state import Course
 from socialbot.runs.timeline import Timeline, timeline_of
@@ -47,7 +47,7 @@ class RecordedRun:
         start = self.results.get("bag", {}).get("start")
         self.history = History(self._records(folder / TRACE), start=start if isinstance(start, int) else None)
         self.wording = wording_of(self._graph)
-        self._world: World | None = None if self._graph is None else world_of(self._graph)
+        self._world: WorldView | None = None if self._graph is None else world_view_of(self._graph)
         self._nodes = NodesThen([each.name for each in self._graph.placements] if self._graph else [])
         self._read_seen()
         path = folder / SCORED
@@ -72,7 +72,7 @@ class RecordedRun:
         return self._graph
 
     @property
-    def stage(self) -> World | None:
+    def stage(self) -> WorldView | None:
         """The world of the agents, as far as it was seen; None where there is none to tell of."""
         return self._world
 

@@ -15,7 +15,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.narration import told
 from socialbot.runs.plan_trees import PlanTrees
-from socialbot.runs.report_worlds import World
+from socialbot.core.registry import WorldView
 from socialbot.runs.run import Shut, node_views, overview
 from socialbot.runs.why import actions, considered, explain
 
@@ -37,7 +37,7 @@ Track = list[tuple[float, Any]]
 """Values with the time (s) from which each holds."""
 
 
-def frozen(run: RecordedRun, world: World | None, stamps: Iterable[int], shut: str) -> str:
+def frozen(run: RecordedRun, world: WorldView | None, stamps: Iterable[int], shut: str) -> str:
     """Return everything that the page asks the server for, as JSON, gzip and base64.
 
     Args:

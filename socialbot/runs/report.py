@@ -20,7 +20,7 @@ from socialbot.runs.history import OF_TOPICS
 from socialbot.runs.pages import Page, Section, bundle, charts, part, render, table, timeline, write_html
 from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, STOPPED, TIME_UP, WELL
 from socialbot.runs.report_tables import band_section, event_section, node_section, settings_section, story_sections
-from socialbot.runs.report_worlds import World, world_of
+from socialbot.core.registry import WorldView, world_view_of
 from socialbot.runs.run import Run
 from socialbot.runs.story import Story, Summary, story_of
 from socialbot.runs.why import actions
@@ -41,7 +41,7 @@ class RunReport:
         self.records: list[TraceRecord] = []
         self.deliberates = any(placement.type.deliberates for placement in graph.placements)
         self.phrases = phrases_of(graph)
-        self._world: World | None = world_of(graph)
+        self._world: WorldView | None = world_view_of(graph)
 
     def observe(self, topic: str, message: Message) -> None:
         """Process one message."""
@@ -60,7 +60,7 @@ class RunReport:
         return write_report(folder, title, self._world)
 
 
-def write_report(folder: Path, title: str = "", world: World | None = None) -> Path:
+def write_report(folder: Path, title: str = "", world: WorldView | None = None) -> Path:
     """Write report.html, and a picture of the world at the end, into the folder of a run.
 
     Args:
@@ -105,7 +105,7 @@ def recorded(folder: Path | None) -> Iterator[RecordedRun]:
         yield run
 
 
-def report_html(run: RecordedRun, title: str = "", world: World | None = None) -> str:
+def report_html(run: RecordedRun, title: str = "", world: WorldView | None = None) -> str:
     """Return the page of a run as one self-contained file."""
     of_agents = (record for record in run.history if record.kind not in OF_TOPICS)
     story = story_of(of_agents, run.wording.phrases)

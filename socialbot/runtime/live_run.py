@@ -16,7 +16,7 @@ from socialbot.runs.history import History
 from socialbot.runs.narration import Wording
 from socialbot.runs.plan_trees import PlanTree, trees_at
 from socialbot.runs.record import NodeTold, trace_record
-from socialbot.runs.report_worlds import World, world_of
+from socialbot.core.registry import WorldView, world_view_of
 from socialbot.runs.run import GraphView, NodesThen, Picture, Pictures, graph_view
 from socialbot.runs.state import Course
 from socialbot.runs.timeline import Timeline
@@ -55,7 +55,7 @@ class LiveRun:
         self._wording = wording_of(graph)
         self._course = Course(self._history, self._wording)
         self._timeline = Timeline(self._history, self._wording)
-        self._world: World | None = world_of(graph)
+        self._world: WorldView | None = world_view_of(graph)
         self._nodes = NodesThen([placement.name for placement in graph.placements])
         self._end = 0
         self._recent: deque[int] = deque(maxlen=RECENT)
