@@ -73,7 +73,7 @@ def attached(file: str, machine: str | None) -> Iterator[tuple[LiveRun, Office]]
     """The graph that ``file`` describes, which runs somewhere, as it is heard from here; and who takes requests."""
     from socialbot.bridge.graph_observer import observe_graph
     from socialbot.core.clock import WallClock
-    from socialbot.runs.telling import telling
+    from socialbot.runs.record import with_event_log
     from socialbot.runtime.live import topics_of
     from socialbot.runtime.live_run import LiveRun
 
@@ -86,7 +86,7 @@ def attached(file: str, machine: str | None) -> Iterator[tuple[LiveRun, Office]]
             if name in names:
                 live.note_node(clock.now(), name, values)
 
-        with observe_graph(topics_of(graph, None), telling(graph, live.observe), note, graph.wire):
+        with observe_graph(topics_of(graph, None), with_event_log(graph, live.observe), note, graph.wire):
             yield live, office
 
 

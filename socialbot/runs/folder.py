@@ -13,7 +13,7 @@ import msgspec
 from socialbot.core.bounded_log import is_whole, parts
 from socialbot.core.errors import RunError, SocialbotError
 from socialbot.core.messages import Health, Message, TraceRecord
-from socialbot.core.registry import phrases_of
+from socialbot.core.registry import WorldView, phrases_of, world_view_of
 from socialbot.graph.files import parse_graph
 from socialbot.graph.node import Graph
 from socialbot.graph.status import NodeStatus
@@ -21,7 +21,6 @@ from socialbot.runs.history import History
 from socialbot.runs.narration import Wording
 from socialbot.runs.plan_trees import PlanTree, trees_at
 from socialbot.runs.record import DIAGNOSTICS, SCORED, SEEN, TRACE, NodeTold
-from socialbot.core.registry import WorldView, world_view_of
 from socialbot.runs.run import GraphView, NodesThen, Picture, Pictures, graph_view
 from socialbot.runs.state import Course
 from socialbot.runs.timeline import Timeline, timeline_of

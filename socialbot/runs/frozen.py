@@ -12,10 +12,10 @@ import msgspec
 import numpy as np
 
 from socialbot.core.messages import TraceRecord
+from socialbot.core.registry import WorldView
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.narration import told
 from socialbot.runs.plan_trees import PlanTrees
-from socialbot.core.registry import WorldView
 from socialbot.runs.run import Shut, node_views, overview
 from socialbot.runs.why import actions, considered, explain
 

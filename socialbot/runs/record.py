@@ -1,13 +1,9 @@
-"""The record of a run: a folder with trace.jsonl, written as things happen, and results.json at the end.
-
-``graph.yaml`` says what ran, ``seen.jsonl`` what a world showed and how the nodes were; ``scored.jsonl``, where the
-truth is known, what became of the people in each frame. Of a run that lasts for long only the newest part is kept.
-"""
+"""Record of a run: trace, results and, from agents without a trace, derived records."""
 
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from types import TracebackType
@@ -31,6 +27,7 @@ from socialbot.core.messages import (
     TraceRecord,
     Utterance,
 )
+from socialbot.core.registry import event_log_of
 from socialbot.graph.files import dump_graph
 from socialbot.graph.node import Graph
 from socialbot.vision.metrics.scores import ScoredFrame
@@ -286,3 +283,29 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             found[package] = "not installed"
     return found
+
+
+Observer = Callable[[str, Message], None]
+
+EVENT_LOG_TOPIC = "told"
+"""Where such records come from: no topic of the graph."""
+
+
+def event_log_topics(graph: Graph) -> dict[str, type[Message]]:
+    """The topics of ``graph`` whose messages tell what was decided."""
+    log = event_log_of(graph)
+    return {} if log is None else {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, log.kinds)}
+
+
+def with_event_log(graph: Graph, observe: Observer) -> Observer:
+    """``observe``, which also gets as records what the messages tell that it gets."""
+    log = event_log_of(graph)
+    if log is None:
+        return observe
+
+    def tell(topic: str, message: Message) -> None:
+        observe(topic, message)
+        for record in log.take(message):
+            observe(EVENT_LOG_TOPIC, record)
+
+    return tell

@@ -9,7 +9,7 @@ from typing import Any
 
 from socialbot.core.errors import BagError, SocialbotError
 from socialbot.core.messages import Message, TraceRecord
-from socialbot.core.registry import phrases_of
+from socialbot.core.registry import WorldView, phrases_of, world_view_of
 from socialbot.graph.node import Graph
 from socialbot.runs.bag_images import pictures_of
 from socialbot.runs.difference import Difference, Side
@@ -20,7 +20,6 @@ from socialbot.runs.history import OF_TOPICS
 from socialbot.runs.pages import Page, Section, bundle, charts, part, render, table, timeline, write_html
 from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, STOPPED, TIME_UP, WELL
 from socialbot.runs.report_tables import band_section, event_section, node_section, settings_section, story_sections
-from socialbot.core.registry import WorldView, world_view_of
 from socialbot.runs.run import Run
 from socialbot.runs.story import Story, Summary, story_of
 from socialbot.runs.why import actions

@@ -77,7 +77,7 @@ def serve(line: socket.socket) -> bool:
 
 def fork_orphan() -> int:
     """Forks a process that is a child of whoever adopts orphans. Returns its id; in it, 0."""
-    told, telling = os.pipe()
+    told, with_event_log = os.pipe()
     between = os.fork()
     if between == 0:
         parent = os.getpid()
@@ -86,14 +86,14 @@ def fork_orphan() -> int:
         except OSError:
             os._exit(1)
         if pid:
-            os.write(telling, str(pid).encode())
+            os.write(with_event_log, str(pid).encode())
             os._exit(0)
         os.close(told)
-        os.close(telling)
+        os.close(with_event_log)
         while os.getppid() == parent:
             time.sleep(0.001)
         return 0
-    os.close(telling)
+    os.close(with_event_log)
     os.waitpid(between, 0)
     with open(told, "rb") as pipe:
         pid = pipe.read()

@@ -20,9 +20,8 @@ from socialbot.core.messages import Message
 from socialbot.core.process import Ending
 from socialbot.graph.node import Graph
 from socialbot.runs.console import Display
-from socialbot.runs.record import WELL, RunTrace, versions
+from socialbot.runs.record import WELL, RunTrace, versions, with_event_log
 from socialbot.runs.report import write_report
-from socialbot.runs.telling import telling
 from socialbot.runtime.processes import RestartPolicy
 from socialbot.runtime.replay import keep_speech, observed_topics, parameters_of
 from socialbot.runtime.run_lock import run_lock
@@ -98,7 +97,7 @@ def run_live(
             begun = time.monotonic()
             with (
                 around.there(),
-                observe_graph(topics_of(graph, nodes), telling(graph, observe), note, graph.wire) as onlooker,
+                observe_graph(topics_of(graph, nodes), with_event_log(graph, observe), note, graph.wire) as onlooker,
             ):
                 presence = RunAnnouncer(onlooker.ros, graph.name, ending.ask)
                 with run_lock(presence.run):

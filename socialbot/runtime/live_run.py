@@ -9,6 +9,7 @@ from typing import Any
 
 from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import Health, Message
+from socialbot.core.registry import WorldView, world_view_of
 from socialbot.graph.node import Graph
 from socialbot.graph.status import NodeStatus
 from socialbot.runs.folder import wording_of
@@ -16,7 +17,6 @@ from socialbot.runs.history import History
 from socialbot.runs.narration import Wording
 from socialbot.runs.plan_trees import PlanTree, trees_at
 from socialbot.runs.record import NodeTold, trace_record
-from socialbot.core.registry import WorldView, world_view_of
 from socialbot.runs.run import GraphView, NodesThen, Picture, Pictures, graph_view
 from socialbot.runs.state import Course
 from socialbot.runs.timeline import Timeline

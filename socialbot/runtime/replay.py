@@ -31,8 +31,16 @@ from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, check_parameters
 from socialbot.runs.difference import DECIDED, Comparison, compare
-from socialbot.runs.record import RECORDED, STOPPED, WELL, RunRecord, versions
-from socialbot.runs.telling import Observer, telling, told_topics
+from socialbot.runs.record import (
+    RECORDED,
+    STOPPED,
+    WELL,
+    Observer,
+    RunRecord,
+    event_log_topics,
+    versions,
+    with_event_log,
+)
 from socialbot.runtime.launch import Launch
 from socialbot.speech.speaker import Speaker
 from socialbot.vision.metrics.scores import Scores, score
@@ -111,7 +119,7 @@ def replay(plan: Replay, record: RunRecord, show: Observer) -> Outcome:
         if isinstance(message, TraceRecord):
             decided.append(message)
 
-    observe = telling(graph, note)
+    observe = with_event_log(graph, note)
     run = _run_inline if plan.runner == "inline" else _run_ros
     fates: dict[str, Fate] = {}
     failure: SocialbotError | None = None
@@ -153,14 +161,14 @@ def graph_of(bag: Path) -> Graph:
 def _compare(bag: Bag, graph: Graph, decided: list[TraceRecord]) -> Comparison | None:
     """The decisions of deliberating agents now beside those in the bag, as long as it goes; None without any there."""
     names = {topic.name for topic in bag.topics if topic.count}
-    kinds = {topic: kind for topic, kind in graph.topics().items() if kind is TraceRecord} | told_topics(graph)
+    kinds = {topic: kind for topic, kind in graph.topics().items() if kind is TraceRecord} | event_log_topics(graph)
     recorded: list[TraceRecord] = []
 
     def note(topic: str, message: Message) -> None:
         if isinstance(message, TraceRecord):
             recorded.append(message)
 
-    observe = telling(graph, note)
+    observe = with_event_log(graph, note)
     for topic, message in bag.messages({topic: topic for topic in kinds if topic in names}, graph.topics()):
         observe(topic, message)
     if not any(record.kind in DECIDED for record in recorded):
@@ -193,7 +201,7 @@ def observed_topics(graph: Graph) -> dict[str, type[Message]]:
         for topic, kind in graph.topics().items()
         if kind in (PlanExecutionInfo, Health) or (topic in graph.inputs and issubclass(kind, Structured))
     }
-    return {**recorded_topics(graph), **told_topics(graph), **more}
+    return {**recorded_topics(graph), **event_log_topics(graph), **more}
 
 
 def _run_inline(

@@ -24,8 +24,16 @@ from socialbot.graph.files import dump_graph
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
-from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, RECORDED, STOPPED, TIME_UP, versions
-from socialbot.runs.telling import Observer, telling
+from socialbot.runs.record import (
+    NOTHING_SHOWN,
+    NOTHING_WANTED,
+    RECORDED,
+    STOPPED,
+    TIME_UP,
+    Observer,
+    versions,
+    with_event_log,
+)
 from socialbot.runtime.launch import Launch
 from socialbot.runtime.replay import BAG_GRAPH, GRAPH_TIMEOUT_S, Fate, keep_speech, parameters_of, ros_fates
 
@@ -120,7 +128,7 @@ def run(what: Run, folder: Path, observe: Observer, *, bag: Path | None = None) 
     recorded there; what is said is kept in ``folder``, and not played. Raises NodeError when a node fails over ROS.
     """
     what = replace(what, graph=keep_speech(what.graph, folder, playback="off"))
-    ran, left, tell = RunResult(), left_in(what.graph), telling(what.graph, observe)
+    ran, left, tell = RunResult(), left_in(what.graph), with_event_log(what.graph, observe)
 
     def note(topic: str, message: Message) -> None:
         left.observe(message)

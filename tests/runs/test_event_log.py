@@ -3,14 +3,14 @@ from __future__ import annotations
 from socialbot.agents.hospital.ward.messages import ActionCommand
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.graph.files import load_graph
-from socialbot.runs.telling import telling, told_topics
+from socialbot.runs.record import event_log_topics, with_event_log
 
 COMMAND = ActionCommand(stamp=1, id="c", robot="spotrobot1", action="a_charge", args=("spotrobot1",))
 
 
 def test_what_messages_tell_comes_after_them_as_records():
     seen: list[Message] = []
-    tell = telling(load_graph("hospital"), lambda topic, message: seen.append(message))
+    tell = with_event_log(load_graph("hospital"), lambda topic, message: seen.append(message))
     tell("/hospital/commands", COMMAND)
     assert seen[0] == COMMAND
     assert [(record.kind, record.what) for record in seen[1:] if isinstance(record, TraceRecord)] == [
@@ -21,11 +21,11 @@ def test_what_messages_tell_comes_after_them_as_records():
 def test_agents_that_leave_a_trace_of_all_are_let_alone():
     def observe(topic: str, message: Message) -> None: ...
 
-    assert telling(load_graph("warehouse"), observe) is observe
+    assert with_event_log(load_graph("warehouse"), observe) is observe
 
 
 def test_the_topics_that_tell_are_those_of_the_hospital():
-    assert set(told_topics(load_graph("hospital"))) == {
+    assert set(event_log_topics(load_graph("hospital"))) == {
         "/hospital/messages", "/hospital/missions", "/hospital/commands", "/hospital/results",
     }  # fmt: skip
-    assert told_topics(load_graph("cleaner")) == {}
+    assert event_log_topics(load_graph("cleaner")) == {}
