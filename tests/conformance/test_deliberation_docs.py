@@ -100,7 +100,7 @@ def test_every_check_is_told(check):
 
 
 def test_every_option_of_the_plan_executor_stands_there_with_its_default():
-    for name, default in rows(section("Carrying out")).items():
+    for name, default in rows(section("Plan execution")).items():
         assert str(getattr(DeliberationOptions, name)) in default, name
 
 
