@@ -1,4 +1,4 @@
-"""Facts indexed by name and object, name patterns, and facts as text."""
+"""Index of facts by name and object, name patterns, and facts as text."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ _VARIABLE = re.compile(r"\{(\w+)\}")
 
 
 def has_wildcards(name: str) -> bool:
-    """Whether it has ``*`` or ``?`` in it."""
+    """Return whether a name contains ``*`` or ``?``."""
     return "*" in name or "?" in name
 
 
 @functools.lru_cache(4096)
 def like(pattern: str) -> Callable[[str], object]:
-    """What tells whether a name is like one with wildcards."""
+    """Return a matcher for a pattern with wildcards."""
     parts = (".*" if letter == "*" else "." if letter == "?" else re.escape(letter) for letter in pattern)
     return re.compile("".join(parts)).fullmatch
 
 
 def variable_of(name: str) -> str | None:
-    """The variable that it is as a whole."""
+    """Return the variable if the whole name is one."""
     found = _VARIABLE.fullmatch(name)
     return found[1] if found else None
 
 
 def variables_in(text: str) -> list[str]:
-    """The variables that are written somewhere in a text."""
+    """Return the variables in a text."""
     return _VARIABLE.findall(text)
 
 
 def filled(text: str, binding: Mapping[str, str]) -> str:
-    """A text with the values of the variables in their places."""
+    """Replace the variables in a text."""
     return _VARIABLE.sub(lambda found: binding[found[1]], text)
 
 
@@ -52,7 +52,7 @@ _NAME = re.compile(r"[a-z][a-z0-9_-]*\Z")
 
 
 class Table:
-    """The facts of one name by their parameters. Instances are a table, too, with their own names as parameter."""
+    """Facts of one name by their parameters; for instances, the parameter is their name."""
 
     __slots__ = ("_by", "facts")
 
@@ -61,14 +61,14 @@ class Table:
         self._by: dict[tuple[int, str], dict[Params, None]] = {}
 
     def put(self, params: Params, fact: Fact) -> None:
-        """Enters a fact, in the place of the one with these parameters."""
+        """Add or replace a fact."""
         if params not in self.facts:
             for place in enumerate(params):
                 self._by.setdefault(place, {})[params] = None
         self.facts[params] = fact
 
     def take(self, params: Params) -> Fact | None:
-        """Takes a fact out; None when there is none."""
+        """Remove and return a fact, or None."""
         fact = self.facts.pop(params, None)
         if fact is not None:
             for place in enumerate(params):
@@ -78,7 +78,7 @@ class Table:
         return fact
 
     def among(self, known: Iterable[tuple[int, str]]) -> Mapping[Params, object]:
-        """The parameters of facts that have ``known`` objects at some positions, and perhaps of some more."""
+        """Return a superset of the parameters of facts with ``known`` objects at some positions."""
         best: Mapping[Params, object] = self.facts
         for place in known:
             found = self._by.get(place)
@@ -90,14 +90,10 @@ class Table:
 
 
 _EMPTY = Table()
-"""Stands for the tables of names without facts. Nothing is ever put into it."""
 
 
 class FactIndex:
-    """Some facts about the things of a domain: a `socialbot.planning.pddl.formulas.World`. Constants are instances.
-
-    ``version`` is another number after each change.
-    """
+    """Indexed facts of a domain; a `PddlWorld`. Constants are instances, and ``version`` increases with each change."""
 
     def __init__(self, domain: PddlDomain, facts: Iterable[Fact] = ()) -> None:
         self.domain = domain
@@ -110,19 +106,17 @@ class FactIndex:
         for fact in facts:
             self._put(fact)
 
-    # Questions
-
     def holds(self, predicate: Predicate) -> bool:
-        """Whether a predicate is among the facts."""
+        """Return whether a predicate is true."""
         return predicate.terms in self.table(PREDICATE, predicate.name).facts
 
     def value(self, fluent: Fluent) -> float | None:
-        """The value of a function; None when it has none."""
+        """Return the value of a function; None if undefined."""
         fact = self.table(FLUENT, fluent.function).facts.get(fluent.terms)
         return None if fact is None else fact.value
 
     def objects(self, types: tuple[str, ...] = (OBJECT,)) -> tuple[str, ...]:
-        """The objects of any of these types or of a sub-type, by name."""
+        """Return the objects of any of these types or of a sub-type, sorted by name."""
         found = self._objects.get(types)
         if found is None:
             names = (name for (name,) in self.table(INSTANCE).facts if self.fits(name, types))
@@ -130,7 +124,7 @@ class FactIndex:
         return found
 
     def kinds(self, name: str) -> tuple[str, ...]:
-        """The types of an object as they were declared; none when it is not known."""
+        """Return the declared types of an object; none if it is unknown."""
         constant = self.domain.constants.get(name)
         if constant is not None:
             return constant
@@ -138,12 +132,12 @@ class FactIndex:
         return () if fact is None else (fact.type,)
 
     def fits(self, name: str, types: tuple[str, ...]) -> bool:
-        """Whether an object is known and has any of these types."""
+        """Return whether an object is known and has any of these types."""
         is_a = self.domain.is_a
         return any(is_a(kind, wanted) for kind in self.kinds(name) for wanted in types)
 
     def facts(self) -> tuple[Fact, ...]:
-        """All facts by type, name and parameters, but for constants of the domain and what it derives."""
+        """Return all facts, sorted, without constants and derived predicates."""
         if self._sorted is None:
             left_out = {INSTANCE: self.domain.constants, PREDICATE: self.domain.derived, FLUENT: {}}
             found = (
@@ -157,15 +151,15 @@ class FactIndex:
         return self._sorted
 
     def table(self, pddl_type: int, name: str = "") -> Table:
-        """The facts of a name; the name of the instances' table is empty."""
+        """Return the facts of a name; that of instances is empty."""
         return self._tables[pddl_type].get(name, _EMPTY)
 
     def names(self, pddl_type: int) -> Iterator[str]:
-        """The names of which there are, or were, facts."""
+        """Return the names of present and past facts."""
         return iter(self._tables[pddl_type])
 
     def mentioning(self, name: str) -> list[Fact]:
-        """The predicates and fluents about an object, by type, name and parameters."""
+        """Return the predicates and fluents about an object, sorted."""
         found: dict[Fact, None] = {}
         for pddl_type in (PREDICATE, FLUENT):
             for table in self._tables[pddl_type].values():
@@ -176,10 +170,8 @@ class FactIndex:
                             found[table.facts[params]] = None
         return sorted(found, key=lambda fact: fact.identity)
 
-    # Whether facts fit the domain
-
     def unknown(self, fact: Fact) -> str | None:
-        """Why a fact makes no sense in this domain among these objects; None when it does."""
+        """Return why a fact does not fit the domain and its known objects; None if it does."""
         reason = self.unfit(fact)
         if reason is not None or fact.pddl_type == INSTANCE:
             return reason
@@ -189,7 +181,7 @@ class FactIndex:
         return None
 
     def unfit(self, fact: Fact) -> str | None:
-        """Like `unknown`, but objects may be new: why a fact can never be among these."""
+        """Return why a fact does not fit the domain; new objects are allowed."""
         if fact.pddl_type == INSTANCE:
             return self._unfit_instance(fact)
         signature, reason = signature_of(self.domain, fact)
@@ -207,7 +199,7 @@ class FactIndex:
         return _no_number(fact)
 
     def unfit_pattern(self, fact: Fact) -> str | None:
-        """Like `unfit`, for what may have wildcards or variables in its names: why it can never stand for anything."""
+        """Return why a fact with wildcards or variables can never match; None if it can."""
         plain = [term for term in (fact.name, *fact.params) if not (has_wildcards(term) or variables_in(term))]
         if fact.pddl_type == INSTANCE:
             if fact.type and fact.type not in self.domain.types:
@@ -226,7 +218,6 @@ class FactIndex:
         return reason or _no_number(fact)
 
     def _misplaced(self, name: str, types: tuple[str, ...]) -> str | None:
-        """Why nothing of this name can be of these types."""
         kinds = self.kinds(name)
         if not kinds:
             return misnamed(name)
@@ -250,8 +241,6 @@ class FactIndex:
     def _may_be(self, name: str, types: tuple[str, ...]) -> bool:
         return self.fits(name, types)
 
-    # Changes, for those who know that they fit
-
     def _put(self, fact: Fact) -> None:
         if fact.pddl_type == INSTANCE:
             self._tables[INSTANCE][""].put((fact.name,), fact)
@@ -273,7 +262,7 @@ class FactIndex:
 
 
 def signature_of(domain: PddlDomain, fact: Fact) -> tuple[Signature | None, str | None]:
-    """What the domain says of the name of a predicate or fluent, or why that is not what the fact takes it for."""
+    """Return the signature of a predicate or fluent, or why the fact does not match it."""
     mine, other = domain.predicates, domain.functions
     if fact.pddl_type == FLUENT:
         mine, other = other, mine
@@ -299,14 +288,14 @@ def _no_number(fact: Fact) -> str | None:
 
 
 def misnamed(name: str) -> str | None:
-    """Why nothing can have this name in PDDL; None when it can."""
+    """Return why a name is invalid in PDDL; None if it is valid."""
     if _NAME.match(name):
         return None
     return f"{name!r} is no name: it needs a small letter, then small letters, digits, _ and -"
 
 
 def near(name: str, known: Iterable[str]) -> str:
-    """What may have been meant by a wrong name."""
+    """Return a hint for an unknown name."""
     names = sorted(known)
     close = difflib.get_close_matches(name, names, n=1)
     if close:
@@ -325,7 +314,7 @@ _FORM = re.compile(
 
 
 def parse_facts(text: str) -> tuple[Fact, ...]:
-    """The facts in ``text``, one or more, as `Fact` shows them. Raises PlanningError for anything else."""
+    """Parse one or more facts, written as ``str(fact)``. Raises PlanningError."""
     text = text.strip().lower()
     found: list[Fact] = []
     while text or not found:
@@ -339,7 +328,7 @@ def parse_facts(text: str) -> tuple[Fact, ...]:
 
 
 def parse_fact(text: str) -> Fact:
-    """The one fact in ``text``. Raises PlanningError."""
+    """Parse one fact. Raises PlanningError."""
     fact, *more = parse_facts(text)
     if more:
         raise PlanningError(f"{text!r} is more than one fact", remedy="give one at a time")

@@ -1,10 +1,9 @@
-"""Conditions over facts, and the ways in which they hold.
+"""Matching of conditions against facts, with wildcards and variables.
 
-In the name of a predicate, function or instance and in parameters ``*`` stands for any letters and ``?`` for one. A
-whole parameter, or the name of an instance, may be a variable such as ``{x}``: the same object wherever it occurs in
-a conjunction. Conditions that something is so (T, EX, and comparisons) say which objects these are; a variable that
-occurs only in conditions that something is not so (F) stands for each instance of the type of its parameter. F with
-wildcards means that nothing matches. A condition whose check does not go with its fact never holds.
+In names and parameters, ``*`` stands for any letters and ``?`` for one. A whole parameter, or the name of an instance,
+may be a variable such as ``{x}``, with the same object in all of a conjunction. Positive conditions (T, EX,
+comparisons) bind variables; a variable that only occurs in negative ones (F) stands for each instance of its type. F
+with wildcards means that nothing matches. A condition whose check does not suit its fact never holds.
 """
 
 from __future__ import annotations
@@ -18,10 +17,10 @@ from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Dnf, Fa
 from socialbot.planning.pddl.domain import OBJECT, PddlDomain
 
 Binding = Mapping[str, str]
-"""Objects by the names of the variables that stand for them."""
+"""Objects by variables."""
 
 CHECKED = {"EX": INSTANCE, "T": PREDICATE, "F": PREDICATE} | dict.fromkeys(("EQ", "GR", "GREQ", "LE", "LEQ"), FLUENT)
-"""What each check is about."""
+"""Type of fact for each check."""
 
 _COMPARE: dict[str, Callable[[float, float], bool]] = {
     "EQ": operator.eq, "GR": operator.gt, "GREQ": operator.ge, "LE": operator.lt, "LEQ": operator.le,
@@ -30,19 +29,19 @@ _COMPARE: dict[str, Callable[[float, float], bool]] = {
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """One way in which conditions hold: what the variables stand for, by name, and the fluents compared."""
+    """Match of conditions: the binding of variables, and the compared fluents."""
 
     bindings: tuple[tuple[str, str], ...] = ()
     fluents: tuple[Fact, ...] = ()
 
     @property
     def binding(self) -> dict[str, str]:
-        """What the variables stand for."""
+        """Objects by variables."""
         return dict(self.bindings)
 
     @property
     def order(self) -> tuple[object, ...]:
-        """A key to sort matches by."""
+        """Sort key."""
         return self.bindings, tuple((fact.identity, fact.value) for fact in self.fluents)
 
     def __str__(self) -> str:
@@ -50,26 +49,26 @@ class Match:
 
 
 def matches(dnf: Dnf, facts: FactIndex) -> list[Match]:
-    """All ways in which ``dnf`` holds, in order; without clauses it holds in one way, for nothing in particular."""
+    """Return all matches of a DNF in order; an empty DNF has one empty match."""
     found = {match: None for clause in clauses_of(dnf, facts.domain) for match in clause.solve(facts)}
     return sorted(found, key=lambda match: match.order)
 
 
 def fitting(pattern: Fact, facts: FactIndex) -> list[Fact]:
-    """The facts that have the type, name and parameters of ``pattern``, in order; values do not count."""
+    """Return the facts with the type, name and parameters of a pattern, in order."""
     terms = (pattern.name,) if pattern.pddl_type == INSTANCE else pattern.params
     literal = CompiledCondition("T", pattern.pddl_type, "" if pattern.pddl_type == INSTANCE else pattern.name, terms)
     return sorted((fact for fact, _ in literal.rows({}, facts)), key=lambda fact: fact.identity)
 
 
 def mismatch(condition: FactCondition) -> str | None:
-    """Why a check cannot be made of such a fact; None when it can."""
+    """Return why a check does not suit its fact; None if it does."""
     wanted, given = CHECKED[condition.check], condition.condition_to_check.pddl_type
     return None if wanted == given else f"{condition.check} checks {KINDS[wanted]}, not {KINDS[given]}"
 
 
 def unfit_condition(condition: FactCondition, facts: FactIndex) -> str | None:
-    """Why a condition, perhaps with wildcards and variables, can never hold in a domain; None when it can."""
+    """Return why a condition can never hold in a domain; None if it can."""
     fact = condition.condition_to_check
     for term in (fact.name, *fact.params):
         if variables_in(term) and variable_of(term) is None:
@@ -78,7 +77,7 @@ def unfit_condition(condition: FactCondition, facts: FactIndex) -> str | None:
 
 
 class CompiledCondition:
-    """A condition made ready: which parameters are objects, which are variables, and which have wildcards."""
+    """Condition with its parameters split into objects, variables and wildcards."""
 
     __slots__ = (
         "arity", "check", "constants", "kind", "name", "patterns", "pddl_type", "terms", "value", "variables"
@@ -109,21 +108,21 @@ class CompiledCondition:
 
     @property
     def is_plain(self) -> bool:
-        """Whether it speaks of one fact only."""
+        """Whether it is about one fact only."""
         return len(self.constants) == self.arity and not has_wildcards(self.name)
 
     def names(self) -> frozenset[str]:
-        """Its variables."""
+        """Return its variables."""
         return frozenset(name for _, name in self.variables)
 
     def reads(self, pddl_type: int, name: str) -> bool:
-        """Whether facts of this type and name matter to it."""
+        """Return whether it depends on facts of this type and name."""
         if pddl_type != self.pddl_type:
             return False
         return pddl_type == INSTANCE or self.name == name or (has_wildcards(self.name) and bool(like(self.name)(name)))
 
     def bind(self, params: Params, binding: Binding) -> dict[str, str] | None:
-        """The binding with which it speaks of ``params``; None when it does not."""
+        """Return the extended binding for which it matches parameters, or None."""
         if len(params) != self.arity:
             return None
         if any(params[position] != term for position, term in self.constants):
@@ -137,7 +136,7 @@ class CompiledCondition:
         return found
 
     def rows(self, binding: Binding, facts: FactIndex) -> Iterator[tuple[Fact, Binding]]:
-        """The facts that it speaks of, whatever it says of them, each with the binding that makes it do so."""
+        """Yield the matching facts with their bindings, before the check."""
         bound = ((position, binding[name]) for position, name in self.variables if name in binding)
         known = (*self.constants, *bound)
         names: Iterable[str] = (self.name,)
@@ -156,7 +155,7 @@ class CompiledCondition:
                     yield table.facts[params], found
 
     def accepts(self, fact: Fact, facts: FactIndex) -> bool:
-        """Whether a fact that it speaks of is as it says."""
+        """Return whether a matching fact passes the check."""
         if self.check in _COMPARE:
             return _COMPARE[self.check](fact.value, self.value)
         return not self.kind or facts.fits(fact.name, self.kind)
@@ -164,7 +163,7 @@ class CompiledCondition:
 
 @dataclass(eq=False)
 class CompiledClause:
-    """A conjunction made ready: its literals, and the names of its variables in order."""
+    """Conjunction of compiled conditions, with its variables in order."""
 
     literals: tuple[CompiledCondition, ...]
     variables: tuple[str, ...] = ()
@@ -174,7 +173,7 @@ class CompiledClause:
         self._plain = all(literal.is_plain for literal in self.literals)
 
     def holds(self, facts: FactIndex) -> bool:
-        """Whether it holds in any way."""
+        """Return whether there is a match."""
         if not self._plain:
             return next(self.solve(facts), None) is not None
         for literal in self.literals:
@@ -184,7 +183,7 @@ class CompiledClause:
         return True
 
     def solve(self, facts: FactIndex, binding: Binding | None = None) -> Iterator[Match]:
-        """The ways in which it holds that agree with ``binding``. One may come more than once."""
+        """Yield the matches that extend a binding, perhaps repeatedly."""
         start = binding or {}
         bound = frozenset(start)
         order = self._orders.get(bound)
@@ -216,7 +215,7 @@ class CompiledClause:
                 yield from self._solve(order, depth + 1, found, seen, facts)
 
     def _order(self, bound: frozenset[str]) -> tuple[int, ...]:
-        """In which order to look at the literals: what can be looked up first, what offers most choices last."""
+        """Order the literals: lookups first, those with most candidates last."""
         left, order = list(range(len(self.literals))), []
 
         def cost(number: int) -> tuple[object, ...]:
@@ -236,10 +235,7 @@ class CompiledClause:
 
 
 def clauses_of(dnf: Dnf, domain: PddlDomain, also: Iterable[CompiledCondition] = ()) -> tuple[CompiledClause, ...]:
-    """The conjunctions of a DNF, made ready; ``also`` tells what variables beside theirs may stand for.
-
-    Conjunctions that can never hold are left out.
-    """
+    """Compile the conjunctions of a DNF, except those that can never hold; ``also`` binds further variables."""
     conjunctions = dnf.clauses or (FactConjunction(),)
     return tuple(
         _clause(conjunction, domain, tuple(also))
@@ -249,7 +245,7 @@ def clauses_of(dnf: Dnf, domain: PddlDomain, also: Iterable[CompiledCondition] =
 
 
 def each_of(name: str, kinds: tuple[str, ...]) -> CompiledCondition:
-    """What lets a variable stand for each instance of some types."""
+    """Return a condition that binds a variable to each instance of some types."""
     return CompiledCondition("EX", INSTANCE, "", (f"{{{name}}}",), kind=kinds if OBJECT not in kinds else ())
 
 

@@ -1,6 +1,6 @@
-"""What an agent believes, as facts of its planning domain.
+"""Facts of a planning domain, stored as beliefs of the engine.
 
-The engine holds the beliefs; its rules, plans and sensors may change them as any others:
+Rules, plans and sensors of the engine may change them:
 
 | fact | belief of the engine |
 |---|---|
@@ -8,7 +8,7 @@ The engine holds the beliefs; its rules, plans and sensors may change them as an
 | predicate ``(on box_a base_1)`` | ``on(box_a, base_1)`` |
 | fluent ``(stacked base_1) = 2`` | ``stacked(base_1, 2)`` |
 
-Objects are `Atom`\\ s. An object has one type and a fluent one value: a new one takes the place of the old.
+Objects are of type `Atom`. An object has one type and a fluent one value: a new one replaces the old one.
 """
 
 from __future__ import annotations
@@ -49,19 +49,19 @@ from socialbot.planning.pddl.formulas import (
 from socialbot.planning.pddl.state import Derivation
 
 Watcher = Callable[[Fact, bool, str], object]
-"""Is told a fact, whether it holds now, and the trace record of the change."""
+"""Callback with a fact, whether it holds now, and the trace record of the change."""
 
-Hear = Callable[[tuple[Any, ...], bool, str], None]
+OnBelief = Callable[[tuple[Any, ...], bool, str], None]
 
 COMPARATORS: dict[str, Comparator] = {"EQ": "=", "GR": ">", "GREQ": ">=", "LE": "<", "LEQ": "<="}
 
 
 class FactBase(FactIndex):
-    """The beliefs of an engine that its planning domain speaks of. All calls are for the engine's own thread.
+    """Facts of an engine in its planning domain. Call all methods in the thread of the engine.
 
-    An object that is not known yet becomes an instance of the type that the domain asks for, and of a sub-type when
-    another fact asks for that. What an object no longer known is mentioned in is forgotten. Predicates that the domain
-    derives hold, and are told, as others, but they are no beliefs of the engine, and not among `facts`.
+    An unknown object becomes an instance of the type in the signature, and of a sub-type if another fact requires it.
+    Facts about a deleted object are deleted. Derived predicates hold and are reported to watchers, but are neither
+    beliefs of the engine nor part of `facts`.
     """
 
     def __init__(self, engine: Engine, domain: PddlDomain) -> None:
@@ -69,39 +69,37 @@ class FactBase(FactIndex):
         self.engine = engine
         self._watchers: tuple[Watcher, ...] = ()
         self._assumed: set[str] = set()
-        self._untold: deque[tuple[Fact, bool, str]] = deque()
-        self._telling = False
+        self._unreported: deque[tuple[Fact, bool, str]] = deque()
+        self._reporting = False
         self._derivation = Derivation(domain) if domain.derived else None
         self._test_of = functools.lru_cache(512)(lambda dnf: _Test(clauses_of(dnf, domain), self))
         self._clauses_of = functools.lru_cache(512)(functools.partial(clauses_of, domain=domain))
-        heard: dict[str, Hear] = {_KEY_OF_INSTANCES: self._hear_instance}
-        predicates = ((signature, 0, self._hear_predicate) for signature in domain.predicates.values())
-        functions = ((signature, 1, self._hear_fluent) for signature in domain.functions.values())
-        for signature, values, hear in (*predicates, *functions):
+        handlers: dict[str, OnBelief] = {_KEY_OF_INSTANCES: self._on_instance}
+        predicates = ((signature, 0, self._on_predicate) for signature in domain.predicates.values())
+        functions = ((signature, 1, self._on_fluent) for signature in domain.functions.values())
+        for signature, values, handler in (*predicates, *functions):
             name, key = signature.name, f"{signature.name}/{len(signature.parameters) + values}"
-            if key in heard:
+            if key in handlers:
                 raise PlanningError(
                     f"{name!r} would be the same belief as another name of the domain",
                     where=domain.where or domain.name,
                     remedy="choose another name; instance(name, type) is taken",
                 )
-            heard[key] = functools.partial(hear, name)
-        for key, hear in heard.items():
-            engine.watch(key, hear)
+            handlers[key] = functools.partial(handler, name)
+        for key, handler in handlers.items():
+            engine.watch(key, handler)
             for args, (_, _, cause) in list(engine.relations[key].facts.items()):
-                hear(args, True, cause)
+                handler(args, True, cause)
         self._derive("")
-        self._untold.clear()
-
-    # Changes
+        self._unreported.clear()
 
     def add(self, fact: Fact, *, source: str = "self", cause: str = "") -> bool:
-        """Believes a fact; True when that is new. Raises PlanningError when it does not fit the domain (`unfit`)."""
+        """Add a fact; return True if it is new. Raises PlanningError if it does not fit the domain (`unfit`)."""
         reason = self.unfit(fact)
         if reason is not None:
             raise PlanningError(reason, where=self.domain.name)
         if self._derives(fact):
-            self._complain(str(fact), "it follows from other facts, and is not believed by itself", cause)
+            self._record_invalid(str(fact), "it follows from other facts, and is not believed by itself", cause)
             return False
         before = self.current(fact)
         if fact.pddl_type == INSTANCE and not fact.type:
@@ -112,43 +110,38 @@ class FactBase(FactIndex):
         return self.current(fact) != before
 
     def remove(self, fact: Fact, cause: str = "") -> tuple[Fact, ...]:
-        """Believes it no longer, and returns what was believed.
-
-        Parameters may have wildcards; the value of a fluent, or the type of an instance, is left out of account.
-        """
+        """Delete and return all facts with this name and parameters, which may have wildcards."""
         found = tuple(held for held in fitting(fact, self) if not self._derives(held))
         for held in found:
             self.engine.forget_one(self._relation(held), _args(held), cause)
         return found
 
     def current(self, fact: Fact) -> Fact | None:
-        """The fact of the same type, name and parameters as it is believed now, with its value; else None."""
+        """Return the current fact of the same type, name and parameters, or None."""
         if fact.pddl_type == INSTANCE:
             return self.table(INSTANCE).facts.get((fact.name,))
         return self.table(fact.pddl_type, fact.name).facts.get(fact.params)
 
-    # Questions
-
     def check(self, condition: FactCondition) -> bool:
-        """Whether a condition holds. In its names ``*`` and ``?`` stand for any letters, ``{x}`` for any object."""
+        """Return whether a condition holds; it may have wildcards ``*`` and ``?``, and variables ``{x}``."""
         return self.satisfied(Dnf(clauses=(FactConjunction(literals=(condition,)),)))
 
     def satisfied(self, dnf: Dnf) -> bool:
-        """Whether one of the conjunctions holds, or there is none."""
+        """Return whether a DNF holds."""
         return any(clause.holds(self) for clause in self._clauses_of(dnf))
 
     def test(self, dnf: Dnf) -> Callable[[], bool]:
-        """Asks what `satisfied` does, again and again: whoever asks the same shares the answer until facts change."""
+        """Return a cached form of `satisfied`; equal DNFs share their results until facts change."""
         return self._test_of(dnf)
 
     def fulfilled(self, desire: Desire) -> bool:
-        """Whether all holds that a desire wants, and it speaks of nothing unknown."""
+        """Return whether all conditions of a desire hold, with known objects only."""
         return self.achieved(desire)()
 
     def achieved(self, desire: Desire) -> Callable[[], bool]:
-        """Asks what `fulfilled` does, again and again."""
+        """Return a cached form of `fulfilled`."""
         test = self.test(Dnf(clauses=(FactConjunction(literals=desire.wanted),)))
-        # What is not so of an object that nobody knows is not achieved by that: the name may be wrong.
+        # A negated condition about an unknown object is not achieved: the name may be wrong.
         absent = tuple(
             check
             for check in desire.wanted
@@ -157,32 +150,23 @@ class FactBase(FactIndex):
         return lambda: test() and not any(map(self.unknown_condition, absent))
 
     def unknown_condition(self, condition: FactCondition) -> str | None:
-        """Why a condition without wildcards or variables makes no sense among these objects; None when it does."""
+        """Return why a ground condition does not fit the known objects; None if it does."""
         fact = condition.condition_to_check
         if fact.pddl_type == INSTANCE and not self.kinds(fact.name):
             return f"there is no object {fact.name!r}; {near(fact.name, self.objects())}"
         return mismatch(condition) or self.unknown(fact)
 
-    # For planning
-
     def goal(self, wanted: Iterable[FactCondition]) -> Formula:
-        """Conditions as a formula of PDDL. That an instance exists is settled now: no plan can make one."""
+        """Return conditions as a formula; the existence of instances is evaluated now, as no plan changes it."""
         return And(tuple(self._formula(condition) for condition in wanted))
 
     def problem(self, goal: Formula | None = None) -> PddlProblem:
-        """What is believed now, with all objects, as a planning problem."""
+        """Return the current facts and objects as a planning problem."""
         return problem_of(self.facts(), self.domain, goal)
 
-    # Watching
-
     def watch(self, watcher: Watcher) -> None:
-        """Has ``watcher`` called at once for each fact that begins or ends to hold, and for each new value of a fluent.
-
-        It may change facts; those changes are told when all watchers have heard of this one.
-        """
+        """Call a watcher for each change. Its own changes of facts are reported after the current one."""
         self._watchers = (*self._watchers, watcher)
-
-    # Within
 
     def _may_be(self, name: str, types: tuple[str, ...]) -> bool:
         if self.fits(name, types):
@@ -203,7 +187,7 @@ class FactBase(FactIndex):
         predicate = Predicate(fact.name, fact.params)
         return predicate if check == "T" else Not(predicate)
 
-    def _hear_instance(self, args: tuple[Any, ...], held: bool, cause: str) -> None:
+    def _on_instance(self, args: tuple[Any, ...], held: bool, cause: str) -> None:
         names = _names(args)
         if names is None or names[0] in self.domain.constants:
             return
@@ -213,11 +197,11 @@ class FactBase(FactIndex):
             if before == fact:
                 self._take(fact)
                 self._assumed.discard(fact.name)
-                self._tell(fact, False, cause)
+                self._report(fact, False, cause)
                 for other in self.mentioning(fact.name):
                     self.engine.forget_one(self._relation(other), _args(other), cause)
             return
-        if self._complains(args, fact, cause) or before == fact:
+        if self._is_invalid(args, fact, cause) or before == fact:
             return
         if before is not None and (not fact.type or self.domain.is_a(before.type, fact.type)):
             self.engine.forget_one(self._relation(fact), args, cause)
@@ -226,21 +210,21 @@ class FactBase(FactIndex):
         self._assumed.discard(fact.name)
         if before is not None:
             self.engine.forget_one(self._relation(fact), _args(before), cause)
-        self._tell(fact, True, cause)
+        self._report(fact, True, cause)
 
-    def _hear_predicate(self, name: str, args: tuple[Any, ...], held: bool, cause: str) -> None:
+    def _on_predicate(self, name: str, args: tuple[Any, ...], held: bool, cause: str) -> None:
         params = _names(args)
         fact = None if params is None else Fact(name=name, params=params)
         if not held:
             if fact is not None and self._take(fact):
-                self._tell(fact, False, cause)
-        elif not self._complains(args, fact, cause, name):
+                self._report(fact, False, cause)
+        elif not self._is_invalid(args, fact, cause, name):
             assert fact is not None
             self._assume(fact, cause)
             self._put(fact)
-            self._tell(fact, True, cause)
+            self._report(fact, True, cause)
 
-    def _hear_fluent(self, name: str, args: tuple[Any, ...], held: bool, cause: str) -> None:
+    def _on_fluent(self, name: str, args: tuple[Any, ...], held: bool, cause: str) -> None:
         params, value, fact = _names(args[:-1]), args[-1], None
         if params is not None and isinstance(value, (int, float)) and not isinstance(value, bool):
             fact = Fact(name=name, pddl_type=FLUENT, params=params, value=float(value))
@@ -249,17 +233,17 @@ class FactBase(FactIndex):
             # Another value has taken its place, where this is not the one that is known.
             if fact is not None and before == fact:
                 self._take(fact)
-                self._tell(fact, False, cause)
-        elif not self._complains(args, fact, cause, name):
+                self._report(fact, False, cause)
+        elif not self._is_invalid(args, fact, cause, name):
             assert fact is not None
             self._assume(fact, cause)
             self._put(fact)
             if before is not None:
                 self.engine.forget_one(self._relation(fact), _args(before), cause)
-            self._tell(fact, True, cause)
+            self._report(fact, True, cause)
 
-    def _complains(self, args: tuple[Any, ...], fact: Fact | None, cause: str, name: str = "instance") -> bool:
-        """Whether a belief is no fact of the domain, which goes on the trace."""
+    def _is_invalid(self, args: tuple[Any, ...], fact: Fact | None, cause: str, name: str = "instance") -> bool:
+        """Return whether a belief is no valid fact, and record that."""
         if fact is None:
             reason = "its objects have to be atoms, and the value of a fluent a number"
         elif self._derives(fact):
@@ -267,17 +251,17 @@ class FactBase(FactIndex):
         else:
             reason = self.unfit(fact)
         if reason is not None:
-            self._complain(f"{name}({', '.join(map(str, args))})", reason, cause)
+            self._record_invalid(f"{name}({', '.join(map(str, args))})", reason, cause)
         return reason is not None
 
-    def _complain(self, what: str, reason: str, cause: str) -> None:
+    def _record_invalid(self, what: str, reason: str, cause: str) -> None:
         self.engine.record("failure", what, cause, reason="no_fact", message=reason)
 
     def _derives(self, fact: Fact) -> bool:
         return fact.pddl_type == PREDICATE and fact.name in self.domain.derived
 
     def _derive(self, cause: str) -> None:
-        """Finds out what follows from the facts by now."""
+        """Update the derived predicates."""
         if self._derivation is None:
             return
         now = {Fact(name=predicate.name, params=predicate.terms) for predicate in self._derivation.derived(self)}
@@ -287,10 +271,10 @@ class FactBase(FactIndex):
                 self._put(fact)
             else:
                 self._take(fact)
-            self._untold.append((fact, fact in now, cause))
+            self._unreported.append((fact, fact in now, cause))
 
     def _assume(self, fact: Fact, cause: str) -> None:
-        """Makes instances of objects that are not known, or only by a wider type, as the domain asks for them."""
+        """Add instances for unknown objects, or with the narrower type of the signature."""
         signature, _ = signature_of(self.domain, fact)
         assert signature is not None
         for name, parameter in zip(fact.params, signature.parameters, strict=True):
@@ -301,24 +285,24 @@ class FactBase(FactIndex):
                 self.engine.add(self._relation(instance), _args(instance), SELF, cause)
                 self._assumed.add(name)
 
-    def _tell(self, fact: Fact, held: bool, cause: str) -> None:
-        self._untold.append((fact, held, cause))
+    def _report(self, fact: Fact, held: bool, cause: str) -> None:
+        self._unreported.append((fact, held, cause))
         self._derive(cause)
-        if self._telling:
+        if self._reporting:
             return
-        self._telling = True
-        while self._untold:
-            change = self._untold.popleft()
+        self._reporting = True
+        while self._unreported:
+            change = self._unreported.popleft()
             for watcher in self._watchers:
                 try:
                     watcher(*change)
                 except Exception as problem:  # noqa: BLE001 - user code
                     self.engine.record_failure(f"watching {change[0]}", change[2], problem)
-        self._telling = False
+        self._reporting = False
 
 
 def problem_of(facts: Iterable[Fact], domain: PddlDomain, goal: Formula | None) -> PddlProblem:
-    """Facts, with the instances that they are about, as a planning problem."""
+    """Return facts, including instances, as a planning problem."""
     by_type: dict[int, list[Fact]] = {INSTANCE: [], PREDICATE: [], FLUENT: []}
     for fact in facts:
         by_type[fact.pddl_type].append(fact)
@@ -333,7 +317,7 @@ def problem_of(facts: Iterable[Fact], domain: PddlDomain, goal: Formula | None) 
 
 
 def out_of_range(desire: Desire) -> str | None:
-    """What is wrong with the priority or the deadline of a desire; None when nothing is."""
+    """Return why the priority or deadline of a desire is invalid; None if it is not."""
     if not 0.0 <= desire.priority <= 1.0:
         return f"the priority {desire.priority:g} is out of range; give a number from 0 to 1"
     if not 0.0 <= desire.deadline <= LONGEST_S:
@@ -342,7 +326,7 @@ def out_of_range(desire: Desire) -> str | None:
 
 
 class _Test:
-    """Conjunctions of which one has to hold, and whether one did when that was asked last."""
+    """Disjunction of clauses with a cached result."""
 
     __slots__ = ("_clauses", "_facts", "_held", "_version")
 
@@ -357,7 +341,7 @@ class _Test:
         if self._version != facts.version:
             self._version = facts.version
             self._held = False
-            for clause in self._clauses:  # no generator: a thousand desires are asked for one belief
+            for clause in self._clauses:  # no generator, for speed
                 if clause.holds(facts):
                     self._held = True
                     break
@@ -368,13 +352,12 @@ _KEY_OF_INSTANCES = "instance/2"
 
 
 def _names(args: tuple[Any, ...]) -> tuple[str, ...] | None:
-    """The names of objects; None when something else is among them."""
     names = tuple(arg.name for arg in args if isinstance(arg, Atom))
     return names if len(names) == len(args) else None
 
 
 def _args(fact: Fact) -> tuple[Any, ...]:
-    """What the belief that stands for a fact is about."""
+    """Return the arguments of the belief for a fact."""
     if fact.pddl_type == INSTANCE:
         return Atom(fact.name), Atom(fact.type)
     objects = tuple(map(Atom, fact.params))

@@ -1,6 +1,6 @@
-"""What deliberating agents tell each other and the world: facts, desires, plans, requests.
+"""Messages of deliberating agents: facts, desires, plans and requests.
 
-The names of fields are those of ROS2-BDI's messages, which travel here as JSON in std_msgs/String.
+Field names are those of ROS2-BDI; messages are JSON in std_msgs/String.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from socialbot.core.messages import Structured
 INSTANCE, PREDICATE, FLUENT = 1, 2, 3
 
 Check = Literal["EX", "T", "F", "EQ", "GR", "GREQ", "LE", "LEQ"]
-"""An instance exists; a predicate is true, false; a fluent is equal, greater, at least, smaller, at most."""
+"""Instance exists; predicate is true, false; fluent is equal, greater, at least, less, at most."""
 
 Priority = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 LONGEST_S = 1e6
-"""The longest deadline of a desire, s; to be in no hurry at all."""
+"""Maximum deadline (s), and the maximum of all time options."""
 
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_S)]
 
 
 class Fact(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Something believed: an instance with its type (1), a predicate (2) or the value of a fluent (3)."""
+    """Instance with its type (1), true predicate (2), or fluent with its value (3)."""
 
     name: str
     pddl_type: Literal[1, 2, 3] = PREDICATE
@@ -34,7 +34,7 @@ class Fact(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def identity(self) -> tuple[int, str, tuple[str, ...]]:
-        """What tells it from other facts; the value of a fluent does not."""
+        """Key of the fact, without the value of a fluent."""
         return self.pddl_type, self.name, self.params
 
     def __str__(self) -> str:
@@ -48,31 +48,35 @@ class Fact(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class FactCondition(msgspec.Struct, frozen=True, kw_only=True):
-    """One check of one fact."""
+    """Check of one fact."""
 
     condition_to_check: Fact
     check: Check = "T"
 
 
 class FactConjunction(msgspec.Struct, frozen=True, kw_only=True):
-    """Checks that all have to hold."""
+    """Conjunction of checks."""
 
     literals: tuple[FactCondition, ...] = ()
 
 
 class Dnf(msgspec.Struct, frozen=True, kw_only=True):
-    """Conjunctions of which one has to hold; without any it always holds."""
+    """Disjunction of conjunctions; always true without any."""
 
     clauses: tuple[FactConjunction, ...] = ()
 
 
 class Desire(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A state of affairs to bring about.
+    """Desire: facts to achieve.
 
-    ``value`` lists what shall hold: predicates, and fluents with their value; ``conditions`` all that is not said that
-    way (negated, greater than, ...). ``deadline`` counts (s) from the start of its plan, `LONGEST_S` at most.
-    ``precondition`` has to hold when it is taken up, ``context`` as long as it is pursued. The rollback lists are what
-    to believe, and what not to, when its plan is aborted. ``parent`` is the desire that it prepares.
+    Attributes:
+        value: Wanted facts.
+        conditions: Further wanted checks (negated, greater than, ...).
+        deadline: Maximum duration (s) of its plan.
+        precondition: Must hold at the start.
+        context: Must hold at the start and during the pursuit.
+        rollback_belief_add, rollback_belief_del: Changes of beliefs after an abort.
+        parent: The desire that it prepares.
     """
 
     name: str
@@ -88,7 +92,7 @@ class Desire(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def wanted(self) -> tuple[FactCondition, ...]:
-        """All that shall hold, as checks."""
+        """All wanted checks."""
         plain = (FactCondition(condition_to_check=fact, check=_CHECK_OF[fact.pddl_type]) for fact in self.value)
         return (*plain, *self.conditions)
 
@@ -97,26 +101,26 @@ _CHECK_OF: dict[int, Check] = {INSTANCE: "EX", PREDICATE: "T", FLUENT: "EQ"}
 
 
 class Belief(Structured, frozen=True, kw_only=True):
-    """A fact to believe, or not to (topics ``add_belief``, ``del_belief``)."""
+    """Fact to add or delete (topics ``add_belief``, ``del_belief``)."""
 
     belief: Fact
 
 
 class BeliefSet(Structured, frozen=True, kw_only=True):
-    """What an agent believes; on ``add_belief_set`` and ``del_belief_set``, what ``agent_id`` shall believe, or not."""
+    """Beliefs of an agent; on ``add_belief_set`` and ``del_belief_set``, facts to add or delete."""
 
     agent_id: str
     value: tuple[Fact, ...]
 
 
 class DesireItem(Structured, frozen=True, kw_only=True):
-    """A desire to adopt, or to drop (topics ``add_desire``, ``del_desire``)."""
+    """Desire to adopt or drop (topics ``add_desire``, ``del_desire``)."""
 
     desire: Desire
 
 
 class DesireSet(Structured, frozen=True, kw_only=True):
-    """What an agent desires."""
+    """Desires of an agent."""
 
     agent_id: str
     value: tuple[Desire, ...]
@@ -127,9 +131,9 @@ PlanStatus = Literal["WAITING", "RUNNING", "SUCCESSFUL", "ABORT"]
 
 
 class ActionExecutionInfo(msgspec.Struct, frozen=True, kw_only=True):
-    """How an action of a plan fares; times are s from the start of the plan.
+    """State of an action of a plan; times are seconds from the start of the plan.
 
-    ``wait_action_indexes`` are the actions that have to begin or end before this one may begin.
+    ``wait_action_indexes`` are the actions that must start or end before its start.
     """
 
     index: int
@@ -146,10 +150,10 @@ class ActionExecutionInfo(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlanExecutionInfo(Structured, frozen=True, kw_only=True):
-    """How the plan for a desire fares. ``target`` is empty while nothing is pursued.
+    """State of the plan for a desire; without a plan, ``target`` is None.
 
-    ``current_time``, ``planned_deadline`` (the makespan as planned) and ``estimated_deadline`` (the end as it looks
-    now) are s from the start of the plan. ``plan`` counts the plans of the agent.
+    ``current_time``, ``planned_deadline`` (planned makespan) and ``estimated_deadline`` (estimated end) are seconds
+    from the start of the plan. ``plan`` counts the plans of the agent.
     """
 
     agent_id: str
@@ -164,7 +168,7 @@ class PlanExecutionInfo(Structured, frozen=True, kw_only=True):
 
 
 class CurrentIntentions(Structured, frozen=True, kw_only=True):
-    """What an agent is doing now, in short: what it wants to be true, and the actions that run or come next."""
+    """Summary of a plan: its wanted facts, and its running and waiting actions."""
 
     agent_id: str
     target_value: tuple[Fact, ...] = ()
@@ -175,11 +179,10 @@ Operation = Literal["check", "add", "del"]
 
 
 class AgentRequest(Structured, frozen=True, kw_only=True):
-    """What one agent asks of another; exactly one of ``belief`` and ``desire`` is given.
+    """Request of an agent of a ``group`` to another one about either a belief or a desire.
 
-    ``group`` is the sender's. With ``monitor`` the receiver tells, by another reply with the same id, when a desire
-    that it has adopted is fulfilled or dropped; meanwhile the sender sends the request again now and then. A request
-    that comes twice (same sender and id) is answered twice and carried out once.
+    With ``monitor`` the receiver sends a second reply with the same id at the end of the adopted desire; until then
+    the sender repeats the request. Duplicates (same sender and id) are answered again, but executed once.
     """
 
     id: str
@@ -196,11 +199,13 @@ RequestState = Literal["done", "refused", "fulfilled", "dropped"]
 
 
 class AgentReply(Structured, frozen=True, kw_only=True):
-    """The answer to a request.
+    """Reply to a request.
 
-    ``accepted`` says whether the sender may ask for that, ``found`` whether what was checked holds, or what was deleted
-    was there, ``priority`` which priority a desire has. ``state`` is ``fulfilled`` or ``dropped`` in the later reply to
-    a monitored one.
+    Attributes:
+        accepted: Whether the request was permitted and valid.
+        found: Whether a checked item exists, or a deleted one existed.
+        priority: Priority of the desire at the receiver.
+        state: ``fulfilled`` or ``dropped`` in the second reply to a monitored request.
     """
 
     id: str
@@ -214,7 +219,7 @@ class AgentReply(Structured, frozen=True, kw_only=True):
 
 
 class LifecycleStatus(Structured, frozen=True, kw_only=True):
-    """What an agent is up to: it gets ready, chooses, executes a plan, or waits for a sensor that is silent."""
+    """Status of an agent; PAUSED during a sensor timeout, BOOTING before the first percepts."""
 
     agent_id: str
     status: Literal["BOOTING", "SCHEDULING", "PLANNING", "EXECUTING", "ABORTING", "PAUSED"]

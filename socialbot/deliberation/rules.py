@@ -1,4 +1,4 @@
-"""Rules that turn what is believed into other beliefs and into desires."""
+"""Reactive rules, which derive beliefs and desires from facts."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class RuleEffect:
-    """A belief or a desire to add or to delete; variables of the rule's condition may stand in its names.
+    """Belief or desire to add or delete, with variables of the rule.
 
-    To be deleted, a belief may have wildcards, and so may the name of a desire, which is all that counts of it then.
+    A belief to delete, and the name of a desire to delete, may have wildcards.
     """
 
     operation: Literal["ADD", "DEL"]
@@ -43,7 +43,7 @@ class RuleEffect:
 
     @property
     def set(self) -> Literal["belief", "desire"]:
-        """What it changes."""
+        """Kind of its target."""
         return "belief" if self.desire is None else "desire"
 
     def __str__(self) -> str:
@@ -52,7 +52,7 @@ class RuleEffect:
 
 @dataclass(frozen=True)
 class ReactiveRule:
-    """What follows, each time that its condition holds in a way in which it did not before."""
+    """Rule that applies its effects for each new match of its condition."""
 
     name: str
     condition: Dnf
@@ -61,7 +61,7 @@ class ReactiveRule:
 
 @dataclass(frozen=True, kw_only=True)
 class Reaction(RuleEffect):
-    """An effect for one match of a rule's condition; ``cause`` is the trace record of the change that made it hold."""
+    """Effect for one match of a rule; ``cause`` is the trace record of the last change that it needed."""
 
     rule: str
     match: Match
@@ -71,86 +71,80 @@ class Reaction(RuleEffect):
 
 
 class RuleBook:
-    """The rules of an agent; they may come and go while it runs.
+    """Rules of an agent with incremental matching.
 
-    A rule fires once for each new match: other objects for its variables, or another value of a fluent that it
-    compares. A match that held no longer when `react` was called is new when it holds again.
+    A rule fires once for each new match: other objects for its variables, or another value of a compared fluent. A
+    match that has stopped holding in a call of `react` is new if it holds again.
     """
 
     def __init__(self, facts: FactBase) -> None:
         self._facts = facts
-        self._watches: dict[str, _Watch] = {}
-        self._touched: dict[_Watch, None] = {}
+        self._states: dict[str, _RuleState] = {}
+        self._touched: dict[_RuleState, None] = {}
         self._count = 0
-        self._readers: dict[tuple[int, str], list[_Reader]] = {}
-        self._wild: list[_Reader] = []
+        self._indexes: dict[tuple[int, str], list[_LiteralIndex]] = {}
+        self._wild: list[_LiteralIndex] = []
         self._changed: dict[tuple[int, str, tuple[str, ...]], str] = {}
-        facts.watch(self._note)
+        facts.watch(self._on_fact)
 
     def __iter__(self) -> Iterator[ReactiveRule]:
-        return iter([watch.rule for watch in self._watches.values()])
+        return iter([state.rule for state in self._states.values()])
 
     def __len__(self) -> int:
-        return len(self._watches)
+        return len(self._states)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._watches
+        return name in self._states
 
     def add(self, rule: ReactiveRule) -> None:
-        """Adds a rule, which fires for what holds already, too, when `react` is called.
-
-        Raises PlanningError when its name is taken, or it does not fit the domain.
-        """
-        if rule.name in self._watches:
+        """Add a rule, which also fires for current facts. Raises PlanningError for a used name or a misfit."""
+        if rule.name in self._states:
             raise PlanningError("there is a rule of this name", where=f"rule {rule.name}", remedy="remove that first")
         reason = misfit(rule, self._facts)
         if reason is not None:
             raise PlanningError(reason, where=f"rule {rule.name}")
         self._count += 1
-        watch = self._watches[rule.name] = _Watch(rule, self._count, self._facts)
-        self._touched[watch] = None
-        for reader in watch.readers:
-            self._shelf(reader).append(reader)
+        state = self._states[rule.name] = _RuleState(rule, self._count, self._facts)
+        self._touched[state] = None
+        for index in state.indexes:
+            self._list_of(index).append(index)
 
     def remove(self, name: str) -> bool:
-        """Removes a rule; what it has done stays done. False when there is none of that name."""
-        watch = self._watches.pop(name, None)
-        if watch is None:
+        """Remove a rule but keep its effects; return False if there is none of that name."""
+        state = self._states.pop(name, None)
+        if state is None:
             return False
-        self._touched.pop(watch, None)
-        for reader in watch.readers:
-            self._shelf(reader).remove(reader)
+        self._touched.pop(state, None)
+        for index in state.indexes:
+            self._list_of(index).remove(index)
         return True
 
     def react(self) -> list[Reaction]:
-        """What follows from the changes since the last call: rule by rule, match by match, in a fixed order.
-
-        A belief that does not fit the domain is left out; that goes on the trace.
-        """
+        """Return the effects of all changes since the last call in a fixed order; invalid beliefs are recorded."""
         changed, self._changed = self._changed, {}
         touched, self._touched = self._touched, {}
         for identity, cause in reversed(changed.items()):  # The last change that a match needed is its cause.
             pddl_type, name, params = identity
-            known = self._readers.get((pddl_type, "" if pddl_type == INSTANCE else name), ())
-            for reader in (*known, *self._wild):
-                if reader.part.reads(pddl_type, name):
-                    seed = reader.part.bind((name,) if pddl_type == INSTANCE else params, {})
+            known = self._indexes.get((pddl_type, "" if pddl_type == INSTANCE else name), ())
+            for index in (*known, *self._wild):
+                if index.part.reads(pddl_type, name):
+                    seed = index.part.bind((name,) if pddl_type == INSTANCE else params, {})
                     if seed is not None:
-                        reader.update(seed, self._facts, cause)
-                        touched[reader.watch] = None
+                        index.update(seed, self._facts, cause)
+                        touched[index.state] = None
         reactions: list[Reaction] = []
-        for watch in sorted(touched, key=lambda watch: watch.number):
-            for match, cause in watch.fired():
-                reactions += (self._reaction(watch.rule, effect, match, cause) for effect in watch.rule.effects)
+        for state in sorted(touched, key=lambda state: state.number):
+            for match, cause in state.fired():
+                reactions += (self._reaction(state.rule, effect, match, cause) for effect in state.rule.effects)
         return [reaction for reaction in reactions if self._fits(reaction)]
 
-    def _note(self, fact: Fact, held: bool, cause: str) -> None:
+    def _on_fact(self, fact: Fact, held: bool, cause: str) -> None:
         self._changed.pop(fact.identity, None)
         self._changed[fact.identity] = cause
 
-    def _shelf(self, reader: _Reader) -> list[_Reader]:
-        part = reader.part
-        return self._wild if has_wildcards(part.name) else self._readers.setdefault((part.pddl_type, part.name), [])
+    def _list_of(self, index: _LiteralIndex) -> list[_LiteralIndex]:
+        part = index.part
+        return self._wild if has_wildcards(part.name) else self._indexes.setdefault((part.pddl_type, part.name), [])
 
     def _reaction(self, rule: ReactiveRule, effect: RuleEffect, match: Match, cause: str) -> Reaction:
         filled = _filled(effect, match.binding)
@@ -176,36 +170,41 @@ class RuleBook:
         return False
 
 
-class _Reader:
-    """A literal of a rule's condition, and the matches of its conjunction by what its variables stand for."""
+class _LiteralIndex:
+    """Literal of a rule, with the matches of its conjunction by the variables of the literal."""
 
-    __slots__ = ("_group", "_groups", "clause", "part", "watch")
+    __slots__ = ("_group", "_groups", "clause", "part", "state")
 
     def __init__(
-        self, watch: _Watch, clause: CompiledClause, part: CompiledCondition, group: _Group, groups: tuple[_Group, ...]
+        self,
+        state: _RuleState,
+        clause: CompiledClause,
+        part: CompiledCondition,
+        group: _MatchIndex,
+        groups: tuple[_MatchIndex, ...],
     ) -> None:
-        self.watch = watch
+        self.state = state
         self.clause = clause
         self.part = part
         self._group = group
         self._groups = groups
 
     def update(self, seed: dict[str, str], facts: FactIndex, cause: str) -> None:
-        """Finds anew the matches that agree with ``seed``, which gives each variable of the literal an object."""
+        """Update the matches that agree with ``seed``, a binding of all variables of the literal."""
         found = dict.fromkeys(self.clause.solve(facts, seed))
         before = self._group.of(seed)
         for match in [match for match in before if match not in found]:
             for group in self._groups:
                 group.leave(match)
-            self.watch.count(match, -1, cause)
+            self.state.count(match, -1, cause)
         for match in [match for match in found if match not in before]:
             for group in self._groups:
                 group.enter(match)
-            self.watch.count(match, +1, cause)
+            self.state.count(match, +1, cause)
 
 
-class _Group:
-    """Matches by what some variables stand for."""
+class _MatchIndex:
+    """Matches by the binding of some variables."""
 
     __slots__ = ("_matches", "_names")
 
@@ -229,41 +228,41 @@ class _Group:
         return tuple(binding[name] for name in self._names)
 
 
-class _Watch:
-    """A rule, and the ways in which its condition holds."""
+class _RuleState:
+    """Rule with its current matches."""
 
     def __init__(self, rule: ReactiveRule, number: int, facts: FactIndex) -> None:
         self.rule = rule
         self.number = number
-        self.readers: list[_Reader] = []
+        self.indexes: list[_LiteralIndex] = []
         self._counts: dict[Match, int] = {}
         self._before: dict[Match, tuple[int, str]] = {}
         also = tuple(each_of(name, kinds) for name, kinds in _typed_in(rule, facts.domain))
         for clause in clauses_of(rule.condition, facts.domain, also):
-            groups = tuple(_Group(tuple(sorted(part.names()))) for part in clause.literals)
+            groups = tuple(_MatchIndex(tuple(sorted(part.names()))) for part in clause.literals)
             for part, group in zip(clause.literals, groups, strict=True):
-                self.readers.append(_Reader(self, clause, part, group, groups))
+                self.indexes.append(_LiteralIndex(self, clause, part, group, groups))
             for match in dict.fromkeys(clause.solve(facts)):
                 for group in groups:
                     group.enter(match)
                 self.count(match, +1, "")
 
     def count(self, match: Match, change: int, cause: str) -> None:
-        """Notes that one conjunction more, or less, holds in this way."""
+        """Count the conjunctions that have a match."""
         count = self._counts.pop(match, 0)
         self._before.setdefault(match, (count, cause))
         if count + change:
             self._counts[match] = count + change
 
     def fired(self) -> list[tuple[Match, str]]:
-        """The matches that are new since the last call, in order, and what made them hold."""
+        """Return the new matches since the last call in order, with their causes."""
         before, self._before = self._before, {}
         new = [(match, cause) for match, (count, cause) in before.items() if not count and match in self._counts]
         return sorted(new, key=lambda item: item[0].order)
 
 
 def misfit(rule: ReactiveRule, facts: FactIndex) -> str | None:
-    """Why a rule can never do what it says; None when it can."""
+    """Return why a rule is invalid; None if it is valid."""
     for condition in conditions_in(rule.condition):
         reason = unfit_condition(condition, facts)
         if reason is not None:
@@ -276,7 +275,7 @@ def misfit(rule: ReactiveRule, facts: FactIndex) -> str | None:
 
 
 def unfit_effect(effect: RuleEffect, facts: FactIndex) -> str | None:
-    """Why an effect can never be; None when it can."""
+    """Return why an effect is invalid; None if it is valid."""
     desire, adds = effect.desire, effect.operation == "ADD"
     checks = () if desire is None else desire.wanted
     wanted = [check.condition_to_check for check in checks] if effect.fact is None else [effect.fact]
@@ -295,7 +294,7 @@ def unfit_effect(effect: RuleEffect, facts: FactIndex) -> str | None:
 
 
 def unbound(rule: ReactiveRule, domain: PddlDomain) -> str | None:
-    """Which variable stands for nothing; None when each stands for something, whatever conjunction holds."""
+    """Return an error for an unbound variable; None if all are bound in each conjunction."""
     typed = {name for name, _ in _typed_in(rule, domain)}
     for number, clause in enumerate(rule.condition.clauses or (None,), 1):
         bound = {name for literal in (clause.literals if clause else ()) for name in _variables(literal)}
@@ -306,12 +305,12 @@ def unbound(rule: ReactiveRule, domain: PddlDomain) -> str | None:
 
 
 def conditions_in(dnf: Dnf) -> Iterator[FactCondition]:
-    """All conditions of a DNF."""
+    """Return all conditions of a DNF."""
     return (literal for clause in dnf.clauses for literal in clause.literals)
 
 
 def _typed_in(rule: ReactiveRule, domain: PddlDomain) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """The variables among the parameters of the effects, with the types that the domain asks for there."""
+    """Yield the variables in parameters of effects with the types of the signatures."""
     for effect in rule.effects:
         for fact in (effect.fact,) if effect.desire is None else effect.desire.value:
             signature = None if fact is None or fact.pddl_type == INSTANCE else signature_of(domain, fact)[0]
@@ -323,12 +322,11 @@ def _typed_in(rule: ReactiveRule, domain: PddlDomain) -> Iterator[tuple[str, tup
 
 
 def _variables(part: Any) -> set[str]:
-    """The variables in the texts of an effect or condition."""
     return set(variables_in(msgspec.json.encode(part).decode()))
 
 
 def _filled(part: T, binding: dict[str, str]) -> T:
-    """An effect, or a part of it, with the objects in the place of the variables."""
+    """Replace the variables in an effect or a part of it."""
     if isinstance(part, str):
         return filled(part, binding) if "{" in part else part  # type: ignore[return-value]
     if isinstance(part, tuple):
