@@ -30,25 +30,30 @@ from socialbot.graph.node import Delivery, Graph, WireForm
 from socialbot.runs.run import Picture
 from socialbot.vision.images import as_jpeg
 
-ANSWER_WITHIN_S = 3.0
+ANSWER_TIMEOUT_S = 3.0
 
-AT_ODDS = {
+_KEY_MISMATCHES = {
     "sealed": f"the graph has keys and the inspector has none (set {KEYS_VARIABLE}, see docs/security.md)",
     "unsealed": "the inspector has a key and the graph has none",
     "unknown sender": "the inspector does not know the key of the graph",
 }
-"""By the reason why nothing that a graph says can be read: why it would not listen either."""
+"""The reason for which health messages are refused, and what it says about the keys."""
 
 
 class CommandClient:
-    """Takes commands to agents by ``ros``, a node that spins; messages have the ``form`` of the graph.
+    """Sends commands to agents and waits for their answers.
 
-    It is shut as long as it can read nothing of what the nodes say of their health. Raises what `wire` does.
+    Args:
+        ros: A spinning rclpy node.
+        form: The message form of the graph.
+
+    Attributes:
+        shut: Why commands cannot work: the keys of the graph and of this process do not fit. Empty if they do.
     """
 
     def __init__(self, ros: Any, form: WireForm = "json") -> None:
         self.shut = ""
-        self._understands = False
+        self._keys_fit = False
         self._transport = open_transport(form=form)
         self._clock = WallClock()
         self._waiting: dict[str, tuple[asyncio.AbstractEventLoop, asyncio.Future[AgentAnswer]]] = {}
@@ -61,19 +66,19 @@ class CommandClient:
         ros.create_subscription(
             self._transport.message_class(AgentAnswer),
             AGENT_ANSWERS,
-            self._hear,
+            self._on_answer,
             subscription_qos(Delivery.EVERY, outside=False),
         )
         self._health = self._transport.receiver(HEALTH_TOPIC)
         ros.create_subscription(
             self._transport.message_class(Health),
             HEALTH_TOPIC,
-            self._try_to_read,
+            self._check_keys,
             subscription_qos(Delivery.EVERY, outside=False),
         )
 
     async def ask(self, agent: str, command: Command, text: str) -> AgentAnswer | None:
-        """Asks an agent for something; None when it does not answer in time."""
+        """Send a command to an agent; None if it does not answer in time."""
         loop = asyncio.get_running_loop()
         id = f"person-{secrets.token_hex(4)}"
         answer: asyncio.Future[AgentAnswer] = loop.create_future()
@@ -81,50 +86,48 @@ class CommandClient:
         asked = AgentCommand(stamp=self._clock.now(), id=id, agent=agent, command=command, text=text)
         try:
             await loop.run_in_executor(None, self._sender.publish, asked)
-            return await asyncio.wait_for(answer, ANSWER_WITHIN_S)
+            return await asyncio.wait_for(answer, ANSWER_TIMEOUT_S)
         except asyncio.TimeoutError:
             return None
         finally:
             del self._waiting[id]
 
-    def _hear(self, ros_message: Any) -> None:
+    def _on_answer(self, ros_message: Any) -> None:
         try:
             answer = self._receiver.decode(AgentAnswer, ros_message)
         except MessageError:
-            return  # it is logged by those who answer for the graph
+            return
         if answer is not None and (waiting := self._waiting.get(answer.id)) is not None:
             loop, future = waiting
-            loop.call_soon_threadsafe(_settle, future, answer)
+            loop.call_soon_threadsafe(_set_result, future, answer)
 
-    def _try_to_read(self, ros_message: Any) -> None:
-        if self._understands:  # whatever strangers say then
+    def _check_keys(self, ros_message: Any) -> None:
+        if self._keys_fit:
             return
         try:
             self._health.decode(Health, ros_message)
         except MessageError as error:
-            self.shut = AT_ODDS.get(refusal_reason(error), self.shut)
+            self.shut = _KEY_MISMATCHES.get(refusal_reason(error), self.shut)
         else:
-            self._understands, self.shut = True, ""
+            self._keys_fit, self.shut = True, ""
 
 
-def _settle(future: asyncio.Future[AgentAnswer], answer: AgentAnswer) -> None:
+def _set_result(future: asyncio.Future[AgentAnswer], answer: AgentAnswer) -> None:
     if not future.done():
         future.set_result(answer)
 
 
-MOST_HZ = 10.0
+MAX_RATE_HZ = 10.0
 UNWATCHED_S = 3.0
-"""When nobody has asked for so long, nothing is subscribed to any more."""
+"""The time without requests after which the subscription ends."""
 
-FIRST_WITHIN_S = 1.0
-"""So long the first picture is waited for."""
-
-KEPT = 600
-"""So many pictures are kept: a minute of them."""
+FIRST_IMAGE_TIMEOUT_S = 1.0
+MAX_IMAGES = 600
+"""The number of stored images: one minute."""
 
 
 class LiveImages:
-    """The pictures on ``topic``, heard by ``ros``, a node that spins, as long as they are asked for."""
+    """Images on ``topic`` as JPEG, subscribed to through the spinning node ``ros`` while they are requested."""
 
     def __init__(self, ros: Any, topic: str, kind: type[Image] | type[CompressedImage]) -> None:
         self._ros = ros
@@ -132,53 +135,52 @@ class LiveImages:
         self._kind = kind
         self._ros_class = message_class(ros_type(kind))
         self._subscription: Any = None
-        self._asked = 0.0
-        self._made = 0.0
-        self._kept: deque[Picture] = deque(maxlen=KEPT)
-        self._came = threading.Condition()
-        ros.create_timer(1.0, self._rest)
+        self._requested_at = 0.0
+        self._converted_at = 0.0
+        self._images: deque[Picture] = deque(maxlen=MAX_IMAGES)
+        self._changed = threading.Condition()
+        ros.create_timer(1.0, self._unsubscribe_if_unwatched)
 
     def at(self, stamp: int) -> Picture | None:
-        """The newest picture that is kept and not later than ``stamp`` (ns)."""
-        with self._came:
-            self._asked = time.monotonic()
+        """The newest stored image not later than ``stamp`` (ns)."""
+        with self._changed:
+            self._requested_at = time.monotonic()
             if self._subscription is None:
                 self._subscription = self._ros.create_subscription(
                     self._ros_class, self._topic, self._take, subscription_qos(Delivery.NEWEST, outside=True), raw=True
                 )
-                self._came.wait(FIRST_WITHIN_S)
-            kept = list(self._kept)
-        # What is to be shown now may have come after the last record.
-        count = bisect_right([picture.stamp for picture in kept], stamp + SECOND // 2)
-        return kept[count - 1] if count else None
+                self._changed.wait(FIRST_IMAGE_TIMEOUT_S)
+            images = list(self._images)
+        # An image for "now" may be newer than the last record.
+        count = bisect_right([image.stamp for image in images], stamp + SECOND // 2)
+        return images[count - 1] if count else None
 
     def _take(self, data: bytes) -> None:
-        """Makes a JPEG of a picture, unless one was made just before."""
         from rclpy.serialization import deserialize_message
 
         now = time.monotonic()
-        if now - self._made < 1.0 / MOST_HZ:
+        if now - self._converted_at < 1.0 / MAX_RATE_HZ:
             return
-        self._made = now
+        self._converted_at = now
         try:
             message = decode(self._kind, deserialize_message(data, self._ros_class))
             picture = Picture(message.stamp, as_jpeg(message))
         except (ImageError, MessageError):
             return
-        with self._came:
-            if not self._kept or picture.stamp > self._kept[-1].stamp:
-                self._kept.append(picture)
-            self._came.notify_all()
+        with self._changed:
+            if not self._images or picture.stamp > self._images[-1].stamp:
+                self._images.append(picture)
+            self._changed.notify_all()
 
-    def _rest(self) -> None:
-        with self._came:
-            if self._subscription is not None and time.monotonic() - self._asked > UNWATCHED_S:
+    def _unsubscribe_if_unwatched(self) -> None:
+        with self._changed:
+            if self._subscription is not None and time.monotonic() - self._requested_at > UNWATCHED_S:
                 self._ros.destroy_subscription(self._subscription)
                 self._subscription = None
 
 
 def live_image_topic(graph: Graph) -> tuple[str, type[Image] | type[CompressedImage]] | None:
-    """A topic of ``graph`` with pictures: those of its own nodes first, compressed ones first; None without any."""
+    """An image topic of ``graph``: one of its own nodes if possible, and compressed if possible."""
     published = {topic for placement in graph.placements for topic, _ in placement.publications}
     found: list[tuple[str, type[Image] | type[CompressedImage]]] = []
     for topic, kind in graph.topics().items():

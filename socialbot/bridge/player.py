@@ -1,7 +1,7 @@
-"""Plays a bag into a running ROS graph: the recorded bytes, and /clock as it was.
+"""Play a bag into a running ROS graph: the recorded messages, and /clock.
 
-A paced replay holds the clock after each picture until the graph has answered it, so that a slow
-machine makes the replay slower but not different. Where a graph takes no pictures, see `reenactment`.
+A paced replay stops the clock after each image until the graph has answered it. So a slow machine makes the replay
+slower, but not different. `WorldPlayer` replays bags to graphs that take no images.
 """
 
 from __future__ import annotations
@@ -33,24 +33,27 @@ from socialbot.graph.node import Delivery, Graph
 log = logging.getLogger("socialbot.player")
 
 TICK_S = 0.02
-"""How often /clock moves on between messages."""
+"""The period of /clock between messages."""
 
-MOST_HASTE = 3.0
-"""How much faster than asked for a delayed replay may run to catch up; faster, timers would fire late."""
+MAX_CATCH_UP = 3.0
+"""The maximum speed-up of a delayed replay; faster than that, timers would fire late."""
 
-PATIENCE_S = 2.0
-"""How long the answer to a picture may take; a shorter time once several in a row have not been answered."""
-
-IMPATIENCE_S = 0.2
+ANSWER_TIMEOUT_S = 2.0
+SHORT_ANSWER_TIMEOUT_S = 0.2
+"""The timeout after three images in a row without an answer."""
 
 GRAPH_TIMEOUT_S = 30.0
 
 
 @dataclass(frozen=True)
 class PlaybackOptions:
-    """How to play: ``rate`` 1.0 is as recorded, ``tail_s`` goes on with the time alone after the last picture.
+    """Options of a playback.
 
-    ``paced`` waits for slow nodes of the graph that is awaited.
+    Attributes:
+        rate: The speed; 1.0 is real time.
+        tail_s: The time for which /clock continues after the last image.
+        await_graph: The graph to wait for before the start.
+        paced: Whether to wait for the answer to each image.
     """
 
     rate: float = 1.0
@@ -60,7 +63,7 @@ class PlaybackOptions:
 
     @property
     def paced_by(self) -> str:
-        """The topic that answers pictures, where a replay waits for that."""
+        """The topic of the answers to images, if the playback is paced."""
         return self.await_graph.paced_by if self.paced and self.await_graph is not None else ""
 
 
@@ -72,13 +75,13 @@ class _Answers:
         self._kind = kind
         self._changed = threading.Condition()
         self._latest = 0
-        self._in_vain = 0
+        self._unanswered = 0
 
     def note(self, ros_message: Any) -> None:
         try:
             answer = self._receiver.decode(self._kind, ros_message)
         except MessageError as error:
-            log.warning("an answer to a picture is of no use: %s", error)
+            log.warning("refused an answer to an image: %s", error)
             return
         if answer is not None:
             with self._changed:
@@ -86,10 +89,10 @@ class _Answers:
                 self._changed.notify()
 
     def wait(self, stamp: int) -> bool:
-        patience = PATIENCE_S if self._in_vain < 3 else IMPATIENCE_S
+        timeout_s = ANSWER_TIMEOUT_S if self._unanswered < 3 else SHORT_ANSWER_TIMEOUT_S
         with self._changed:
-            answered = self._changed.wait_for(lambda: self._latest >= stamp, patience)
-        self._in_vain = 0 if answered else self._in_vain + 1
+            answered = self._changed.wait_for(lambda: self._latest >= stamp, timeout_s)
+        self._unanswered = 0 if answered else self._unanswered + 1
         return answered
 
 
@@ -126,19 +129,19 @@ class BagPlayer:
             self._answering = ros.create_subscription(
                 self._transport.message_class(kind), playing.paced_by, self._answers.note, publisher_qos(Delivery.EVERY)
             )
-        self._pictures = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
+        self._images = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
         self._now = bag.start
         self._begun = 0.0
 
     def connections(self, graph: Graph) -> list[Connection]:
-        """The player's own connections to ``graph``."""
+        """The connections of the player to ``graph``."""
         publishers = [publisher_connection(graph, topic, one) for topic, one in self._publishers.items()]
         if not self._playing.paced_by:
             return publishers
         return [*publishers, subscription_connection(graph, self._playing.paced_by, self._answering)]
 
     def play(self) -> PlaybackResult:
-        """Plays from the first message to the end of the tail, or until asked to end."""
+        """Play to the end of the tail, or until asked to end."""
         played = PlaybackResult(skipped=self._bag.skipped)
         self._begun = time.monotonic()
         for topic, at, ros_type, cdr in self._bag.raw_messages(self._topics):
@@ -146,18 +149,18 @@ class BagPlayer:
             if self._ending.asked:
                 return played
             if ros_type in IMAGE_TYPES and self._playing.await_graph is not None:
-                cdr = self._set_right(topic, cdr, at)
+                cdr = self._correct_stamp(topic, cdr, at)
             self._publish(topic, ros_type, cdr, at)
-            picture = ros_type in IMAGE_TYPES
-            played.sent += picture or not self._pictures
-            if picture and self._playing.paced_by and not self._answers.wait(raw_stamp(cdr) or at):
+            image = ros_type in IMAGE_TYPES
+            played.sent += image or not self._images
+            if image and self._playing.paced_by and not self._answers.wait(raw_stamp(cdr) or at):
                 played.unanswered += 1
         self._health.publish(ended("bag_player", tuple(self._topics.values()), self._now))
-        self._pass_time(self._now + nanoseconds(self._playing.tail_s if self._pictures else 0.0))
+        self._pass_time(self._now + nanoseconds(self._playing.tail_s if self._images else 0.0))
         return played
 
     def _publish(self, topic: str, name: str, cdr: bytes, at: int) -> None:
-        """Publishes the recorded bytes; what is to be sealed, or has another form than the graph's, is made anew."""
+        """Publish the recorded bytes. A message that needs a seal or another form is encoded again."""
         if topic not in self._senders:
             self._publishers[topic].publish(cdr)
         elif self._transport.sealed and name == STRING:
@@ -168,22 +171,22 @@ class BagPlayer:
             try:
                 message = decode(decodable_types()[name], self._types.deserialize(cdr, name), stamp=at)
             except MessageError as error:
-                log.warning("%s: left out: %s", topic, error)
+                log.warning("%s: message skipped: %s", topic, error)
                 return
             self._senders[topic].publish(message)
 
-    def _set_right(self, topic: str, cdr: bytes, at: int) -> bytes:
-        """The message with the stamp that `Bag.messages` would give it, so that both runners see the same."""
+    def _correct_stamp(self, topic: str, cdr: bytes, at: int) -> bytes:
+        """Set the stamp that `Bag.messages` gives the message, so that both runners receive the same."""
         stamp = self._stamps.setdefault(topic, Stamps(topic, set_right=True)).next(raw_stamp(cdr), at)
         return cdr if stamp == raw_stamp(cdr) else with_stamp(cdr, stamp)
 
     def _pass_time(self, until: int) -> None:
-        """Lets simulated time pass, in step with real time or, where that has run ahead, with some haste."""
+        """Publish /clock up to ``until``, in real time; after a delay, faster to catch up."""
         while not self._ending.asked:
             step = min(until - self._now, nanoseconds(TICK_S * self._playing.rate))
             self._now += step
             due = self._begun + (self._now - self._bag.start) / SECOND / self._playing.rate
-            least = step / SECOND / self._playing.rate / MOST_HASTE
+            least = step / SECOND / self._playing.rate / MAX_CATCH_UP
             time.sleep(max(0.0, least, due - time.monotonic()))
             message = self._clock_type()
             message.clock.sec, message.clock.nanosec = divmod(self._now, SECOND)
@@ -193,7 +196,7 @@ class BagPlayer:
 
 
 class WorldPlayer:
-    """Plays ``topics`` (bag topic to graph topic) of ``bag`` to ``graph``, which has no world of its own."""
+    """Plays the world side of ``bag`` to ``graph``. ``topics`` maps bag topics to graph topics."""
 
     def __init__(
         self, ros: Any, bag: Bag, topics: Mapping[str, str], graph: Graph, rate: float, ending: Ending
@@ -211,48 +214,48 @@ class WorldPlayer:
             topic: ros.create_subscription(
                 own.message_class(kind),
                 topic,
-                functools.partial(self._hear, topic, kind, own.receiver(topic)),
+                functools.partial(self._on_command, topic, kind, own.receiver(topic)),
                 subscription_qos(Delivery.EVERY, outside=False),
             )
             for topic, kind in self._script.told.items()
         }
-        self._keeper = SimClock(ros, [placement.name for placement in graph.placements], start=bag.start)
+        self._clock = SimClock(ros, [placement.name for placement in graph.placements], start=bag.start)
         self._start, self._begun = bag.start, 0.0
 
     def connections(self, graph: Graph) -> list[Connection]:
-        """The player's own connections to ``graph``."""
+        """The connections of the player to ``graph``."""
         return [
             *(publisher_connection(graph, topic, one) for topic, one in self._publishers.items()),
             *(subscription_connection(graph, topic, one) for topic, one in self._subscriptions.items()),
         ]
 
     def play(self) -> PlaybackResult:
-        """Plays from the first message to the last, or until asked to end."""
+        """Play to the last message, or until asked to end."""
         self._begun = time.monotonic()
         play(self._script, self, self._ending)
         return PlaybackResult(self._script.sent, self._script.unanswered, self._skipped)
 
     @property
     def now(self) -> int:
-        """The time of the graph, ns."""
-        return self._keeper.now
+        """The time of the graph (ns)."""
+        return self._clock.now
 
     def advance(self, until: int) -> None:
-        """Moves the clock, no faster than at the rate."""
-        self._keeper.advance(0.0)
-        while self._keeper.now < until and not self._ending.asked:
-            self._keeper.advance(min(nanoseconds(STEP_S), until - self._keeper.now) / SECOND)
-        time.sleep(max(0.0, self._begun + (self._keeper.now - self._start) / SECOND / self._rate - time.monotonic()))
+        """Advance the clock, no faster than the rate."""
+        self._clock.advance(0.0)
+        while self._clock.now < until and not self._ending.asked:
+            self._clock.advance(min(nanoseconds(STEP_S), until - self._clock.now) / SECOND)
+        time.sleep(max(0.0, self._begun + (self._clock.now - self._start) / SECOND / self._rate - time.monotonic()))
 
     def say(self, topic: str, message: Message) -> None:
-        """Sends a message to the agents."""
+        """Publish a message to the agents."""
         self._senders[topic].publish(message)
 
-    def _hear(self, topic: str, kind: type[Message], receiver: Receiver, ros_message: Any) -> None:
+    def _on_command(self, topic: str, kind: type[Message], receiver: Receiver, ros_message: Any) -> None:
         try:
             command = receiver.decode(kind, ros_message)
         except MessageError as error:
-            log.warning("%s: %s", topic, error)
+            log.warning("%s: refused a command: %s", topic, error)
             return
         if command is not None:
             self._script.hear(topic, command)
@@ -261,14 +264,14 @@ class WorldPlayer:
 def play_bag(
     bag: Bag, topics: Mapping[str, str], playing: PlaybackOptions, *, parent: int | None = None
 ) -> PlaybackResult:
-    """Plays ``bag`` in a process of its own. Raises NodeError when the graph to wait for does not come."""
+    """Play ``bag`` in this process. Raises NodeError when the awaited graph is not complete in time."""
     environment.require_ros()
     from socialbot.bridge.environment import spinning_node
 
     with Ending(parent).on_signals() as ending, spinning_node("bag_player") as ros:
         graph = playing.await_graph
-        pictures = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
-        if graph is None or pictures or not playing.paced:
+        images = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
+        if graph is None or images or not playing.paced:
             player = BagPlayer(ros, bag, topics, playing, ending)
         else:
             player = WorldPlayer(ros, bag, topics, graph, playing.rate, ending)
@@ -277,7 +280,7 @@ def play_bag(
             missing = await_graph(ros, graph, own, timeout_s=GRAPH_TIMEOUT_S, ended=lambda: ending.asked)
             if missing and not ending.asked:
                 raise NodeError(
-                    f"the graph does not stand after {GRAPH_TIMEOUT_S:.0f} s; missing {'; '.join(missing)}",
+                    f"the graph is not connected after {GRAPH_TIMEOUT_S:.0f} s; missing: {'; '.join(missing)}",
                     remedy="look into the nodes' logs; `socialbot doctor` checks the installation",
                 )
         return player.play()

@@ -1,6 +1,6 @@
-"""Records what runs over ROS into a bag: the bytes as they come, without looking inside.
+"""Record ROS topics into a bag, as serialized bytes.
 
-Only seals are opened: a bag holds what was said, and nothing that was not to be believed.
+Only seals are opened: a bag holds verified payloads, and no refused messages.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ log = logging.getLogger("socialbot.recorder")
 
 DISCOVERY_PERIOD_S = 0.2
 FLUSH_PERIOD_S = 0.5
-"""What came longer ago is in the file, whatever happens to this process."""
+"""Messages older than this are in the file even if the process is killed."""
 _SPIN_S = 0.05
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What was recorded: messages by topic, and the topics of which all or some could not be, with the reason."""
+    """Result of a recording: message counts by topic, and the reasons for topics that are missing or incomplete."""
 
     path: Path
     duration_s: float
@@ -49,11 +49,19 @@ def record(
     clock: Clock | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Recording:
-    """Records ``topics``, or all, to the new bag ``out`` until ``duration_s`` is over or ``stopped``.
+    """Record topics to the new bag ``out``.
 
-    Topics that appear later are recorded too; hidden ones (``/rosout``, ``/_name``, ...) only when they are asked
-    for. ``clock`` gives the times of reception. Raises BagError when ``out`` exists or cannot be written,
-    InstallationError when there is no ROS.
+    Args:
+        out: The bag folder to create.
+        topics: The topics; by default all but hidden ones (``/rosout``, ``/_name``), including later ones.
+        duration_s: The duration after which the recording ends.
+        storage: "mcap" or "sqlite3".
+        clock: The clock for the times of reception.
+        stopped: Whether to end the recording now.
+
+    Raises:
+        BagError: ``out`` exists or cannot be written.
+        InstallationError: ROS is not installed.
     """
     environment.require_ros()
     from rclpy.executors import SingleThreadedExecutor
@@ -65,14 +73,14 @@ def record(
         node = Node("bag_recorder", context=context, start_parameter_services=False)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        listener = _Listener(node, bag, topics, clock or WallClock())
+        recorder = _TopicRecorder(node, bag, topics, clock or WallClock())
         began = time.monotonic()
-        looked = flushed = -math.inf
+        scanned = flushed = -math.inf
         try:
             while not stopped() and (duration_s is None or time.monotonic() - began < duration_s):
-                if time.monotonic() - looked >= DISCOVERY_PERIOD_S:
-                    looked = time.monotonic()
-                    listener.look()
+                if time.monotonic() - scanned >= DISCOVERY_PERIOD_S:
+                    scanned = time.monotonic()
+                    recorder.subscribe_new()
                 if time.monotonic() - flushed >= FLUSH_PERIOD_S:
                     flushed = time.monotonic()
                     bag.flush()
@@ -80,45 +88,45 @@ def record(
         finally:
             executor.shutdown()
             node.destroy_node()
-        return Recording(bag.path, time.monotonic() - began, dict(bag.counts), listener.refusals())
+        return Recording(bag.path, time.monotonic() - began, dict(bag.counts), recorder.refusals())
 
 
-class _Listener:
+class _TopicRecorder:
     """Subscribes to each topic once it has a publisher."""
 
     def __init__(self, node: Any, bag: BagWriter, topics: Collection[str], clock: Clock) -> None:
         self._refused: dict[str, str] = {}
-        self._unbelieved: dict[str, Counter[str]] = {}
+        self._invalid: dict[str, Counter[str]] = {}
         self._transport = open_transport()
         self._node = node
         self._bag = bag
         self._topics = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
         self._clock = clock
-        self._heard: set[tuple[str, str]] = set()
+        self._known: set[tuple[str, str]] = set()
         self._subscriptions: list[AdaptingSubscription] = []
 
     def refusals(self) -> dict[str, str]:
-        """The topics of which all or some could not be recorded, with the reason."""
-        unbelieved = {
+        """The topics that are missing or incomplete, with the reason."""
+        invalid = {
             topic: ", ".join(f"{count} {reason}" for reason, count in reasons.items())
-            for topic, reasons in self._unbelieved.items()
+            for topic, reasons in self._invalid.items()
         }
-        return self._refused | unbelieved
+        return self._refused | invalid
 
-    def look(self) -> None:
-        """Subscribes to topics that are new, and anew where a new publisher offers less."""
+    def subscribe_new(self) -> None:
+        """Subscribe to new topics, and adapt subscriptions to publishers that offer less."""
         for subscription in self._subscriptions:
             subscription.adapt()
         for topic, type_names in self._node.get_topic_names_and_types():
             if topic in self._topics or not (self._topics or topic in HIDDEN or "/_" in topic):
                 for type_name in type_names:
-                    self._hear(topic, type_name)
+                    self._subscribe(topic, type_name)
 
-    def _hear(self, topic: str, type_name: str) -> None:
+    def _subscribe(self, topic: str, type_name: str) -> None:
         publishers = [each for each in self._node.get_publishers_info_by_topic(topic) if each.topic_type == type_name]
-        if (topic, type_name) in self._heard or not publishers:
+        if (topic, type_name) in self._known or not publishers:
             return
-        self._heard.add((topic, type_name))
+        self._known.add((topic, type_name))
         try:
             kind = message_class(type_name)
         except InstallationError as error:
@@ -132,14 +140,14 @@ class _Listener:
             self._bag.write_raw(topic, type_name, data, now, latched=latched, type_hash=type_hash)
 
         sealed = self._transport.sealed and type_name == STRING
-        take = self._opening(topic, write) if sealed else write
+        take = self._verified(topic, write) if sealed else write
         subscription = AdaptingSubscription(self._node, topic, kind, take, raw=not sealed)
         subscription.adapt()
         self._subscriptions.append(subscription)
         log.info("recording %s (%s)", topic, type_name)
 
-    def _opening(self, topic: str, write: Callable[[bytes], None]) -> Callable[[Any], None]:
-        """Takes sealed Strings of ``topic``, and writes what they say."""
+    def _verified(self, topic: str, write: Callable[[bytes], None]) -> Callable[[Any], None]:
+        """A callback that verifies sealed Strings of ``topic`` and writes their payload."""
         from rclpy.serialization import serialize_message
 
         receiver = self._transport.receiver(topic, latched=True)
@@ -148,7 +156,7 @@ class _Listener:
             try:
                 opened = receiver.open(ros_message)
             except MessageError as error:
-                reasons = self._unbelieved.setdefault(topic, Counter())
+                reasons = self._invalid.setdefault(topic, Counter())
                 if not reasons:
                     log.warning("%s is not recorded in full: %s", topic, error)
                 reasons[refusal_reason(error)] += 1

@@ -32,19 +32,18 @@ from socialbot.core.errors import MessageError, SocialbotError
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,63}")
 PRIVATE, PUBLIC = ".key", ".pub"
-LARGEST_FILE = 10_000
-"""Bytes; the file of a key has about a hundred."""
+MAX_KEY_BYTES = 10_000
 
 
 class SecurityError(SocialbotError):
-    """A key or a setting of security that cannot be used."""
+    """A key or security setting is unusable."""
 
     exit_code = 4
 
 
 @dataclass(frozen=True)
 class Keys:
-    """One's own key and name, and the public keys of all who are believed, by name; oneself is one of them."""
+    """The own name and private key, and the trusted public keys by name, including the own one."""
 
     name: str
     private: Ed25519PrivateKey = field(repr=False)
@@ -52,9 +51,10 @@ class Keys:
 
 
 def new_key(name: str, folder: Path) -> tuple[Path, Path]:
-    """Makes a key called ``name`` in ``folder``, which is made too; returns its private and its public file.
+    """Create a key pair in ``folder``, and the folder if needed; returns the private and the public file.
 
-    Raises SecurityError when there is one of that name, or it cannot be written.
+    Raises:
+        SecurityError: A key of that name exists, or the files cannot be written.
     """
     _check_name(name)
     secret, public = _files(name, folder)
@@ -63,20 +63,23 @@ def new_key(name: str, folder: Path) -> tuple[Path, Path]:
         folder.mkdir(mode=0o755, parents=True, exist_ok=True)
         _keep_out_of_git(folder)
         if public.exists():
-            raise FileExistsError(None, "it is there already")
+            raise FileExistsError(None, "it exists already")
         _write_new(secret, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)
         _write_new(public, _pem(key.public_key()), 0o644)
     except OSError as error:
         raise SecurityError(
-            f"no new key {name!r}: {error.strerror}", where=str(folder), remedy="choose another name or folder"
+            f"cannot create the key {name!r}: {error.strerror}",
+            where=str(folder),
+            remedy="choose another name or folder",
         ) from error
     return secret, public
 
 
 def load_keys(folder: Path, name: str = "") -> Keys:
-    """The keys in ``folder``, with that of ``name`` as one's own; without a name the only private one there.
+    """The keys in ``folder``. The own key is that of ``name``, or the only private one.
 
-    Raises SecurityError for keys that are missing, damaged, do not belong together, or that others may read or change.
+    Raises:
+        SecurityError: Keys are missing, damaged, do not form a pair, or other users can read or change them.
     """
     name = name or _only_private(folder)
     _check_name(name)
@@ -86,35 +89,35 @@ def load_keys(folder: Path, name: str = "") -> Keys:
         raise SecurityError(f"there is no {name}{PUBLIC}", where=str(folder), remedy="copy the public key there, too")
     if _pem(private.public_key()) != _pem(trusted[name]):
         raise SecurityError(
-            f"{name}{PRIVATE} and {name}{PUBLIC} do not belong together",
+            f"{name}{PRIVATE} and {name}{PUBLIC} are not a pair",
             where=str(folder),
-            remedy="copy the public key from where the private one was made",
+            remedy="copy the public key from the machine of the private one",
         )
     return Keys(name, private, trusted)
 
 
 def load_public_keys(folder: Path) -> dict[str, Ed25519PublicKey]:
-    """The public keys in ``folder`` by name. Raises SecurityError when one cannot be used."""
+    """The public keys in ``folder`` by name. Raises SecurityError when one is unusable."""
     if not folder.is_dir():
         raise SecurityError("no such folder", where=str(folder), remedy="make a key: socialbot key new NAME --folder")
-    _refuse_mode(folder, 0o002, "anybody may add keys", "chmod o-w")
+    _refuse_mode(folder, 0o002, "anybody can add keys", "chmod o-w")
     keys = {}
     for path in sorted(folder.glob(f"*{PUBLIC}")):
         _check_name(path.stem)
-        _refuse_mode(path, 0o002, "anybody may change this key", "chmod o-w")
+        _refuse_mode(path, 0o002, "anybody can change this key", "chmod o-w")
         key = _loaded(path, load_pem_public_key)
         if not isinstance(key, Ed25519PublicKey):
-            raise SecurityError("no public Ed25519 key", where=str(path), remedy="make one: socialbot key new NAME")
+            raise SecurityError("not a public Ed25519 key", where=str(path), remedy="make one: socialbot key new NAME")
         keys[path.stem] = key
     return keys
 
 
 def load_private_key(path: Path) -> Ed25519PrivateKey:
-    """The private key at ``path``. Raises SecurityError, also when others than its owner may read it."""
+    """The private key at ``path``. Raises SecurityError when it is unusable, or other users can read it."""
     key = _loaded(path, lambda data: load_pem_private_key(data, None))
-    _refuse_mode(path, 0o077, "others may read or change this private key", "chmod 600")
+    _refuse_mode(path, 0o077, "other users can read or change this private key", "chmod 600")
     if not isinstance(key, Ed25519PrivateKey):
-        raise SecurityError("no private Ed25519 key", where=str(path), remedy="make one: socialbot key new NAME")
+        raise SecurityError("not a private Ed25519 key", where=str(path), remedy="make one: socialbot key new NAME")
     return key
 
 
@@ -124,7 +127,7 @@ def private_names(folder: Path) -> list[str]:
 
 
 def fingerprint(key: Ed25519PublicKey) -> str:
-    """A short text by which two people can see that they have the same key."""
+    """A short text to compare two keys by."""
     digest = hashlib.sha256(key.public_bytes(Encoding.Raw, PublicFormat.Raw)).digest()
     return base64.b32encode(digest[:15]).decode().lower()
 
@@ -135,7 +138,7 @@ def _files(name: str, folder: Path) -> tuple[Path, Path]:
 
 def _check_name(name: str) -> None:
     if not NAME.fullmatch(name):
-        raise SecurityError(f"no name for a key: {name!r}", remedy="use up to 64 letters, digits, _ and -")
+        raise SecurityError(f"{name!r} is not a valid key name", remedy="use up to 64 letters, digits, _ and -")
 
 
 def _only_private(folder: Path) -> str:
@@ -150,14 +153,14 @@ def _only_private(folder: Path) -> str:
 def _loaded(path: Path, load: object) -> object:
     try:
         with path.open("rb") as file:
-            return load(file.read(LARGEST_FILE))  # type: ignore[operator]
+            return load(file.read(MAX_KEY_BYTES))  # type: ignore[operator]
     except OSError as error:
         raise SecurityError(
             f"cannot be read: {error.strerror}", where=str(path), remedy="see docs/security.md"
         ) from error
     except (ValueError, TypeError, UnsupportedAlgorithm, InternalError) as error:
         raise SecurityError(
-            "it holds no key that can be used", where=str(path), remedy="copy or make it anew"
+            "the file holds no usable key", where=str(path), remedy="copy it again, or make a new key"
         ) from error
 
 
@@ -181,19 +184,19 @@ def _pem(key: Ed25519PublicKey) -> bytes:
     return key.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
 
 
-MOST_STREAMS = 256
-"""So many streams are remembered before those are forgotten whose messages would be late anyway."""
+MAX_STREAMS = 256
+"""The number of streams above which those are forgotten whose messages would be late anyway."""
 
 
 class FreshnessVerdict(enum.Enum):
-    """What `Freshness` thinks of a message."""
+    """The result of a freshness check."""
 
     NEW = "new"
     RENEWED = "renewed"
-    """Said before and sealed anew, for who joins late."""
+    """A known message with a new seal, for late subscribers."""
     LATE = "late"
     EARLY = "early"
-    """From the future: the clocks differ."""
+    """The stamp lies in the future: the clocks differ."""
     REPLAYED = "replayed"
 
 
@@ -204,11 +207,16 @@ class _Last:
 
 
 class Freshness:
-    """Judges the messages that come to one receiver. ``window_s``: how far (s) a message's time may be from ours.
+    """Checks the order and age of the messages of one receiver.
 
-    Nothing is believed that was sealed before the receiver began, because an earlier one, which has crashed since, may
-    have heard it already; unless it ``joins_late`` to hear the last state. Times are the computer's, as simulated time
-    may stand still. ``wall`` (ns) may be set right at any time; ``steady`` (ns) counts how long the receiver is there.
+    Messages older than the receiver are late: a crashed predecessor may have executed them. Times are those of the
+    computer, because simulated time may stand still.
+
+    Args:
+        window_s: The allowed difference (s) between the time of a message and the clock.
+        joins_late: Accept messages older than the receiver, for latched topics.
+        wall: The wall clock (ns), which may be set at any time.
+        steady: A steady clock (ns), for the age of the receiver.
     """
 
     def __init__(
@@ -227,47 +235,41 @@ class Freshness:
         self._streams: dict[tuple[str, str], _Last] = {}
 
     @property
-    def remembered(self) -> int:
-        """How many streams it remembers."""
+    def stream_count(self) -> int:
+        """The number of known streams."""
         return len(self._streams)
 
     def judge(self, sender: str, stream: str, number: int, time: int) -> FreshnessVerdict:
-        """What to think of a message, whose signature is right, that was sealed at ``time`` (ns); remembers it."""
+        """Check, and remember, a message with a valid signature that was sealed at ``time`` (ns)."""
         now = self.now()
         last = self._streams.get((sender, stream))
         if last is not None and (number < last.number or (number == last.number and _was_heard(time, last.time, now))):
             return FreshnessVerdict.REPLAYED
         if time - now > self._window:
             return FreshnessVerdict.EARLY
-        if now - time > self._patience():
+        if now - time > self._max_age():
             return FreshnessVerdict.LATE
         self._remember((sender, stream), _Last(number, time), now)
         return FreshnessVerdict.RENEWED if last is not None and number == last.number else FreshnessVerdict.NEW
 
-    def _patience(self) -> int:
+    def _max_age(self) -> int:
         return self._window if self._joins_late else min(self._window, self._steady() - self._begun)
 
     def _remember(self, stream: tuple[str, str], last: _Last, now: int) -> None:
-        if stream not in self._streams and len(self._streams) >= MOST_STREAMS:
+        if stream not in self._streams and len(self._streams) >= MAX_STREAMS:
             self._streams = {key: one for key, one in self._streams.items() if now - one.time <= self._window}
         self._streams[stream] = last
 
 
 def _was_heard(time: int, last: int, now: int) -> bool:
-    """Whether the last message, sealed anew at ``time``, was heard then or later: at ``last``, unless a clock was set.
-
-    After that ``last`` lies in the future.
-    """
+    """Whether the renewal of ``time`` is not newer than the known one of ``last``, unless a clock was set back."""
     return time == last or time < last <= now
 
 
 SCHEMA = "socialbot/Sealed/1"
 
 WINDOW_S = 5.0
-"""How far (s) the time of a message may be from the receiver's: what the clocks differ, and how long it travels.
-
-A message whose last packet was lost is sent again after three seconds by Fast DDS.
-"""
+"""The default window (s): clock difference plus travel time. Fast DDS repeats a lost packet after three seconds."""
 
 STREAM_BYTES = 8
 LONGEST_SHOWN = 40
@@ -277,7 +279,7 @@ Name = Annotated[str, msgspec.Meta(max_length=256)]
 
 
 class Sealed(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA, forbid_unknown_fields=True):
-    """A text with its seal. ``stream`` and ``number`` are its id; ``time`` (ns) is when it was sealed."""
+    """A sealed text. ``stream`` and ``number`` identify it; ``time`` (ns) is the time of the seal."""
 
     sender: Name
     stream: Name
@@ -288,7 +290,7 @@ class Sealed(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema", tag=
     signature: bytes
 
     def signed(self, realm: str) -> bytes:
-        """The bytes that the signature is for: JSON without a line break, a line break, the payload."""
+        """The signed bytes: JSON in one line, a line break, the payload."""
         head = (SCHEMA, realm, self.sender, self.stream, self.number, self.time, self.topic)
         return msgspec.json.encode(head) + b"\n" + self.payload.encode()
 
@@ -296,10 +298,9 @@ class Sealed(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema", tag=
 REASONS = ("unsealed", "unreadable", "unknown sender", "forged", "moved", "late", "early", "replayed")
 """Why a message is refused.
 
-``unsealed``: plain text. ``unreadable``: no valid seal at all. ``unknown sender``: without a key here. ``forged``: not
-signed by whom it names, or altered since, or from another realm. ``moved``: for another topic. ``late``, ``early``:
-outside of the window. ``replayed``: not newer than what that publisher has said already. The last four are told of
-messages only whose signature is right.
+``unsealed``: plain text. ``unreadable``: no valid seal. ``unknown sender``: no key for it. ``forged``: the signature
+is wrong, or from another realm. ``moved``: sealed for another topic. ``late``, ``early``: outside of the window.
+``replayed``: not newer than the last message of its stream. The last four have a valid signature.
 """
 
 _DECODER = msgspec.json.Decoder(Sealed)
@@ -307,14 +308,14 @@ _REMEDIES = {
     "sealed": "set SOCIALBOT_KEYS to a key that its sender trusts, see docs/security.md",
     "unsealed": "give its sender a key: SOCIALBOT_KEYS, see docs/security.md",
     "unknown sender": "copy the sender's .pub into the folder of keys, if you trust it",
-    "forged": "somebody may be pretending; or the sender has a new key or another ROS domain: socialbot key list",
+    "forged": "the sender is a stranger, or has a new key or another ROS domain: compare with socialbot key list",
     "late": "if all of a machine's messages are late, its clock is wrong or the link too slow",
     "early": "set the clocks of both machines: timedatectl",
 }
 
 
 class SealError(MessageError):
-    """A message that is not to be believed; ``reason`` is one of `REASONS`, or ``sealed`` to who has no keys."""
+    """A message is refused; ``reason`` is one of `REASONS`, or ``sealed`` in a process without keys."""
 
     def __init__(self, reason: str, what: str) -> None:
         super().__init__(f"{reason}: {what}", remedy=_REMEDIES.get(reason))
@@ -322,7 +323,7 @@ class SealError(MessageError):
 
 
 class Stream:
-    """Seals what one publisher says on one ``topic``; what is sealed first has to be sent first."""
+    """Seals the messages of one publisher on one ``topic``. They must be published in the order of the seals."""
 
     def __init__(self, keys: Keys, realm: str, topic: str, *, wall: Callable[[], int] = time.time_ns) -> None:
         self._keys = keys
@@ -334,10 +335,10 @@ class Stream:
         self._time = 0
 
     def seal(self, text: str, *, anew: bool = False) -> str:
-        """``text`` sealed; ``anew`` when it is the same as the last time, only sealed later."""
+        """``text`` with a seal; ``anew`` renews the seal of the previous text."""
         self._number += not anew
         now = self._wall()
-        # What is sealed anew is known by its time.
+        # The time tells renewed seals apart.
         self._time = now if now != self._time else now + 1
         blank = Sealed(
             sender=self._keys.name,
@@ -353,7 +354,7 @@ class Stream:
 
 
 class Opener:
-    """Opens what comes on one ``topic`` to one receiver; what cannot be believed it refuses."""
+    """Verifies the messages of one receiver on one ``topic``."""
 
     def __init__(self, keys: Keys, realm: str, topic: str, freshness: Freshness) -> None:
         self._keys = keys
@@ -362,7 +363,7 @@ class Opener:
         self._freshness = freshness
 
     def open(self, text: str) -> str | None:
-        """The payload of ``text``; None when it was only sealed anew since. Raises SealError."""
+        """The payload of ``text``; None for a renewed seal of a known message. Raises SealError."""
         sealed = read(text)
         self._verify(sealed)
         verdict = self._freshness.judge(sealed.sender, sealed.stream, sealed.number, sealed.time)
@@ -389,7 +390,7 @@ class Opener:
 
 
 def read(text: str) -> Sealed:
-    """The seal that ``text`` is, not yet verified. Raises SealError."""
+    """Parse a sealed text, without verification. Raises SealError."""
     try:
         return _DECODER.decode(text)
     except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
@@ -398,7 +399,7 @@ def read(text: str) -> Sealed:
 
 
 class Seal:
-    """What a process needs to seal and open: its keys, and where they count (``realm``)."""
+    """Makes streams and openers with the keys of a process, valid in one ``realm``."""
 
     def __init__(self, keys: Keys, *, realm: str, window_s: float = WINDOW_S) -> None:
         self.window_s = window_s
@@ -406,9 +407,9 @@ class Seal:
         self._realm = realm
 
     def stream(self, topic: str) -> Stream:
-        """For one publisher on ``topic``."""
+        """The stream of one publisher on ``topic``."""
         return Stream(self._keys, self._realm, topic)
 
     def opener(self, topic: str, *, joins_late: bool = False) -> Opener:
-        """For one subscription to ``topic``; ``joins_late`` where it hears the last state of a latched topic."""
+        """The opener of one subscription; ``joins_late`` for a latched topic."""
         return Opener(self._keys, self._realm, topic, Freshness(self.window_s, joins_late=joins_late))

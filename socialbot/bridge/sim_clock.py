@@ -1,7 +1,7 @@
-"""Simulated time in step with the nodes: /clock goes on as soon as all of them have done what was due.
+"""Simulated time in step with the nodes: /clock advances as soon as all of them have done the work that is due.
 
-So a graph over DDS runs as fast as the machine can, and a slow or busy machine makes the run longer but not different:
-work that a node has done aside, such as planning, takes no simulated time.
+So a graph over DDS runs as fast as the machine allows. A slow machine makes the run longer, but not different. Work in
+the background, such as planning, takes no simulated time.
 """
 
 from __future__ import annotations
@@ -15,23 +15,24 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import NodeError
 
 KEPT_TOPIC = "/clock_kept"
-"""Here nodes tell up to which time they have kept up (std_msgs/Header: their name and that time)."""
+"""The topic on which nodes report the time up to which their work is done (std_msgs/Header: name and time)."""
 
 STEP_S = 0.1
-PATIENCE_S = 30.0
-"""How long (s of real time) a node may take for what is due at one time."""
+STEP_TIMEOUT_S = 30.0
+"""The real time (s) that a node has for the work of one step."""
 
-REMIND_S = 0.25
-"""A node that has just joined has not heard of the time; it is told again after so long (s of real time)."""
+REPEAT_S = 0.25
+"""The real time (s) after which the time is published again, for a node that has just joined."""
 
 NUDGE_NS = 1000
 
 
 class SimClock:
-    """Moves the time of a graph through the rclpy node ``ros``, which another thread spins.
+    """Publishes the time of a graph through the rclpy node ``ros``, which another thread spins.
 
-    ``awaited`` are the names of the nodes that have to keep up; take out one that goes away, add one that joins.
-    ``now`` is the time in ns. It moves only in `advance` and `until`.
+    Attributes:
+        now: The time (ns). It changes only in `advance` and `until`.
+        awaited: The names of the nodes to wait for. Remove a node that leaves, add one that joins.
     """
 
     def __init__(self, ros: Any, nodes: Iterable[str], *, start: int = SECOND, step_s: float = STEP_S) -> None:
@@ -53,15 +54,15 @@ class SimClock:
         )
 
     def advance(self, seconds: float) -> None:
-        """Lets so much time pass. Raises NodeError when a node does not keep up."""
+        """Advance the time. Raises NodeError when a node does not finish its work."""
         end = self.now + nanoseconds(seconds)
-        self._tell()
+        self._step_nodes()
         while self.now < end:
             self.now = min(self.now + self._step, end)
-            self._tell()
+            self._step_nodes()
 
     def until(self, holds: Callable[[], bool], *, limit_s: float) -> bool:
-        """Lets time pass until something holds, for ``limit_s`` at most; says whether it does."""
+        """Advance the time until ``holds`` returns true, for ``limit_s`` at most; returns whether it did."""
         end = self.now + nanoseconds(limit_s)
         while not holds():
             if self.now >= end:
@@ -74,18 +75,17 @@ class SimClock:
             self._kept[header.frame_id] = header.stamp.sec * SECOND + header.stamp.nanosec
             self._changed.notify()
 
-    def _tell(self) -> None:
-        """Tells the time, and waits for the nodes."""
-        deadline = time.monotonic() + PATIENCE_S
+    def _step_nodes(self) -> None:
+        deadline = time.monotonic() + STEP_TIMEOUT_S
         self._publish()
         while not self._wait():
             if time.monotonic() > deadline:
                 raise NodeError(
-                    f"not done after {PATIENCE_S:.0f} s with what is due at {self.now / SECOND:.3f} s",
+                    f"the work due at {self.now / SECOND:.3f} s is not done after {STEP_TIMEOUT_S:.0f} s",
                     where=", ".join(sorted(self._late())),
-                    remedy="look into its log",
+                    remedy="see the log of the node",
                 )
-            # Nodes notice only a time that has changed.
+            # Nodes only react to a time that has changed.
             self.now += NUDGE_NS
             self._publish()
 
@@ -96,7 +96,7 @@ class SimClock:
 
     def _wait(self) -> bool:
         with self._changed:
-            return self._changed.wait_for(lambda: not self._late(), REMIND_S)
+            return self._changed.wait_for(lambda: not self._late(), REPEAT_S)
 
     def _late(self) -> list[str]:
         return [name for name in self.awaited if self._kept.get(name, -1) < self.now]

@@ -1,6 +1,6 @@
-"""Says again what a running graph sees and does, in messages that other packages of ROS know.
+"""Republish detections and head pose of a running graph as standard ROS messages, for RViz, rqt and ROS4HRI.
 
-RViz, rqt, ROS4HRI and others take these; see docs/ros-installation.md. A package that is not installed is left out.
+Types of packages that are not installed are left out. See docs/ros-installation.md.
 """
 
 from __future__ import annotations
@@ -42,17 +42,24 @@ REGION_TYPE = "hri_msgs/msg/NormalizedRegionOfInterest2D"
 
 
 def translated_topics(graph: Graph) -> dict[str, type[Message]]:
-    """The topics of ``graph`` that a `Translator` has to hear."""
+    """The topics of ``graph`` that a `Translator` needs."""
     kinds = (PersonDetections, JointTrajectory)
     return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
 
 
 class Translator:
-    """Takes messages of ``graph`` from any thread; says them again by ``ros``, a node that spins.
+    """Converts messages of ``graph``, taken from any thread, and publishes them through the spinning node ``ros``.
 
-    With ``head`` it also says where the head is, as it was told: on a robot the drivers do that. ``missing`` names the
-    packages that are not installed, or whose libraries are not found. Raises ParameterError when there is no head to
-    tell of.
+    Args:
+        ros: The rclpy node.
+        graph: The graph.
+        head: Whether to publish the commanded head pose, too. On a robot the drivers publish it.
+
+    Raises:
+        ParameterError: ``head`` is set, and the graph has no head.
+
+    Attributes:
+        missing: The packages that are not installed, or whose libraries are not found.
     """
 
     def __init__(self, ros: Any, graph: Graph, *, head: bool) -> None:
@@ -60,7 +67,7 @@ class Translator:
         if head and neck is None:
             raise ParameterError(f"no node of {graph.name} turns a head", where="--head", remedy="leave it out")
         self._ros = ros
-        self._say = StandardMessages(RclpyTypes())
+        self._messages = StandardMessages(RclpyTypes())
         self._neck = neck or Neck("", "")
         self._mounting = mounting_of(graph)
         self._joints = Joints((self._neck.pan, self._neck.tilt))
@@ -69,44 +76,44 @@ class Translator:
         self.missing: set[str] = set()
         self._publishers: dict[str, Any] = {}
         for topic, kind in (*TYPES.items(), *(HEAD_TYPES.items() if head else ())):
-            self._offer(topic, kind, Delivery.LATCHED if topic == TF_STATIC else Delivery.EVERY)
+            self._create_publisher(topic, kind, Delivery.LATCHED if topic == TF_STATIC else Delivery.EVERY)
         if head:
-            self._tell_camera()
-            ros.create_timer(1 / HEAD_HZ, self._tell_head)
+            self._publish_camera()
+            ros.create_timer(1 / HEAD_HZ, self._publish_head)
 
     @property
     def topics(self) -> list[str]:
-        """What it says, each with its type; there is one for the box of each body."""
+        """The published topics, each with its type."""
         offered = {**TYPES, **HEAD_TYPES}
-        told = [f"{topic}  {offered[topic]}" for topic in self._publishers]
-        return [*told, f"{REGION.format('<id>')}  {REGION_TYPE}"] if TRACKED in self._publishers else told
+        topics = [f"{topic}  {offered[topic]}" for topic in self._publishers]
+        return [*topics, f"{REGION.format('<id>')}  {REGION_TYPE}"] if TRACKED in self._publishers else topics
 
     def take(self, topic: str, message: Message) -> None:
-        """Says a message of a graph again, unless no Time of ROS can hold its stamp."""
+        """Convert and publish a message, unless its stamp does not fit a ROS Time."""
         if not fits_time(message.stamp):
             return
         with self._lock:
             if isinstance(message, JointTrajectory):
                 self._joints.tell(message)
             elif isinstance(message, PersonDetections):
-                self._tell_people(message)
+                self._publish_people(message)
 
-    def _tell_people(self, found: PersonDetections) -> None:
+    def _publish_people(self, found: PersonDetections) -> None:
         if found.frame_id not in ("", self._mounting.optical):
-            # Whose pictures these are is not for the graph to say: another driver's, or those of a bag.
+            # The frame of the images depends on the driver or the bag, not on the graph.
             self._mounting = replace(self._mounting, optical=found.frame_id)
-            self._tell_camera()
+            self._publish_camera()
         head = self._pose(found.stamp) if self._mounting.on_head else AHEAD
         if found.persons:
-            self._tell(TF, lambda: self._say.bodies(found, head))
-        self._tell(MARKERS, lambda: self._say.markers(found, head))
-        self._tell(BOXES, lambda: self._say.boxes(found))
+            self._publish(TF, lambda: self._messages.bodies(found, head))
+        self._publish(MARKERS, lambda: self._messages.markers(found, head))
+        self._publish(BOXES, lambda: self._messages.boxes(found))
         if TRACKED in self._publishers:
-            self._tell_regions(found)
-            self._tell(TRACKED, lambda: self._say.ids(found))
+            self._publish_regions(found)
+            self._publish(TRACKED, lambda: self._messages.ids(found))
 
-    def _tell_regions(self, found: PersonDetections) -> None:
-        """By a topic for each body, which goes when the body does."""
+    def _publish_regions(self, found: PersonDetections) -> None:
+        """Publish one topic per body, and remove it with the body."""
         there = {body_id(person): person for person in found.persons if person.track_id}
         for gone in self._bodies.keys() - there.keys():
             self._ros.destroy_publisher(self._bodies.pop(gone))
@@ -114,24 +121,24 @@ class Translator:
             return
         for name, person in there.items():
             if name not in self._bodies:
-                # Who hears of a body only now gets the box that it has by then.
+                # Latched, so that late subscribers get the current box.
                 self._bodies[name] = self._ros.create_publisher(
                     message_class(REGION_TYPE), REGION.format(name), publisher_qos(Delivery.LATCHED)
                 )
-            self._bodies[name].publish(self._say.region(found, person))
+            self._bodies[name].publish(self._messages.region(found, person))
 
-    def _tell_camera(self) -> None:
-        self._tell(TF_STATIC, lambda: self._say.camera(self._now(), self._mounting))
+    def _publish_camera(self) -> None:
+        self._publish(TF_STATIC, lambda: self._messages.camera(self._now(), self._mounting))
 
-    def _tell_head(self) -> None:
+    def _publish_head(self) -> None:
         with self._lock:
             now = self._now()
             pose = self._pose(now)
-        self._tell(JOINTS, lambda: self._say.joints(now, self._joints.names, pose))
-        self._tell(TF, lambda: self._say.head(now, pose, self._mounting.height_m))
+        self._publish(JOINTS, lambda: self._messages.joints(now, self._joints.names, pose))
+        self._publish(TF, lambda: self._messages.head(now, pose, self._mounting.height_m))
 
-    def _tell(self, topic: str, make: Callable[[], Any]) -> None:
-        """Publishes what is made, where the type of ``topic`` is installed."""
+    def _publish(self, topic: str, make: Callable[[], Any]) -> None:
+        """Publish a message where the type of ``topic`` is installed."""
         publisher = self._publishers.get(topic)
         if publisher is not None:
             publisher.publish(make())
@@ -142,7 +149,7 @@ class Translator:
     def _now(self) -> int:
         return self._ros.get_clock().now().nanoseconds
 
-    def _offer(self, topic: str, kind: str, delivery: Delivery) -> None:
+    def _create_publisher(self, topic: str, kind: str, delivery: Delivery) -> None:
         from rosidl_generator_py.import_type_support_impl import UnsupportedTypeSupport
 
         try:
@@ -151,5 +158,5 @@ class Translator:
                 message_class(REGION_TYPE)
             self._publishers[topic] = self._ros.create_publisher(found, topic, publisher_qos(delivery))
         except (InstallationError, UnsupportedTypeSupport):
-            # The second is for a package whose libraries are not found.
+            # UnsupportedTypeSupport: the libraries of the package are not found.
             self.missing.add(kind.partition("/")[0])

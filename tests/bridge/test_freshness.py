@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.bridge.security import MOST_STREAMS, Freshness, FreshnessVerdict
+from socialbot.bridge.security import MAX_STREAMS, Freshness, FreshnessVerdict
 from socialbot.core.clock import SECOND
 
 NEW, RENEWED, LATE, EARLY, REPLAYED = FreshnessVerdict
@@ -104,10 +104,10 @@ def test_memory_is_bounded_and_what_is_forgotten_is_late(clocks):
     receiver = clocks.receiver()
     clocks.go_on(5)
     first = clocks.wall
-    for number in range(20 * MOST_STREAMS):
+    for number in range(20 * MAX_STREAMS):
         assert receiver.judge("a", f"s{number}", 1, clocks.wall) is NEW
         clocks.go_on(0.05)
-    assert receiver.remembered <= MOST_STREAMS
+    assert receiver.stream_count <= MAX_STREAMS
     assert receiver.judge("a", "s0", 1, first) is LATE
 
 
