@@ -1,4 +1,4 @@
-"""The coordinator: tracks agents and the ward, keeps missions going; and its node."""
+"""Coordinator of the hospital: tracks agents and the ward, runs missions; and its node."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ log = logging.getLogger("socialbot.coordinator")
 
 
 class Coordinator:
-    """Directs agents that have registered; times are ns."""
+    """Directs registered agents. Times are ns."""
 
     def __init__(
         self, send: Send, options: CoordinatorOptions | None = None, memory: CoordinatorMemory | None = None
@@ -56,13 +56,13 @@ class Coordinator:
         self.recovery = Recovery(self.manager)
 
     def begin(self) -> None:
-        """Asks everybody to register: those who did so before it was there, and those whom it remembers."""
+        """Ask all agents to register: early ones, and those in the memory."""
         self.manager.send(EVERYBODY, "query", Register(), "", "")
 
-    # What is said
+    # Messages
 
     def receive(self, message: AclMessage, now: int) -> None:
-        """Takes a message. One that is for somebody who is not known, or makes no sense, is refused."""
+        """Process a message. Refuse one with an unknown receiver, or an invalid one."""
         self.manager.now = now
         if message.sender == COORDINATOR:
             return
@@ -138,7 +138,7 @@ class Coordinator:
                     self._conclude(mission)
 
     def _mission_of(self, message: AclMessage) -> Mission | None:
-        """The mission that a message is about, if it is about its plans as they are now."""
+        """The mission of a message, if its plans are current."""
         member = self.memory.members.get(message.sender)
         mission = self.memory.missions.get(member.mission) if member else None
         return mission if mission is not None and mission.label == message.mission else None
@@ -149,10 +149,10 @@ class Coordinator:
         log.warning("refused what %s says: %s", message.sender, reason)
         self.manager.send(message.sender, "refuse", Refusal(reason), message.mission, message.id)
 
-    # What the ward shows
+    # Ward
 
     def observe(self, ward: WardState, now: int) -> None:
-        """Takes the state of the ward: begins and ends missions, and looks ahead."""
+        """Process the state of the ward: start and end missions, and act before problems."""
         manager = self.manager
         manager.now, manager.ward = now, ward
         if self.options.triggers:
@@ -171,10 +171,10 @@ class Coordinator:
         manager.form_teams()
 
     def _follow(self, mission: Mission) -> None:
-        """Sees whether a running mission goes on as it should."""
+        """Check the progress of a running mission."""
         ward = self.manager.ward
         if ward is not None and any((agent := ward.agent(name)) and agent.busy for name in mission.active):
-            # Who is seen to do something may take long over it.
+            # An agent at work may take long.
             mission.touched = max(mission.touched, ward.stamp)
         if mission.id not in self.progress_of:
             self._recall(mission)
@@ -186,7 +186,7 @@ class Coordinator:
             self.recovery.look_ahead(mission)
 
     def _recall(self, mission: Mission) -> None:
-        """Goes on with a mission that was running when the coordinator ended: nobody knows how far it has come."""
+        """Continue a mission that was running at the end of an earlier coordinator; its progress is unknown."""
         room = self.manager.ward.room(mission.room) if self.manager.ward else None
         if room is not None and not room.infected:
             self.manager.finish(mission)
@@ -194,7 +194,7 @@ class Coordinator:
             self.recovery.recover(mission, "the coordinator has begun anew")
 
     def _conclude(self, mission: Mission) -> None:
-        """Ends a mission whose agents have all finished, if the ward shows that the room is as it should be."""
+        """End a mission after its last agent, if the ward shows the room as disinfected."""
         ward = self.manager.ward
         room = ward.room(mission.room) if ward else None
         if ward is None or room is None:
@@ -204,31 +204,29 @@ class Coordinator:
         elif ward.stamp > mission.ended:
             self.recovery.recover(mission, "the room is not disinfected")
 
-    # For others to see
+    # State
 
     @property
     def options(self) -> CoordinatorOptions:
-        """How it goes about it."""
         return self.manager.options
 
     @property
     def memory(self) -> CoordinatorMemory:
-        """What it has to remember."""
         return self.manager.memory
 
     @property
     def progress_of(self) -> dict[int, PlanProgress]:
-        """The plans of the running missions, by number."""
+        """Progress of the running missions, by number."""
         return self.manager.progress_of
 
     @property
     def planning_s(self) -> deque[float]:
-        """How long each of the latest plans took to find."""
+        """Durations of the latest plannings."""
         return self.manager.planning_s
 
     @property
     def changed(self) -> bool:
-        """Whether something is other than when this was last set to False."""
+        """Whether a mission changed since this was set to False."""
         return self.manager.view_cache.changed
 
     @changed.setter
@@ -236,7 +234,6 @@ class Coordinator:
         self.manager.view_cache.changed = changed
 
     def views(self) -> Iterator[MissionView]:
-        """The latest missions that are over, in the order of their end, and all that are not, by number."""
         return self.manager.view_cache.views(self.memory.missions.values(), self.progress_of)
 
 
@@ -244,7 +241,7 @@ MISSIONS = "/hospital/missions"
 
 
 class HospitalCoordinator(Node):
-    """Directs the robots and nurses of a hospital. What it has to remember it keeps in a file, if it is given one."""
+    """Directs the robots and nurses of a hospital. With a ``memory_file`` it continues after a restart."""
 
     deliberates = True
 
@@ -255,17 +252,17 @@ class HospitalCoordinator(Node):
 
     policy = Parameter(
         "auto",
-        "after a problem: replan the whole mission, repair its plan, decide by its joint actions, or give it up",
+        "reaction to a problem: choice by joint actions, new plan, repaired plan, or end of the mission",
         choices=("auto", "replan", "repair", "none"),
     )
-    proactive = Parameter(True, "whether it looks at rooms and batteries, and acts before a plan meets a problem")
-    triggers = Parameter(True, "whether it begins a mission by itself where a room is to be disinfected")
-    patience_s = Parameter(120.0, "s without news of a mission until it is planned anew", minimum=1.0, maximum=1e5)
-    rest_s = Parameter(5.0, "s until a mission is tried again that could not go on", minimum=0.0, maximum=1e4)
-    memory_file = Parameter("", "the file in which it remembers missions and agents; empty: none", fixed=True)
+    proactive = Parameter(True, "whether it observes rooms and batteries, and acts before a problem")
+    triggers = Parameter(True, "whether it starts a mission for each infected room")
+    patience_s = Parameter(120.0, "time without news of a mission before a new plan (s)", minimum=1.0, maximum=1e5)
+    rest_s = Parameter(5.0, "time before a blocked mission is tried again (s)", minimum=0.0, maximum=1e4)
+    memory_file = Parameter("", "file for missions and agents; empty: none", fixed=True)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        """Raises ParameterError for a file that cannot be read, or is where none may be kept."""
+        """Raises ParameterError for an invalid ``memory_file``."""
         super().__init__(name, context, parameters)
         self._memory_file = (
             paths.in_workspace(self.memory_file, where=f"{name}.memory_file") if self.memory_file else None
@@ -281,13 +278,11 @@ class HospitalCoordinator(Node):
 
     @heard
     def on_heard(self, message: AclMessage) -> None:
-        """Takes what agents say."""
         self.coordinator.receive(message, self.clock.now())
         self._tell()
 
     @state
     def on_state(self, message: WardState) -> None:
-        """Takes what the ward shows."""
         self.coordinator.observe(message, self.clock.now())
         self._tell()
 
@@ -299,7 +294,7 @@ class HospitalCoordinator(Node):
             setattr(options, name, value)
 
     def _tell(self) -> None:
-        """Publishes and saves what has changed."""
+        """Publish and save changes."""
         if not self.coordinator.changed:
             return
         self.coordinator.changed = False
@@ -318,7 +313,7 @@ class HospitalCoordinator(Node):
             new.write_bytes(data)
             os.replace(new, path)
         except OSError as error:
-            self.log.warning("cannot remember: %s", error)
+            self.log.warning("cannot write the memory file: %s", error)
             return
         self._saved = data
 
@@ -330,5 +325,5 @@ class HospitalCoordinator(Node):
             return msgspec.json.decode(path.read_bytes(), type=CoordinatorMemory)
         except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ParameterError(
-                f"cannot read what it remembers: {error}", where=str(path), remedy="delete the file"
+                f"cannot read the memory file: {error}", where=str(path), remedy="delete the file"
             ) from error

@@ -14,26 +14,26 @@ from socialbot.core.messages import Structured
 TOPIC = "/hospital/messages"
 COORDINATOR = "coordinator"
 EVERYBODY = "all"
-"""The receiver of what the coordinator asks everybody."""
+"""Receiver of messages for all agents."""
 
 Performative = Literal["query", "request", "agree", "inform", "failure", "refuse", "subscribe"]
 
 
 class Content(msgspec.Struct, frozen=True, tag_field="content"):
-    """What is said."""
+    """Content of a speech act."""
 
 
 class Register(Content, frozen=True):
-    """An agent offers its services: what it is (``spot``), and what it can do. The coordinator asks with it, too."""
+    """Registration of an agent: its kind (``spot``) and its actions; from the coordinator, the request for it."""
 
     kind: str = ""
     capabilities: tuple[str, ...] = ()
 
 
 class Plan(Content, frozen=True):
-    """Plans in AgentSpeak, which take the place of all earlier ones of the same mission.
+    """AgentSpeak plans, which replace all earlier plans of their mission.
 
-    Their labels are ``label`` with a number behind it: ``@mission_7_2_0`` is the first of ``mission_7_2``.
+    Their labels are ``label`` and a number: ``@mission_7_2_0`` is the first plan of ``mission_7_2``.
     """
 
     label: str
@@ -41,43 +41,43 @@ class Plan(Content, frozen=True):
 
 
 class Belief(Content, frozen=True):
-    """A literal to believe, in AgentSpeak."""
+    """Belief for the receiver, an AgentSpeak literal."""
 
     literal: str
 
 
 class Start(Content, frozen=True):
-    """Begin: the constants of the context of the plans, ``start(...)``."""
+    """Start of a mission, with the arguments of the belief ``start(...)`` in the context of its plans."""
 
     arguments: tuple[str, ...]
 
 
 class Stop(Content, frozen=True):
-    """Give up the mission."""
+    """Abort of the mission."""
 
     reason: str = ""
 
 
 class End(Content, frozen=True):
-    """The mission is over, for good."""
+    """End of the mission."""
 
 
 class Ready(Content, frozen=True):
-    """Somebody waits for the receiver to do a joint action."""
+    """Announcement of the sender, which waits for the receiver to do a joint action."""
 
     action: str
     args: tuple[str, ...] = ()
 
 
 class Done(Content, frozen=True):
-    """The answer to `Ready`: both are there, the joint action begins."""
+    """Answer to `Ready`: the joint action starts."""
 
     action: str
     args: tuple[str, ...] = ()
 
 
 class Report(Content, frozen=True):
-    """What came of an action."""
+    """Result of an action."""
 
     outcome: Literal["success", "failure"]
     action: str
@@ -86,7 +86,7 @@ class Report(Content, frozen=True):
 
 
 class Problem(Content, frozen=True):
-    """A failed action that its agent cannot mend: why (``dirty room``), and what it was."""
+    """A failed action without a recovery plan, and its reason (``dirty room``)."""
 
     kind: str
     args: tuple[str, ...] = ()
@@ -94,18 +94,18 @@ class Problem(Content, frozen=True):
 
 
 class Finished(Content, frozen=True):
-    """An agent has done all of its part."""
+    """End of the part of the sender."""
 
 
 class InitialTrigger(Content, frozen=True):
-    """Asks for a mission: ``InitialTrigger("disinfect", ("room1",))``."""
+    """Request for a mission: ``InitialTrigger("disinfect", ("room1",))``."""
 
     mission_kind: str
     args: tuple[str, ...] = ()
 
 
 class Refusal(Content, frozen=True):
-    """Why something that was said is not taken up."""
+    """Reason for the refusal of a message."""
 
     reason: str
 
@@ -128,7 +128,7 @@ AnyContent = (
 
 
 class AclMessage(Structured, frozen=True, kw_only=True):
-    """A speech act. ``mission`` is the label of the plans that it belongs to, ``in_reply_to`` the id of a message."""
+    """Speech act. ``mission`` is the label of its plans, ``in_reply_to`` the id of the message that it answers."""
 
     id: str
     sender: str
@@ -154,11 +154,11 @@ PERFORMATIVES: Mapping[type[Content], tuple[Performative, ...]] = {
     InitialTrigger: ("request", "agree"),
     Refusal: ("refuse",),
 }
-"""As what agents with a mind, and who directs them, say each thing."""
+"""Valid performatives, by content."""
 
 
 def protocol_error(message: AclMessage) -> str:
-    """What is wrong with the way in which something is said; empty if nothing is."""
+    """The violation of the protocol by a message; an empty string for a valid one."""
     content = message.content
     allowed = PERFORMATIVES[type(content)]
     if message.performative not in allowed:
@@ -172,7 +172,7 @@ ActionStatus = Literal["planned", "done", "failed"]
 
 
 class PlannedAction(msgspec.Struct, frozen=True, kw_only=True):
-    """An action of a mission, and what became of it."""
+    """An action of a mission with its status."""
 
     action: str
     args: tuple[str, ...]
@@ -184,10 +184,10 @@ MissionStatus = Literal["waiting", "running", "finished", "failed"]
 
 
 class MissionView(msgspec.Struct, frozen=True, kw_only=True):
-    """A mission as it stands.
+    """State of a mission.
 
-    ``actions`` were done, failed or are planned, in order; ``tree`` is a drawing of the tasks. ``recoveries`` counts
-    the new plans after a problem, ``revisions`` those before one.
+    ``actions`` are done, failed or planned, in order; ``tree`` is the task tree as text. ``recoveries`` counts the new
+    plans after a problem, ``revisions`` those before one.
     """
 
     id: int
@@ -209,7 +209,7 @@ class MissionView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Missions(Structured, frozen=True, kw_only=True):
-    """All missions that are not over, and the latest that are."""
+    """All open missions, and the latest ended ones."""
 
     missions: tuple[MissionView, ...]
 
@@ -218,7 +218,7 @@ MISSION_MESSAGES: tuple[type[Structured], ...] = (AclMessage, Missions)
 
 
 class AclSender:
-    """Says things as ``name``; ``publish`` sends them."""
+    """Sends speech acts of the agent ``name``."""
 
     def __init__(self, name: str, clock: Clock, publish: Callable[[AclMessage], object]) -> None:
         self._name = name
@@ -230,7 +230,7 @@ class AclSender:
     def send(
         self, receiver: str, performative: Performative, content: AnyContent, mission: str = "", in_reply_to: str = ""
     ) -> None:
-        """Says ``content`` to the receiver; see `AclMessage`."""
+        """Send a speech act; see `AclMessage`."""
         self._publish(
             AclMessage(
                 stamp=self._clock.now(),
@@ -245,5 +245,5 @@ class AclSender:
         )
 
     def next_id(self) -> str:
-        """One that this speaker, however often it begins anew, has not used before."""
+        """An id that is unique over restarts of this sender."""
         return f"{self._begun}-{next(self._numbers)}"

@@ -36,11 +36,11 @@ from socialbot.planning.htn.tree import TaskAnswer, TaskNode, TaskVerdict
 log = logging.getLogger("socialbot.coordinator")
 
 Send = Callable[[str, Performative, AnyContent, str, str], object]
-"""Says something: the receiver, the performative, the content, the mission's label, the message it answers."""
+"""Send a message: receiver, performative, content, label of the mission, id of the message that it answers."""
 
 
 class MissionManager:
-    """The missions, their teams, and the plans of those that are running. Times are ns."""
+    """Missions, their teams, and the plans of running missions. Times are ns."""
 
     def __init__(self, send: Send, options: CoordinatorOptions, memory: CoordinatorMemory) -> None:
         self.send = send
@@ -49,28 +49,27 @@ class MissionManager:
         self.progress_of: dict[int, PlanProgress] = {}
         self.view_cache = MissionViewCache()
         self.ward: WardState | None = None
-        """As it was seen last."""
         self.now = 0
         self.planner = TaskPlanner(DOMAIN)
         self.planning_s: deque[float] = deque(maxlen=10_000)
         self._may_form = True
-        """Whether something has changed since teams could not be formed."""
+        """Whether an agent or mission became free since the last attempt to form teams."""
 
     # Missions
 
     def begin(self, kind: str, room: str) -> Mission:
-        """A new mission, which waits for a team."""
+        """Create a mission, which waits for a team."""
         self.memory.last += 1
         mission = self.memory.missions[self.memory.last] = Mission(self.memory.last, kind, room)
         self.await_team(mission)
         return mission
 
     def open_in(self, room: str) -> Mission | None:
-        """The mission in a room that is not over, if there is one."""
+        """The open mission in a room."""
         return next((mission for mission in self.memory.missions.values() if mission.room == room), None)
 
     def retire(self, mission: Mission, why: str, *, rest: bool = True) -> None:
-        """Has a mission wait for another team, after a rest; its own is free."""
+        """Make a mission wait for another team, by default after a rest; its team is free."""
         log.info("mission %d waits: %s", mission.id, why)
         self._dismiss(mission, Stop(why))
         mission.status, mission.problem = "waiting", why
@@ -80,7 +79,7 @@ class MissionManager:
         self.await_team(mission)
 
     def finish(self, mission: Mission, status: Literal["finished", "failed"] = "finished") -> None:
-        """Ends a mission; its team is free."""
+        """End a mission; its team is free."""
         mission.status = status
         self.view_cache.close(mission, self.progress_of.get(mission.id))
         self._dismiss(mission, End())
@@ -95,13 +94,12 @@ class MissionManager:
     # Teams
 
     def await_team(self, mission: Mission | None = None) -> None:
-        """Has teams formed when `form_teams` is called next: ``mission``, or somebody, is now free for that."""
+        """Form teams at the next call of `form_teams`: an agent, or ``mission``, is free now."""
         self._may_form = True
         if mission is not None:
             self.view_cache.redraw(mission)
 
     def release(self, mission: Mission, name: str) -> None:
-        """Frees one of the team."""
         if name in mission.active:
             mission.active.remove(name)
         member = self.memory.members.get(name)
@@ -110,12 +108,12 @@ class MissionManager:
         self.await_team(mission)
 
     def has_team(self, mission: Mission) -> bool:
-        """Whether all of the team are known, and work for no other mission."""
+        """Whether all agents of the team are registered, and work for no other mission."""
         members = (self.memory.members.get(name) for name in mission.team.values())
         return all(member is not None and member.mission in (0, mission.id) for member in members)
 
     def form_teams(self) -> None:
-        """Gives those who are free to the missions that wait, the most urgent first."""
+        """Assign free agents to waiting missions, by priority."""
         if self.ward is None or not self._may_form:
             return
         self._may_form = False
@@ -138,7 +136,7 @@ class MissionManager:
                 short.add(mission.kind)
 
     def _take_from_others(self, mission: Mission, pool: AgentPool) -> bool:
-        """Has less urgent missions wait if that gives this one a team; whether there are such."""
+        """Make missions of lower priority wait if that gives this one a team; returns whether there are any."""
         missions = self.memory.missions
         if all(other.priority >= mission.priority for other in missions.values()):
             return False
@@ -150,21 +148,19 @@ class MissionManager:
     # Plans
 
     def state(self, mission: Mission, *, sees_rooms: bool) -> TaskState:
-        """The ward as the planner of tasks is told of it."""
         assert self.ward is not None
         return state_of(self.ward, mission, sees_rooms=sees_rooms)
 
     def plan(self, mission: Mission) -> TaskAnswer:
-        """A plan for all of a mission as it stands now."""
+        """A plan for the whole mission from its present state."""
         return self.timed(self.planner.plan(self.state(mission, sees_rooms=self.options.proactive), mission.tasks()))
 
     def timed(self, answer: TaskAnswer) -> TaskAnswer:
-        """Notes how long planning took."""
         self.planning_s.append(answer.seconds)
         return answer
 
     def go(self, mission: Mission, answer: TaskAnswer) -> None:
-        """Has a team do a plan; where there is none, the mission waits."""
+        """Start a plan; without a plan the mission waits."""
         if answer.verdict is not TaskVerdict.PLAN or answer.tree is None:
             self.retire(mission, answer.message)
             return
@@ -176,7 +172,7 @@ class MissionManager:
         self.view_cache.redraw(mission)
 
     def _send(self, mission: Mission, progress: PlanProgress) -> None:
-        """Splits a plan and sends each agent its part; who has none any more is free."""
+        """Send each agent its part of a plan, and release agents without one."""
         parts = translate(progress.stages, mission.context(), mission.label)
         for name in mission.team.values():
             if name not in parts and name in mission.active:
@@ -193,36 +189,36 @@ class MissionManager:
             self.send(name, "inform", Belief(trigger), mission.label, "")
 
     def leave_behind(self, mission: Mission, *, failed: bool = False) -> None:
-        """Gives up the plan of a mission, and remembers what was done of it, and whether the next action failed."""
+        """Abandon the plan of a mission, and keep the status of its actions."""
         progress = self.progress_of.pop(mission.id, None)
         if progress is not None:
             mission.past += [each for each in progress.actions(failed=failed) if each.status != "planned"]
 
 
 MOSTLY_JOINT = 0.5
-"""Plans of which more is joint than this are made anew rather than mended."""
+"""Plans with a larger share of joint actions are replaced, not repaired."""
 MENDED = (DIRTY_ROOM, PERSON_IN_ROOM, LOW_BATTERY, NURSE_ABSENT)
-"""Problems that the tasks know a way around; who meets another one has to begin again, as with a door."""
+"""Problems that the task methods can solve. Any other one, such as a door, needs a new plan."""
 SAME_FAILURES = 3
-"""If the same goes wrong so often once more, the mission waits."""
+"""Number of repetitions of a failure after which the mission waits."""
 SETTLED_NS = SECOND // 10
-"""So long the ward has to show a reason to revise a plan; twice as long each time that it was revised before."""
+"""Time for which the ward must contradict a plan before a revision; it doubles with each revision."""
 
 
 class Recovery:
-    """Finds other ways for the missions of ``direction``."""
+    """Recovers missions from problems, and revises plans before problems."""
 
     def __init__(self, manager: MissionManager) -> None:
         self.manager = manager
         self.given_up: set[str] = set()
-        """Rooms of missions that have failed."""
+        """Rooms of failed missions."""
 
     # After a problem
 
     def recover(self, mission: Mission, problem: str, agent: str = "", failed: Item = ()) -> None:
-        """Finds another way after a problem, or gives up where that is the policy.
+        """Replan or repair a mission after a problem, or end it if that is the policy.
 
-        ``failed`` is the action that ``agent`` could not do, if it is one that shows the problem.
+        ``failed`` is the action of ``agent`` that met the problem, if any.
         """
         manager = self.manager
         log.info("mission %d: %s", mission.id, problem)
@@ -248,7 +244,7 @@ class Recovery:
         manager.go(mission, answer)
 
     def _can_go_on(self, mission: Mission, again: int) -> bool:
-        """Whether the team is all there, and would not better do something else meanwhile."""
+        """Whether the team is complete and its nurse present, and the failure is not repeated too often."""
         ward = self.manager.ward
         if ward is None or again >= SAME_FAILURES or not self.manager.has_team(mission):
             return False
@@ -256,7 +252,7 @@ class Recovery:
         return nurse is None or nurse.place != AWAY
 
     def _repair(self, mission: Mission, progress: PlanProgress, failed: TaskNode) -> TaskAnswer | None:
-        """A plan that keeps what was done, if that is the policy, and it does not begin with what has failed."""
+        """A repaired plan, if the policy allows one and it does not start with the failed action."""
         manager, policy = self.manager, self.manager.options.policy
         if policy == "replan" or (policy == "auto" and progress.joint_share > MOSTLY_JOINT):
             return None
@@ -268,7 +264,7 @@ class Recovery:
     # Before a problem
 
     def look_ahead(self, mission: Mission) -> None:
-        """Revises a plan where the ward, as it is now, would stand in its way; one that does too much may stay."""
+        """Revise a plan that the present ward contradicts. A plan with more actions than necessary stays."""
         manager = self.manager
         progress, ward = manager.progress_of[mission.id], manager.ward
         comes = progress.next
@@ -285,7 +281,7 @@ class Recovery:
         if answer.verdict is not TaskVerdict.PLAN or _is_within([node.item for node in answer.plan], progress.left):
             return
         if progress.doubted is None:
-            # What an agent has just done may show in the ward before its report is here.
+            # The ward may show a finished action before its report arrives.
             progress.doubted = manager.now
         elif not manager.has_team(mission):
             manager.retire(mission, "the team is needed again")
@@ -297,6 +293,6 @@ class Recovery:
 
 
 def _is_within(items: Iterable[Item], plan: Iterable[Item]) -> bool:
-    """Whether ``items`` come one after the other in ``plan``, perhaps with others between them."""
+    """Whether ``items`` is a subsequence of ``plan``."""
     left = iter(plan)
     return all(item in left for item in items)

@@ -29,31 +29,30 @@ from socialbot.planning.htn.planner import progressed
 from socialbot.planning.htn.tree import TaskNode, TaskTree
 
 JOINT_ACTIONS = frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_authorize_disinfect"})
-"""Actions that all agents do whom they name; any other one is done by the first that it names."""
+"""Actions of all agents in their arguments. The first agent in its arguments executes any other action."""
 
 _NUMBERED = re.compile(r"(.*?)(\d*)")
 
 
 @lru_cache(maxsize=10_000)
 def by_number(name: str) -> tuple[str, int]:
-    """What names are sorted by: their kind, then their number, so that ``spotrobot10`` comes after ``spotrobot9``."""
+    """Sort key of a name: its kind, then its number."""
     found = _NUMBERED.fullmatch(name)
     return (found[1], int(found[2] or 0)) if found else (name, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """A part in a mission: the variable that stands for who has it, and the actions that it takes."""
+    """A role in a mission: its variable, its actions, and whether only the owner of the room can play it."""
 
     variable: str
     needs: frozenset[str]
     at_home: bool = False
-    """Whether only the one will do to whom the room belongs."""
 
 
 @dataclass(frozen=True, slots=True)
 class MissionKind:
-    """A kind of mission in a room: its priority, whom it needs, and its tasks for a team by variables."""
+    """A kind of mission in a room: priority, roles, and the tasks for a team by variables."""
 
     name: str
     priority: int
@@ -62,7 +61,7 @@ class MissionKind:
 
 
 NURSE, ROOM, SPOT, UVD = "NurseDisinfect", "NurseDisinfectRoom", "SpotRobot", "UvdRobot"
-"""The variables of a disinfection, in the order of ``start(...)``."""
+"""Variables of a disinfection, in the order of ``start(...)``."""
 
 _ROLES = (
     Role(NURSE, frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_adapt_room"}), at_home=True),
@@ -77,13 +76,13 @@ def _disinfect(team: Mapping[str, str]) -> list[Item]:
 
 DISINFECT = MissionKind("disinfect", 0, _ROLES, _disinfect)
 URGENT = MissionKind("urgent", 2, _ROLES, _disinfect)
-"""A disinfection that others have to wait for, as in intensive care."""
+"""A disinfection with priority over others, as in intensive care."""
 
 KINDS = {kind.name: kind for kind in (DISINFECT, URGENT)}
 
 
 class RegisteredAgent(msgspec.Struct):
-    """An agent that has registered, and the mission it works for (0: none)."""
+    """A registered agent with the number of its mission (0: none)."""
 
     name: str
     kind: str
@@ -92,16 +91,15 @@ class RegisteredAgent(msgspec.Struct):
 
 
 UNFIT, DOOR_CLOSED, BATTERY_LOW = "unfit", "door closed", "battery low: "
-"""What agents find out: that the room is not fit, its door closed, the battery of one (its name follows) low."""
+"""Findings of agents: room not fit, door closed, battery low (followed by the name of the robot)."""
 
 
 class Mission(msgspec.Struct):
-    """A mission and how far it has come.
+    """State of a mission.
 
-    ``team`` has who plays which role. ``active`` are those who have not finished. ``past`` are actions of plans that
-    were given up. ``touched`` (ns) is when there last was news of it, ``ended`` when the last one had finished, and
-    ``rests_until`` when it may be tried anew. ``found`` is what its agents found out: what is so, and since when (ns).
-    ``failures`` counts what went wrong with this team.
+    ``team`` maps roles to agents, ``active`` are the agents that have not finished. ``past`` are actions of abandoned
+    plans. Times in ns: ``touched`` of the latest news, ``ended`` of the last agent, ``rests_until`` of the next try.
+    ``found`` are findings of agents with their times. ``failures`` counts the failures of this team.
     """
 
     id: int
@@ -124,29 +122,26 @@ class Mission(msgspec.Struct):
 
     @property
     def priority(self) -> int:
-        """That of its kind."""
         return KINDS[self.kind].priority
 
     @property
     def label(self) -> str:
-        """The label of its plans as they are now."""
+        """Label of its present plans."""
         return f"mission_{self.id}_{self.revision}"
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing more is done for it."""
         return self.status in ("finished", "failed")
 
     def context(self) -> dict[str, str]:
-        """The variables of its plans and what they stand for."""
+        """Variables of its plans with their values."""
         return {NURSE: self.team[NURSE], ROOM: self.room, SPOT: self.team[SPOT], UVD: self.team[UVD]}
 
     def tasks(self) -> list[Item]:
-        """What its team has to do."""
         return KINDS[self.kind].tasks(self.team)
 
     def is_done(self, item: Item) -> None:
-        """Takes into account what an action has brought about."""
+        """Apply the effects of a finished action to the findings."""
         match item:
             case ("a_adapt_room", *_):
                 self.found.pop(UNFIT, None)
@@ -162,7 +157,7 @@ class Mission(msgspec.Struct):
                 pass
 
     def has_met(self, problem: Problem, agent: str, now: int) -> None:
-        """Takes into account what an ``agent`` has found out."""
+        """Add the finding of an agent."""
         if problem.kind in (DIRTY_ROOM, PERSON_IN_ROOM):
             self.found[UNFIT] = now
         elif problem.kind == CLOSED_DOOR:
@@ -176,13 +171,12 @@ Policy = Literal["auto", "replan", "repair", "none"]
 
 @dataclass
 class CoordinatorOptions:
-    """How the coordinator goes about it.
+    """Options of the coordinator; see the parameters of `HospitalCoordinator`.
 
-    ``policy``: plan anew as a whole, mend the tree at the failed action, the former if more than half of the actions
-    are joint (``auto``), or give the mission up (``none``). A ``proactive`` one sees the rooms and batteries of the
-    ward and acts before a plan meets a problem; another one only knows what its agents tell. After ``patience_s``
-    without news it plans anew; a mission that cannot go on now is tried again after ``rest_s``. Without ``triggers``
-    it begins only missions that it is asked for.
+    ``policy`` is the reaction to a problem: a new plan for the whole mission (``replan``), a repaired tree
+    (``repair``), ``replan`` if more than half of the actions are joint, else ``repair`` (``auto``), or the end of the
+    mission (``none``). A ``proactive`` coordinator uses the rooms and batteries of the ward and acts before a problem.
+    Others use only reports of agents.
     """
 
     policy: Policy = "auto"
@@ -193,7 +187,7 @@ class CoordinatorOptions:
 
 
 class CoordinatorMemory(msgspec.Struct):
-    """What a coordinator has to remember to go on where it was."""
+    """Persistent state of a coordinator."""
 
     members: dict[str, RegisteredAgent] = {}
     missions: dict[int, Mission] = {}
@@ -201,11 +195,10 @@ class CoordinatorMemory(msgspec.Struct):
 
 
 def state_of(ward: WardState, mission: Mission, *, sees_rooms: bool) -> TaskState:
-    """What the planner of tasks is told: the ward as it was seen, and what the agents of the mission found out.
+    """State for the task planner: the ward as observed, and the findings of the agents of a mission.
 
-    Unless it ``sees_rooms``, rooms are taken to be tidy and batteries to be full as long as nobody says otherwise.
-    What was found out before the ward was seen is of no account if it does. Where robots are on their way to the room
-    makes no difference: all of that is the corridor.
+    Without ``sees_rooms``, rooms count as tidy and batteries as full unless an agent found otherwise. With it, findings
+    from before the observation do not count. All places outside the room count as the corridor.
     """
     found = [what for what, since in mission.found.items() if not sees_rooms or since >= ward.stamp]
     nurse, spot = mission.team[NURSE], mission.team[SPOT]
@@ -227,16 +220,16 @@ def state_of(ward: WardState, mission: Mission, *, sees_rooms: bool) -> TaskStat
 
 
 class AgentPool:
-    """Those of the members who are there, as the ward shows them at one moment."""
+    """Registered agents that are present in a state of the ward."""
 
     def __init__(self, members: Mapping[str, RegisteredAgent], ward: WardState) -> None:
         self._members = members
         self._ward = ward
         self._able: dict[str, dict[str, list[RegisteredAgent]]] = {}
-        """Who can play the role of a variable, by the room where they have to be at home, if that matters."""
+        """Agents for a role by its variable, then by home where the role needs that."""
 
     def able(self, role: Role, room: str) -> list[RegisteredAgent]:
-        """Who can play a role, free or not, by number; last come those with low batteries, before them who charges."""
+        """Agents for a role, free or not: first idle ones, then charging ones, then low batteries; by number."""
         if role.variable not in self._able:
             self._able[role.variable] = self._by_home(role)
         return self._able[role.variable].get(room if role.at_home else "", [])
@@ -247,12 +240,12 @@ class AgentPool:
             state = self._ward.agent(member.name) if role.needs <= member.capabilities else None
             if state is not None and state.place != AWAY:
                 place = found.setdefault(state.home if role.at_home else "", [])
-                # Who is free and yet does something charges.
+                # A free agent that is busy charges its battery.
                 place.append(((state.low_battery, bool(state.busy), by_number(member.name)), member))
         return {home: [member for _, member in sorted(able, key=itemgetter(0))] for home, able in found.items()}
 
     def team(self, mission: Mission) -> dict[str, str] | None:
-        """Who is free to play each role of a mission, by the variables of the roles; None if somebody is missing."""
+        """A free agent for each role, by variable; None if one is missing."""
         team: dict[str, str] = {}
         for role in KINDS[mission.kind].roles:
             able = self.able(role, mission.room)
@@ -263,12 +256,12 @@ class AgentPool:
         return team
 
     def is_short(self, kind: str) -> bool:
-        """Whether there is a role in all missions of a kind for which nobody is free."""
+        """Whether a role of this kind of mission has no free agent, in any room."""
         roles = (role for role in KINDS[kind].roles if not role.at_home)
         return any(all(each.mission for each in self.able(role, "")) for role in roles)
 
     def yielding(self, mission: Mission, missions: Mapping[int, Mission]) -> list[Mission]:
-        """The less urgent missions that have whom this one lacks, the latest of equal ones; none if that is no help."""
+        """Missions of lower priority that must yield to give this one a team, latest first; empty if impossible."""
         chosen: dict[int, Mission] = {}
         taken: set[str] = set()
         for role in KINDS[mission.kind].roles:
@@ -286,49 +279,48 @@ class AgentPool:
 
 @dataclass
 class PlanProgress:
-    """The tree that a plan comes from, its actions, and how many of them are done."""
+    """Progress of a plan: its tree, its actions, and the number of finished ones."""
 
     tree: TaskTree
     agenda: tuple[TaskNode, ...]
     stages: tuple[PlanStage, ...]
     position: int = 0
     reached: dict[str, int] = field(default_factory=dict)
-    """How many of the actions each agent has behind it."""
+    """Number of finished actions, by agent."""
     foreseen: tuple[int, TaskState] | None = None
-    """The position and the state for which it was last looked over."""
+    """Position and state of the latest revision."""
     doubted: int | None = None
-    """Since when (ns) it does not seem to be right."""
+    """Time (ns) of the first doubt about the plan."""
 
     @staticmethod
     def of(tree: TaskTree, team: Iterable[str]) -> PlanProgress:
-        """The plan of ``tree`` for a ``team``, at its beginning."""
         plan = tree.plan
         return PlanProgress(tree, plan, stages([node.item for node in plan], tuple(team), JOINT_ACTIONS))
 
     @property
     def next(self) -> TaskNode | None:
-        """The action that is being done, or comes next."""
+        """The action in progress, or the next one."""
         return self.agenda[self.position] if self.position < len(self.agenda) else None
 
     @property
     def left(self) -> list[Item]:
-        """What is not known to be done."""
+        """The actions that are not known to be done."""
         return [node.item for node in self.agenda[self.position :]]
 
     @property
     def joint_share(self) -> float:
-        """How many of the actions are joint, 0 to 1."""
+        """Share of joint actions, 0 to 1."""
         return sum(len(stage.agents) > 1 for stage in self.stages) / max(len(self.stages), 1)
 
     def find(self, agent: str, item: Item) -> int | None:
-        """Where ``item`` stands among what ``agent`` is not known to have done."""
+        """Index of an action among those that the agent is not known to have done."""
         ahead = range(self.reached.get(agent, 0), len(self.agenda))
         return next((index for index in ahead if self.agenda[index].item == item), None)
 
     def advance(self, agent: str, item: Item) -> bool:
-        """Notes that ``agent`` has done ``item``; whether the plan has come further by that.
+        """Record that an agent has done an action; returns whether the plan advances.
 
-        Of a joint action all partners tell, and the same one may come again later on.
+        All partners report a joint action, and the same action may occur twice.
         """
         index = self.find(agent, item)
         if index is None:
@@ -340,19 +332,19 @@ class PlanProgress:
         return True
 
     def fail(self, agent: str, item: Item) -> TaskNode | None:
-        """The action that ``agent`` could not do, which now is the next one; if it is none of the plan, the next."""
+        """Set the position to the failed action of an agent, if the plan has it; returns the next action."""
         index = self.find(agent, item)
         if index is not None:
             self.position = index
         return self.next
 
     def drawing(self) -> str:
-        """The tasks, with what is done of them."""
+        """The task tree with its progress."""
         comes, status = (self.next, "planned") if self.next else (self.agenda[-1], "done")
         return str(progressed(self.tree, comes, status))
 
     def actions(self, *, failed: bool = False) -> list[PlannedAction]:
-        """The actions, with what became of them; with ``failed`` the one at hand has failed."""
+        """The actions with their status; with ``failed`` the present one has failed."""
         at_hand: ActionStatus = "failed" if failed else "planned"
         return [
             PlannedAction(
@@ -366,7 +358,7 @@ class PlanProgress:
 
 
 def view(mission: Mission, progress: PlanProgress | None) -> MissionView:
-    """The mission for others to see."""
+    """The published state of a mission."""
     return MissionView(
         id=mission.id,
         kind=mission.kind,
@@ -384,30 +376,30 @@ def view(mission: Mission, progress: PlanProgress | None) -> MissionView:
 
 
 SHOWN = 20
-"""So many missions that are over are still shown."""
+"""Largest number of ended missions that are published."""
 
 
 class MissionViewCache:
-    """Shows missions; only those are drawn anew of which it was told that they have changed."""
+    """Cache of the published states of missions."""
 
     def __init__(self) -> None:
         self.changed = True
-        """Whether there may be something new since this was last set to False."""
+        """Whether a state changed since this was set to False."""
         self._over: deque[MissionView] = deque(maxlen=SHOWN)
         self._drawn: dict[int, MissionView] = {}
 
     def redraw(self, mission: Mission) -> None:
-        """Notes that a mission has changed."""
+        """Invalidate the state of a mission."""
         self._drawn.pop(mission.id, None)
         self.changed = True
 
     def close(self, mission: Mission, progress: PlanProgress | None) -> None:
-        """Shows how a mission has ended."""
+        """Keep the final state of a mission."""
         self.redraw(mission)
         self._over.append(view(mission, progress))
 
     def views(self, missions: Iterable[Mission], progress_of: Mapping[int, PlanProgress]) -> Iterator[MissionView]:
-        """The latest missions that are over, in the order of their end, then ``missions``."""
+        """The latest ended missions in the order of their end, then the others."""
         yield from self._over
         for mission in missions:
             drawn = self._drawn.get(mission.id)

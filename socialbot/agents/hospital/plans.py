@@ -17,12 +17,12 @@ DISINFECT = TaskDomain("disinfect")
 
 
 def mission(spot: str, uvd: str, nurse: str) -> Item:
-    """The task to have the room of ``nurse`` patrolled by ``spot`` and disinfected by ``uvd``."""
+    """The task to patrol the room of ``nurse`` with ``spot`` and to disinfect it with ``uvd``."""
     return ("m_patrol_and_disinfect", spot, uvd, nurse)
 
 
 def ward(nurses: Mapping[str, str], robots: Iterable[str], waiting_room: str) -> TaskState:
-    """Nurses in their rooms, all doors closed, all rooms clean; robots, with full batteries, in the waiting room."""
+    """Initial state: nurses in clean rooms, closed doors, and charged robots in the waiting room."""
     robots = list(robots)
     return TaskState(
         "ward",
@@ -37,7 +37,7 @@ def ward(nurses: Mapping[str, str], robots: Iterable[str], waiting_room: str) ->
 
 @DISINFECT.action
 def a_navigate_to(state: TaskState, agent: str, room: str) -> TaskState | None:
-    """It goes to the room, or before its door, unless its battery is low."""
+    """Move to the room, or to its closed door, with a charged battery."""
     if state.low_battery.get(agent):
         return None
     state.loc[agent] = room
@@ -46,34 +46,34 @@ def a_navigate_to(state: TaskState, agent: str, room: str) -> TaskState | None:
 
 @DISINFECT.action
 def a_open_door(state: TaskState, agent: str, room: str) -> TaskState:
-    """It opens the door with its arm."""
+    """Open the door."""
     state.doors[room] = True
     return state
 
 
 @DISINFECT.action
 def a_approach_nurse(state: TaskState, spot: str, nurse: str) -> TaskState:
-    """It goes up to the nurse."""
+    """Approach the nurse in the room."""
     return state
 
 
 @DISINFECT.action
 def a_authenticate_nurse(state: TaskState, spot: str, nurse: str) -> TaskState:
-    """The two make sure who the other is."""
+    """Robot and nurse authenticate each other."""
     state.authenticated[spot] = nurse
     return state
 
 
 @DISINFECT.action
 def a_authorize_patrol(state: TaskState, spot: str, nurse: str) -> TaskState:
-    """The nurse allows one patrol."""
+    """The nurse permits one patrol."""
     state.authenticated.pop(spot, None)
     return state
 
 
 @DISINFECT.action
 def a_patrol_room(state: TaskState, spot: str, room: str) -> TaskState:
-    """It looks whether the room is fit to be disinfected."""
+    """Check whether the room is fit for disinfection."""
     return state
 
 
@@ -86,27 +86,27 @@ def a_adapt_room(state: TaskState, nurse: str, room: str) -> TaskState:
 
 @DISINFECT.action
 def a_authorize_disinfect(state: TaskState, uvd: str, spot: str) -> TaskState:
-    """The robot that patrolled says that nobody is in the room."""
+    """The patrol robot reports an empty room."""
     return state
 
 
 @DISINFECT.action
 def a_disinfect_room(state: TaskState, uvd: str, room: str) -> TaskState:
-    """It lights the room with ultraviolet light."""
+    """Disinfect with ultraviolet light."""
     state.disinfected[room] = True
     return state
 
 
 @DISINFECT.action
 def a_charge(state: TaskState, robot: str) -> TaskState:
-    """It fills its battery."""
+    """Charge the battery."""
     state.low_battery[robot] = False
     return state
 
 
 @DISINFECT.method("m_patrol_and_disinfect")
 def infected(state: TaskState, spot: str, uvd: str, nurse: str) -> list[Item] | None:
-    """The room is to be disinfected: the nurse is met, the room patrolled, then disinfected."""
+    """For an infected room: meet the nurse, patrol, disinfect."""
     if state.disinfected[state.loc[nurse]]:
         return None
     return [
@@ -118,7 +118,7 @@ def infected(state: TaskState, spot: str, uvd: str, nurse: str) -> list[Item] | 
 
 @DISINFECT.method("m_approach_nurse")
 def door_open(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
-    """The robot goes straight in."""
+    """Enter the room."""
     room = state.loc[nurse]
     if not state.doors[room]:
         return None
@@ -127,7 +127,7 @@ def door_open(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
 
 @DISINFECT.method("m_approach_nurse")
 def door_closed(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
-    """The robot opens the door first."""
+    """Open the door first."""
     room = state.loc[nurse]
     if state.doors[room]:
         return None
@@ -141,7 +141,7 @@ def door_closed(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
 
 @DISINFECT.method("m_patrol_room")
 def allowed_by_nurse(state: TaskState, spot: str, nurse: str) -> list[Item]:
-    """The nurse tidies the room if need be, and is met if that is not the case; then comes the patrol."""
+    """The nurse tidies the room if necessary, and permits the patrol."""
     return [
         ("m_adapt_room", nurse),
         ("m_meet_nurse", spot, nurse),
@@ -152,7 +152,7 @@ def allowed_by_nurse(state: TaskState, spot: str, nurse: str) -> list[Item]:
 
 @DISINFECT.method("m_disinfect_room")
 def patrolled(state: TaskState, uvd: str, spot: str, nurse: str) -> list[Item] | None:
-    """The room is fit: the other robot is let in. There is no way for a room that is not."""
+    """Admit the other robot to a tidy room. There is no method for a dirty one."""
     room = state.loc[nurse]
     if not state.cleaned[room]:
         return None
@@ -168,13 +168,13 @@ def untidy(state: TaskState, nurse: str) -> list[Item] | None:
 
 @DISINFECT.method("m_adapt_room")
 def tidy(state: TaskState, nurse: str) -> list[Item]:
-    """There is nothing to tidy."""
+    """Nothing to tidy."""
     return []
 
 
 @DISINFECT.method("m_meet_nurse")
 def far_away(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
-    """The robot comes back, with a charge if it needs one."""
+    """Return to the nurse, with a charge if necessary."""
     if state.loc[spot] == state.loc[nurse] and not state.low_battery[spot]:
         return None
     return [("m_approach_nurse", spot, nurse)]
@@ -182,7 +182,7 @@ def far_away(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
 
 @DISINFECT.method("m_meet_nurse")
 def unknown(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
-    """The robot is in the room, but has to say again who it is."""
+    """Authenticate again in the room."""
     if state.authenticated.get(spot) == nurse:
         return None
     return [("a_approach_nurse", spot, nurse), ("a_authenticate_nurse", spot, nurse)]
@@ -190,19 +190,19 @@ def unknown(state: TaskState, spot: str, nurse: str) -> list[Item] | None:
 
 @DISINFECT.method("m_meet_nurse")
 def known(state: TaskState, spot: str, nurse: str) -> list[Item]:
-    """The nurse knows the robot, which has used no permission since."""
+    """The permission is still valid."""
     return []
 
 
 @DISINFECT.method("m_go")
 def battery_low(state: TaskState, robot: str, room: str) -> list[Item] | None:
-    """It charges first."""
+    """Charge first."""
     return [("a_charge", robot), ("a_navigate_to", robot, room)] if state.low_battery[robot] else None
 
 
 @DISINFECT.method("m_go")
 def battery_full(state: TaskState, robot: str, room: str) -> list[Item]:
-    """It goes at once."""
+    """Go at once."""
     return [("a_navigate_to", robot, room)]
 
 
@@ -212,7 +212,7 @@ END = literal("end")
 
 @dataclass(frozen=True, slots=True)
 class PlanStage:
-    """One action of a plan, and those who do it, in the order of the team."""
+    """An action of a plan, and its agents in the order of the team."""
 
     action: str
     args: tuple[str, ...]
@@ -220,9 +220,9 @@ class PlanStage:
 
 
 def stages(items: Iterable[Item], team: Sequence[str], joint: Iterable[str]) -> tuple[PlanStage, ...]:
-    """The actions with those who do them: the agents that a ``joint`` action names, or else the first one named.
+    """The actions of a plan with their agents: for a ``joint`` action those in its arguments, else the first of them.
 
-    Raises PlanningError for an action that nobody of the team is to do.
+    Raises PlanningError for an action without an agent of the team.
     """
     together = frozenset(joint)
     found: list[PlanStage] = []
@@ -238,23 +238,27 @@ def stages(items: Iterable[Item], team: Sequence[str], joint: Iterable[str]) -> 
 
 
 def initial_triggers(plan: Sequence[PlanStage]) -> dict[str, str]:
-    """For each agent of the first action the literal that has it begin."""
+    """The literals that start the plan, by agent of the first action."""
     first = plan[0]
     trigger = literal(f"initial_trigger_{first.action}", tuple(map(Atom, first.args)))
     return {agent: agentspeak(trigger) for agent in first.agents}
 
 
 def translate(plan: Sequence[PlanStage], context: Mapping[str, str], label: str) -> dict[str, tuple[str, ...]]:
-    """The plans in AgentSpeak for each agent with something to do.
+    """The AgentSpeak plans of each agent.
 
-    ``context`` gives the variables that stand for constants, in the order of the arguments of ``start(...)``. The
-    plans are labelled ``label_0``, ``label_1`` and so on. Raises PlanningError for a variable that is none.
+    Args:
+        plan: Actions with their agents.
+        context: Values of variables, in the order of the arguments of ``start(...)``.
+        label: Prefix of the labels of plans: ``label_0``, ``label_1``, ...
+
+    Raises PlanningError for an invalid variable.
     """
     return {agent: tuple(map(agentspeak, found)) for agent, found in plans_of(plan, context, label).items()}
 
 
 def plans_of(plan: Sequence[PlanStage], context: Mapping[str, str], label: str) -> dict[str, list[Plan]]:
-    """As `translate`, before it becomes text."""
+    """The plans of `translate` before they are printed."""
     for name in context:
         if not name.isidentifier() or not name[0].isupper():
             raise PlanningError(f"{name!r} is no variable", remedy="write a name that begins with a capital letter")
@@ -293,7 +297,7 @@ class _Translation:
             stage = self.plan[index]
             if index == 0:
                 plans.append(self.rule(Change.ADDED, "initial_trigger_", stage, self.start, [self.goal(stage)]))
-                # Its context holds later on, too, when the same action may come again.
+                # This context also holds later, when the same action may occur again.
                 act = [Update("+", _milestone(0)), Do(self.named("", stage))]
                 last.append(self.rule(Change.WANTED, "", stage, self.start, act))
             else:
@@ -308,7 +312,7 @@ class _Translation:
 
     def success(self, agent: str, index: int, *, told: bool, ends: bool) -> Plan:
         stage = self.plan[index]
-        # What others told would stay without their name, and be in the way of the same action later on.
+        # A belief from another agent that stays would hide the same action later on.
         steps: list[Step] = [Update("-", _milestone(index)[source(ANYTHING)] if told else _milestone(index))]
         context = _milestone(index)
         if index + 1 < len(self.plan):

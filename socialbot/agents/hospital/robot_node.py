@@ -1,4 +1,4 @@
-"""The robots and nurses of a hospital as nodes: plans come as messages, actions go to the world."""
+"""Nodes of the robots and nurses of a hospital: plans arrive as messages, actions go to the world."""
 
 from __future__ import annotations
 
@@ -64,21 +64,21 @@ from socialbot.core.messages import ActionRequest, Mind, TraceRecord
 from socialbot.graph.node import Context, Delivery, Input, Output, Parameter
 
 REGISTER_S = 0.25
-"""So long it waits for an answer, or a plan, before it registers once more."""
+"""Time until another registration, if neither an answer nor plans arrive."""
 LEISURE_S = 0.1
-"""Whoever begins a plan needs the processor first; so long those wait who have theirs compiled before it is needed."""
+"""Delay of the compilation of plans. It leaves the processor to agents that start at once."""
 LET_GO_S = 0.2
-"""So long an action goes on that nobody wants any more: the next plan may begin with it."""
+"""Time until an unwanted action is cancelled; the next plan may start with the same action."""
 
 _X = Variable("X")
 
 
 class HospitalAgent(AgentNode):
-    """An agent that bears the name of its node, and does what plans of the coordinator say."""
+    """Agent that executes plans of the coordinator; its name is that of the node."""
 
     keeps_mind = False
     kind: ClassVar[str] = ""
-    """That of its program: ``spot``, ``uvd``, ``nurse``."""
+    """Name of its program: ``spot``, ``uvd`` or ``nurse``."""
 
     heard = Input(AclMessage, TOPIC)
     results = Input(ActionResult, RESULTS)
@@ -90,18 +90,18 @@ class HospitalAgent(AgentNode):
     mind = Output(Mind, "~/mind", Delivery.LATCHED)
     trace = Output(TraceRecord, "~/trace")
 
-    patience_s = Parameter(1.0, "s until it tries again what may have passed", minimum=0.0, maximum=3600.0, fixed=True)
-    recovers = Parameter(True, "whether it mends by itself what it can before it tells the coordinator", fixed=True)
+    patience_s = Parameter(1.0, "time before it repeats a failed action (s)", minimum=0.0, maximum=3600.0, fixed=True)
+    recovers = Parameter(True, "whether it tries to recover by itself before it reports a problem", fixed=True)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         self.label = ""
-        """The label of the plans that it has."""
+        """Label of its plans."""
         self._acl = AclSender(name, context.clock, self.said.publish)
         self._labels: list[str] = []
         self._early: list[AclMessage] = []
         self._uncompiled: list[ReadyPlan] = []
         self._planned: AclMessage | None = None
-        """The message that its latest plans came with."""
+        """Message with its latest plans."""
         self._under_way: dict[str, WorldAction] = {}
         self._let_go: dict[tuple[str, tuple[str, ...]], str] = {}
         self._registered = False
@@ -148,11 +148,11 @@ class HospitalAgent(AgentNode):
         if not in_reply_to:
             self.call_after(REGISTER_S, self._register)
 
-    # What is said
+    # Messages
 
     @heard
     def on_heard(self, message: AclMessage) -> None:
-        """Takes what is said to it; what is not to be understood it refuses."""
+        """Process a message, and refuse an invalid one."""
         if message.receiver not in (self.name, EVERYBODY) or message.sender == self.name:
             return
         if wrong := self._protocol_error(message):
@@ -179,7 +179,7 @@ class HospitalAgent(AgentNode):
                     self._refuse(message, f"{self.kind} does nothing about {type(other).__name__}")
 
     def _protocol_error(self, message: AclMessage) -> str:
-        """What is wrong with a message, in itself or because of who has sent it; empty if nothing is."""
+        """The violation of the protocol or of authority by a message; an empty string for a valid one."""
         if message.sender != COORDINATOR and isinstance(message.content, (Plan, Start, Stop, End)):
             return f"{message.sender} directs nobody"
         return protocol_error(message)
@@ -187,7 +187,7 @@ class HospitalAgent(AgentNode):
     def _take_plan(self, message: AclMessage, content: Plan) -> None:
         if self._planned is not None and message.id == self._planned.id:
             return
-        # To register once more would be taken for a new beginning.
+        # Another registration would count as a restart.
         self._registered = True
         try:
             plans = [parse_plan(text, content.label) for text in content.plans]
@@ -216,7 +216,7 @@ class HospitalAgent(AgentNode):
             self.call_after(LEISURE_S, self._compile_one)
 
     def _compile_one(self) -> None:
-        """Compiles a plan while nothing else is to be done: when its turn comes there is no time for that."""
+        """Compile one plan while the agent is idle."""
         if self._uncompiled:
             try:
                 self._uncompiled.pop(0).compile()
@@ -226,13 +226,13 @@ class HospitalAgent(AgentNode):
                 self.context.call_soon(self._compile_one)
 
     def _hand_back(self, error: SocialbotError) -> None:
-        """Refuses the plans that it has, as they cannot be used."""
+        """Refuse plans that cannot be used."""
         self._give_up()
         if self._planned is not None:
             self._refuse(self._planned, str(error))
 
     def _take_word(self, message: AclMessage) -> None:
-        """Takes a word about a mission; one that comes before the plans waits for them."""
+        """Process a message about a mission; one that arrives before the plans waits for them."""
         if message.mission != self.label:
             if message.mission and message.sender != COORDINATOR:
                 self._early = [*self._early[-31:], message]
@@ -257,12 +257,11 @@ class HospitalAgent(AgentNode):
         self._acl.send(receiver, "inform", Belief(belief), self.label)
 
     def report_problem(self, action: str, args: tuple[str, ...], reason: str) -> None:
-        """Tells the coordinator what the agent cannot mend."""
         if self.label:
             self._acl.send(COORDINATOR, "inform", Problem(reason, args, action), self.label)
 
     def finish(self) -> None:
-        """Tells the coordinator that the agent has done its part, and forgets the mission."""
+        """Report the end of its part, and forget the mission."""
         self._acl.send(COORDINATOR, "request", Finished(), self.label)
         self.engine.call(self._give_up)
 
@@ -271,10 +270,10 @@ class HospitalAgent(AgentNode):
             self.log.warning("refused what %s says: %s", message.sender, reason)
             self._acl.send(message.sender, "refuse", Refusal(reason), message.mission, message.id)
 
-    # The mission
+    # Mission
 
     def _clear(self) -> None:
-        """Drops what goes on for the mission, its plans and what is believed because of it."""
+        """Drop intentions, plans and beliefs of the mission."""
         labels, self._labels, self.label, self._uncompiled = self._labels, [], "", []
         self.engine.call(lambda: self._clear_mind(labels))
 
@@ -295,7 +294,7 @@ class HospitalAgent(AgentNode):
     # Actions
 
     def begin(self, world_action: WorldAction) -> None:
-        """Has the world do something, when all are there who have to be."""
+        """Command an action to the world; a joint action waits for all partners."""
         if not world_action.is_joint:
             self._command(world_action)
             return
@@ -323,7 +322,7 @@ class HospitalAgent(AgentNode):
             )
 
     def let_go(self, world_action: WorldAction) -> None:
-        """Stops an action, unless the same is wanted again at once."""
+        """Cancel an action after a short time, unless it is wanted again."""
         self._rendezvous.leave(Meeting(self.label, world_action.action, world_action.arguments))
         for id, other in self._under_way.items():
             if other is world_action:
@@ -341,7 +340,6 @@ class HospitalAgent(AgentNode):
 
     @results
     def on_result(self, message: ActionResult) -> None:
-        """Takes what became of an action."""
         world_action = self._under_way.pop(message.id, None)
         if message.robot != self.name or world_action is None:
             return
@@ -359,25 +357,24 @@ class HospitalAgent(AgentNode):
 
     @state
     def on_state(self, message: WardState) -> None:
-        """Shows it to the sensors of the agent."""
         found = message.agent(self.name)
         if found is not None and self._senses.is_news(found):
             self.engine.perceive(self._senses, found, cause=f"{STATE}-{message.stamp}")
 
 
 class Spot(HospitalAgent):
-    """A robot that patrols."""
+    """A robot that patrols rooms."""
 
     kind = "spot"
 
 
 class Uvd(HospitalAgent):
-    """A robot that disinfects."""
+    """A robot that disinfects rooms."""
 
     kind = "uvd"
 
 
 class Nurse(HospitalAgent):
-    """A nurse, by the screen in the room."""
+    """The screen of a nurse in her room."""
 
     kind = "nurse"

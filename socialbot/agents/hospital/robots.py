@@ -1,4 +1,4 @@
-"""The programs, actions and joint actions of the hospital's robots and nurses."""
+"""Programs, actions and joint actions of the robots and nurses of a hospital."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ACTIONS = (
     "a_adapt_room", "a_authorize_disinfect", "a_disinfect_room", "a_charge",
 )  # fmt: skip
 OF_A_MISSION = ("milestone", "trigger_", "initial_trigger_", "start", "tried")
-"""How the names of beliefs begin that are of a mission, and end with it."""
+"""Prefixes of beliefs that end with a mission."""
 
 
 def program(kind: str) -> str:
@@ -41,7 +41,7 @@ def program(kind: str) -> str:
 
 
 def names_of(args: Iterable[object]) -> tuple[str, ...]:
-    """Arguments of an action as they travel."""
+    """Arguments of an action as names."""
     return tuple(arg.name if isinstance(arg, Atom) else str(arg) for arg in args)
 
 
@@ -51,16 +51,16 @@ def as_literal(action: str, args: Iterable[str]) -> Literal:
 
 
 class WorldAction(LongAction):
-    """An action that the world carries out; ``args`` are those of the action itself.
+    """An action that the world executes.
 
-    What it comes to is an event for the plans of the mission, and for those that mend: ``success_a_open_door(...)``,
+    Its result is an event for the plans of the mission and for recovery plans: ``success_a_open_door(...)`` or
     ``failure(a_open_door(...), Reason)``.
     """
 
     action: str
     arguments: tuple[str, ...]
     own = False
-    """Whether it is the agent's own idea."""
+    """Whether the action is no part of the plan of the mission."""
 
     def start(self, *args: Any) -> None:
         self.action, self.arguments = self.functor, names_of(args)
@@ -72,34 +72,30 @@ class WorldAction(LongAction):
 
     @property
     def node(self) -> HospitalAgent:
-        """The node of the agent that does it."""
         return self.engine.robot
 
     @property
     def is_joint(self) -> bool:
-        """Whether others have to be there."""
         return self.action in JOINT_ACTIONS
 
     @property
     def key(self) -> tuple[str, tuple[str, ...]]:
-        """What it is, whoever thought of it."""
+        """Action and arguments."""
         return self.action, self.arguments
 
     def succeed(self) -> None:
-        """Says that it is done."""
         self.done()
         if not self.own:
             _happens(self.engine, literal(f"success_{self.action}", tuple(map(Atom, self.arguments))), self.id)
 
     def fail(self, reason: str) -> None:
-        """Says that it could not be done, and why."""
         self.failed(reason)
         if not self.own:
             _happens(self.engine, literal("failure", (as_literal(self.action, self.arguments), reason)), self.id)
 
 
 class again(WorldAction):  # noqa: N801 - its name in AgentSpeak
-    """Does an action of the mission once more: ``again(a_open_door(spotrobot1, room1))``."""
+    """Repeat an action of the mission: ``again(a_open_door(spotrobot1, room1))``."""
 
     def start(self, *args: Any) -> None:
         (action,) = args
@@ -108,25 +104,24 @@ class again(WorldAction):  # noqa: N801 - its name in AgentSpeak
 
 
 class by_myself(again):  # noqa: N801
-    """Does an action that is no part of the mission's plan; if it fails, what it was for has failed."""
+    """Execute an action that is no part of the plan. Its failure is a problem for the coordinator."""
 
     own = True
 
     def fail(self, reason: str) -> None:
-        """Has the coordinator know: what was to be mended cannot be mended like this."""
         self.failed(reason)
         self.node.report_problem(self.action, self.arguments, reason)
 
 
 class problem(Action):  # noqa: N801
-    """Tells the coordinator what the agent cannot mend: ``problem(Action, Reason)``."""
+    """Report a problem to the coordinator: ``problem(Action, Reason)``."""
 
     def execute(self, action: Literal, reason: str) -> None:
         self.engine.robot.report_problem(action.functor, names_of(action.args), str(reason))
 
 
 class end(Action):  # noqa: N801
-    """Tells the coordinator that the agent has done all of its part."""
+    """Report the end of the part of this agent to the coordinator."""
 
     def execute(self) -> None:
         self.engine.robot.finish()
@@ -137,14 +132,14 @@ def _happens(engine: Engine, event: Literal, cause: str) -> None:
 
 
 class Senses(Sensor):
-    """Where the agent is, and its battery: ``at(room1)``, ``battery_low``."""
+    """Sensor for the place and the battery of the agent: ``at(room1)``, ``battery_low``."""
 
     def __init__(self) -> None:
         super().__init__()
         self._before: tuple[str, bool] | None = None
 
     def is_news(self, percept: AgentState) -> bool:
-        """Whether there is something to be sensed that was not so when this was last asked."""
+        """Whether the value changed since the last call."""
         before, self._before = self._before, (percept.place, percept.low_battery)
         return before != self._before
 
@@ -155,7 +150,7 @@ class Senses(Sensor):
 
 
 def install(engine: Engine, plans: Iterable[Plan]) -> list[Ready]:
-    """Adds plans of a mission, and returns them as they are in the library, to be compiled before they are needed."""
+    """Add plans of a mission, and return their uncompiled library entries."""
     new = list(plans)
     for plan in new:
         engine.add_plan(plan)
@@ -169,14 +164,14 @@ def all_plans(engine: Engine) -> Iterator[Ready]:
 
 
 def mission_beliefs(engine: Engine) -> Iterator[Literal]:
-    """What is believed because of a mission."""
+    """Beliefs that belong to a mission."""
     for held in list(engine.beliefs):
         if held.belief.functor.startswith(OF_A_MISSION):
             yield held.belief
 
 
 class RemoteSociety(Society):
-    """A society of one agent that is here; what it tells others goes to ``tell_far``: the receiver, and the belief."""
+    """A society with one local agent; beliefs for other agents go to ``tell_far`` (receiver, belief)."""
 
     def __init__(self, clock: Clock, tell_far: Callable[[str, str], object]) -> None:
         super().__init__(clock)
@@ -193,7 +188,7 @@ class RemoteSociety(Society):
 
 
 class _RemoteAgent(Engine):
-    """Stands for an agent that is somewhere else: takes what is said to it, and sends it on."""
+    """Proxy for a remote agent: forwards the beliefs that it is told."""
 
     __slots__ = ()
 
@@ -213,7 +208,7 @@ class _RemoteAgent(Engine):
 
 
 class Meeting(NamedTuple):
-    """What is done together, in which mission: the label of its plans, the action, its arguments."""
+    """Key of a joint action: label of the plans, action and arguments."""
 
     label: str
     action: str
@@ -228,9 +223,9 @@ class _Waiting:
 
 @dataclass
 class Rendezvous:
-    """The meetings of one agent.
+    """Synchronizes the joint actions of one agent.
 
-    ``ready`` tells a partner that the agent is there, ``done`` answers a partner who had been there before.
+    ``ready`` announces the agent to a partner, ``done`` answers a partner that announced itself before.
     """
 
     ready: Callable[[str, Meeting], object]
@@ -239,7 +234,7 @@ class Rendezvous:
     _there: dict[Meeting, set[str]] = field(default_factory=dict)
 
     def arrive(self, meeting: Meeting, partners: Iterable[str], met: Callable[[], None]) -> None:
-        """Calls ``met`` as soon as all partners are there, at once if they are."""
+        """Call ``met`` as soon as all partners have arrived."""
         there = self._there.pop(meeting, set())
         missing: set[str] = set()
         for partner in partners:
@@ -254,7 +249,7 @@ class Rendezvous:
             met()
 
     def partner_ready(self, partner: str, meeting: Meeting) -> None:
-        """Takes the word of a partner who is there."""
+        """Process the announcement of a partner."""
         if meeting in self._waiting:
             self.done(partner, meeting)
             self._come(partner, meeting)
@@ -262,15 +257,13 @@ class Rendezvous:
             self._there.setdefault(meeting, set()).add(partner)
 
     def partner_done(self, partner: str, meeting: Meeting) -> None:
-        """Takes the answer of a partner."""
         self._come(partner, meeting)
 
     def leave(self, meeting: Meeting) -> None:
-        """Waits no longer."""
         self._waiting.pop(meeting, None)
 
     def forget(self, label: str) -> None:
-        """Forgets all meetings but those of the plans with this label."""
+        """Forget all joint actions except those of the plans with this label."""
         self._waiting = {meeting: found for meeting, found in self._waiting.items() if meeting.label == label}
         self._there = {meeting: found for meeting, found in self._there.items() if meeting.label == label}
 

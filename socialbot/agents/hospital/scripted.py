@@ -1,7 +1,7 @@
-"""The hospital without minds: a coordinator that plans once, and robots that do what they are told, action by action.
+"""Hospital without BDI: a coordinator that plans once, and robots that execute single actions.
 
-It is what agents are compared with. The coordinator requests each action of those who do it, as a `Plan` of one
-literal, and goes on when all have reported; the first problem ends the mission.
+It is the baseline for comparisons. The coordinator requests each action as a `Plan` with one literal, and continues
+when all agents have reported. The first problem ends the mission.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ from socialbot.planning.htn.planner import TaskPlanner
 
 @dataclass
 class _Running:
-    """The mission under way, its plan, and those who have not yet reported that they did the action at hand."""
+    """The present mission, its plan, and the agents whose reports are missing."""
 
     mission: Mission
     progress: PlanProgress
@@ -68,7 +68,7 @@ class _Running:
 
 
 class ScriptedCoordinator(Node):
-    """Has rooms disinfected, one after the other in the order in which they show; one that failed is left alone."""
+    """Disinfects one room after the other; the rooms of failed missions stay as they are."""
 
     heard = Input(AclMessage, TOPIC)
     state = Input(WardState, STATE, Delivery.LATCHED)
@@ -79,7 +79,7 @@ class ScriptedCoordinator(Node):
         super().__init__(name, context, parameters)
         self._acl = AclSender(name, self.clock, self.said.publish)
         self.planning_s: list[float] = []
-        """How long each plan took to find, s."""
+        """Durations of plannings, s."""
         self._planner = TaskPlanner(DOMAIN)
         self._members: dict[str, RegisteredAgent] = {}
         self._ward: WardState | None = None
@@ -91,7 +91,6 @@ class ScriptedCoordinator(Node):
 
     @heard
     def on_heard(self, message: AclMessage) -> None:
-        """Takes what robots and nurses say."""
         if message.receiver != self.name:
             return
         content = message.content
@@ -112,13 +111,12 @@ class ScriptedCoordinator(Node):
 
     @state
     def on_state(self, message: WardState) -> None:
-        """Takes what the ward shows."""
         self._ward = message
         self._conclude()
         self._begin()
 
     def _begin(self) -> None:
-        """Plans the mission for the next room, if one is due and there is a team."""
+        """Plan the mission for the next room, if there is one, and a team."""
         if self._running is not None or self._ward is None:
             return
         tried = {over.room for over in self._over if over.status == "failed"}
@@ -141,7 +139,7 @@ class ScriptedCoordinator(Node):
         self._request(self._running)
 
     def _request(self, running: _Running) -> None:
-        """Has the action at hand done."""
+        """Request the present action from its agents."""
         mission, stage = running.mission, running.progress.stages[running.progress.position]
         running.awaited = set(stage.agents)
         action = agentspeak(as_literal(stage.action, stage.args))
@@ -163,7 +161,7 @@ class ScriptedCoordinator(Node):
             self._conclude()
 
     def _conclude(self) -> None:
-        """Ends a mission all of whose actions are done, if the ward shows what came of it."""
+        """End a mission without actions left, if the ward shows its effect."""
         running, ward = self._running, self._ward
         if running is None or ward is None or running.progress.next is not None:
             return
@@ -190,10 +188,10 @@ class ScriptedCoordinator(Node):
 
 
 class ScriptedAgent(Node):
-    """Does what it is told, and reports."""
+    """Executes single actions, and reports their results."""
 
     kind: ClassVar[str] = ""
-    """What it is: a kind of the ward's members."""
+    """Its kind in the ward."""
 
     heard = Input(AclMessage, TOPIC)
     results = Input(ActionResult, RESULTS)
@@ -206,7 +204,7 @@ class ScriptedAgent(Node):
         self._acl = AclSender(name, self.clock, self.said.publish)
         self._registered = False
         self._missions: dict[str, str] = {}
-        """The missions of actions under way, by the id of the command."""
+        """Missions of the actions in progress, by command."""
 
     def start(self) -> None:
         self._register()
@@ -220,7 +218,6 @@ class ScriptedAgent(Node):
 
     @heard
     def on_heard(self, message: AclMessage) -> None:
-        """Takes what the coordinator says."""
         if message.sender == self.name or message.receiver not in (self.name, EVERYBODY):
             return
         match message.content:
@@ -236,7 +233,7 @@ class ScriptedAgent(Node):
                 pass
 
     def _give_up(self, mission: str) -> None:
-        """Takes back what is under way for a mission."""
+        """Cancel the actions of a mission."""
         for id in [id for id, other in self._missions.items() if other == mission]:
             del self._missions[id]
             self.cancels.publish(ActionCancel(stamp=self.clock.now(), id=id))
@@ -257,7 +254,6 @@ class ScriptedAgent(Node):
 
     @results
     def on_result(self, message: ActionResult) -> None:
-        """Reports what became of an action."""
         mission = self._missions.pop(message.id, None)
         if mission is None:
             return
@@ -268,7 +264,7 @@ class ScriptedAgent(Node):
 
 
 def actions_of(kind: str) -> tuple[str, ...]:
-    """What members of a ward of this kind can do."""
+    """Actions that a kind of agent can execute."""
     able = {kind, "agent"} | ({"robot"} if kind in ROBOTS else set())
     return tuple(
         action for action, roles in ROLES.items() if able.intersection(roles if action in JOINT else roles[:1])
@@ -276,19 +272,19 @@ def actions_of(kind: str) -> tuple[str, ...]:
 
 
 class ScriptedSpot(ScriptedAgent):
-    """A robot that patrols."""
+    """A robot that patrols rooms."""
 
     kind = SPOT
 
 
 class ScriptedUvd(ScriptedAgent):
-    """A robot that disinfects."""
+    """A robot that disinfects rooms."""
 
     kind = UVD
 
 
 class ScriptedNurse(ScriptedAgent):
-    """A nurse who follows the screen in the room."""
+    """The screen of a nurse in her room."""
 
     kind = NURSE
 
@@ -299,11 +295,11 @@ SCRIPTED: Mapping[type[Node], type[Node]] = {
     Uvd: ScriptedUvd,
     Nurse: ScriptedNurse,
 }
-"""Who stands in for whom."""
+"""Scripted node types for those with BDI."""
 
 
 def scripted(graph: Graph) -> Graph:
-    """A hospital's graph with scripted nodes instead of those with minds; the ward stays as it is."""
+    """The graph with scripted nodes instead of BDI agents; the ward stays."""
     return replace(
         graph,
         placements=tuple(

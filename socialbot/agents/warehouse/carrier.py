@@ -1,4 +1,4 @@
-"""A carrier: the agent that takes boxes from its loading bay to its deposit."""
+"""Carrier of the warehouse: the agent that takes boxes from its loading bay to its deposit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SILENT_S = 1.0
 
 
 class Place(FactSensor):
-    """Knows whether the carrier is at its bay or its deposit."""
+    """Place of the carrier: its bay or its deposit."""
 
     prototypes = (predicate("in", "*", "*"),)
     deadline_s = SILENT_S
@@ -27,7 +27,7 @@ class Place(FactSensor):
 
 
 class Load(FactSensor):
-    """Knows how many boxes are on the carrier: those over its deck."""
+    """Number of boxes on the deck of the carrier."""
 
     prototypes = (fluent("moving_boxes", "*"),)
     deadline_s = SILENT_S
@@ -45,7 +45,7 @@ class Load(FactSensor):
 
 
 class carrier_move(PlanAction):  # noqa: N801 - the name in the domain
-    """Goes to the bay or to the deposit."""
+    """Move to the bay or to the deposit."""
 
     def begin(self, carrier: str, start: str, target: str) -> None:
         self.told_at = self.engine.clock.now()
@@ -63,7 +63,7 @@ class carrier_move(PlanAction):  # noqa: N801 - the name in the domain
 
 
 class carrier_unload(PlanAction):  # noqa: N801
-    """Puts all boxes into the deposit."""
+    """Put all boxes into the deposit."""
 
     def begin(self, carrier: str, deposit: str) -> None:
         self.agent.cmd_unload.publish(UnloadCommand(stamp=self.engine.clock.now()))
@@ -73,11 +73,11 @@ class carrier_unload(PlanAction):  # noqa: N801
 
 
 PHRASES = {"carrier_move": "drives from {1} to {2}", "carrier_unload": "unloads"}
-"""How the actions are said."""
+"""Sentences for the actions."""
 
 
 class Carrier(Deliberating):
-    """A carrier, which bears the name of its node: ``carrier_a``. It obeys grippers, and unloads by itself."""
+    """A carrier agent with the name of its node. It comes at the request of a gripper, and unloads by itself."""
 
     folder = FOLDER
     actions_known = (carrier_move, carrier_unload)
@@ -105,13 +105,11 @@ class Carrier(Deliberating):
 
     @move_status
     def on_move_status(self, message: MoveStatus) -> None:
-        """Notes where the carrier is."""
         self.status = self.load_sensor.status = message
         self.hear(self.place, message)
 
     @box_positions
     def on_boxes(self, message: BoxPositions) -> None:
-        """Shows the boxes to the sensor of the load."""
         self.hear(self.load_sensor, message)
 
     def beliefs_at_first(self) -> Sequence[Fact]:

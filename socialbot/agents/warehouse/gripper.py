@@ -1,11 +1,11 @@
-"""The gripper: the agent that sorts boxes from stacks onto carriers."""
+"""Gripper of the warehouse: its actions, its sensors, and the agent that sorts boxes onto carriers."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from socialbot.agents.base.deliberating import Deliberating
 from socialbot.agents.warehouse.messages import (
@@ -34,47 +34,35 @@ from socialbot.deliberation.requests import SentRequest
 from socialbot.deliberation.sensing import FactSensor, fluent, predicate
 from socialbot.graph.node import Input, Output, Parameter
 
-if TYPE_CHECKING:
-    pass  # merged
-
-
 COME_PRIORITY, COME_DEADLINE_S = 0.6, 6.0
 TOO_LONG = 0.899
-"""A carrier that has not come by this progress does not come."""
+"""Progress at which a request to a carrier times out."""
 UP_M = HIGH_M - 0.1
 
 
 class GripperAction(PlanAction):
-    """An action of the gripper."""
+    """An action of the gripper agent."""
 
     @property
     def gripper(self) -> GripperAgent:
-        """The agent."""
         return self.agent
 
     def go(self, place: str) -> None:
-        """Sends the crane to a place."""
         self.gripper.cmd_motors_pose.publish(MoveCommand(stamp=self.engine.clock.now(), target=place))
 
     def lower(self) -> None:
-        """Lowers the fingers."""
         self.gripper.cmd_gripper_pose.publish(GripperPose(stamp=self.engine.clock.now(), pose="low"))
 
     def lift(self) -> None:
-        """Lifts the fingers."""
         self.gripper.cmd_gripper_pose.publish(GripperPose(stamp=self.engine.clock.now(), pose="high"))
 
     def open(self) -> None:
-        """Opens the fingers."""
         self.gripper.cmd_gripper_status.publish(GripperStatus(stamp=self.engine.clock.now(), status="open"))
 
     def close(self) -> None:
-        """Closes the fingers."""
         self.gripper.cmd_gripper_status.publish(GripperStatus(stamp=self.engine.clock.now(), status="close"))
 
-    @property
     def is_high(self) -> bool:
-        """Whether the fingers are up."""
         motors = self.gripper.motors
         return motors is not None and motors.current_pos.z > UP_M
 
@@ -84,7 +72,7 @@ class GripperAction(PlanAction):
 
 
 class gripper_move(GripperAction):  # noqa: N801 - the name in the domain
-    """Moves the crane to another stack or bay."""
+    """Move the crane to another stack or bay."""
 
     def begin(self, gripper: str, start: str, target: str) -> None:
         self.told_at = self.engine.clock.now()
@@ -98,7 +86,7 @@ class gripper_move(GripperAction):  # noqa: N801 - the name in the domain
             if motors.stamp - self.told_at > OBEYED_NS:
                 self.fail(f"somebody has sent the crane to {motors.target_name}")
             return self.progress_made
-        # On its way it may have been sent from anywhere; what is left tells less than the place where it stands.
+        # The start of the path may be any position, so only the place is reliable.
         return 1.0 if motors.current_name == target else min(motors.progress, 0.99)
 
     def stop(self) -> None:
@@ -107,7 +95,7 @@ class gripper_move(GripperAction):  # noqa: N801 - the name in the domain
 
 @dataclass(frozen=True)
 class Phase:
-    """A command that is given ``ticks`` times, at least, until its effect is there."""
+    """A command that is sent at least ``ticks`` times, until its effect is reached."""
 
     command: Callable[[], None]
     reached: Callable[[], bool]
@@ -115,14 +103,14 @@ class Phase:
 
 
 class PhasedAction(GripperAction):
-    """An action that goes through phases, one command after the other."""
+    """An action in phases: one command after the other."""
 
     def begin(self, *args: Any, **never: Any) -> None:
         self.phases = self.plan()
         self.phase = self.tick = 0
 
     def plan(self) -> tuple[Phase, ...]:
-        """The phases."""
+        """The phases of the action."""
         raise NotImplementedError
 
     def advance(self) -> float:
@@ -139,24 +127,18 @@ class PhasedAction(GripperAction):
         return 1.0 if self.phase == len(self.phases) else min(done / sum(one.ticks for one in self.phases), 0.99)
 
     def is_closed(self) -> bool:
-        """Whether the fingers are closed."""
         return self.gripper.fingers == "close"
 
     def is_open(self) -> bool:
-        """Whether the fingers are open."""
         return self.gripper.fingers == "open"
 
     def rests(self) -> bool:
-        """Whether the fingers rest somewhere below."""
-        return self.gripper.fingers_rest and not self.is_high
-
-    def is_up(self) -> bool:
-        """Whether the fingers are up again."""
-        return self.is_high
+        """Whether the fingers stand still below."""
+        return self.gripper.fingers_rest and not self.is_high()
 
 
 class gripper_pickup(PhasedAction):  # noqa: N801
-    """Takes the box on top of a stack."""
+    """Pick up the top box of a stack."""
 
     rate_hz = 3.0
 
@@ -166,12 +148,12 @@ class gripper_pickup(PhasedAction):  # noqa: N801
             *first,
             Phase(self.lower, self.rests, 3),
             Phase(self.close, self.is_closed, 3),
-            Phase(self.lift, self.is_up, 3),
+            Phase(self.lift, self.is_high, 3),
         )
 
 
 class gripper_putdown(PhasedAction):  # noqa: N801
-    """Puts the box down on a stack."""
+    """Put the box down on a stack."""
 
     rate_hz = 3.0
 
@@ -179,14 +161,14 @@ class gripper_putdown(PhasedAction):  # noqa: N801
         return (
             Phase(self.lower, self.rests, 3),
             Phase(self.open, self.is_open, 3),
-            Phase(self.lift, self.is_up, 3),
+            Phase(self.lift, self.is_high, 3),
         )
 
 
 class gripper_put_on_carrier(PhasedAction):  # noqa: N801
-    """Puts the box on a carrier, in the first or second slot, and tells the carrier when that is done.
+    """Put the box on a carrier, in the first or second slot, and inform the carrier.
 
-    It does not begin before the carrier knows that it is being loaded, and so stays.
+    The action starts when the carrier knows that it is being loaded, and so stays.
     """
 
     def begin(self, gripper: str, box: str, carrier: str, bay: str) -> None:
@@ -196,7 +178,6 @@ class gripper_put_on_carrier(PhasedAction):  # noqa: N801
         self.told: SentRequest | None = None
 
     def tell(self, operation: Operation) -> SentRequest:
-        """Has the carrier believe, or not, that it was loaded."""
         return self.gripper.ask(self.args[2], operation, belief=self.loaded, cause=self.id)
 
     def plan(self) -> tuple[Phase, ...]:
@@ -209,22 +190,21 @@ class gripper_put_on_carrier(PhasedAction):  # noqa: N801
         )
 
     def has_told(self) -> bool:
-        """Tells the carrier that it was loaded, once the fingers are up; whether it knows."""
-        if not self.is_high:
+        """Inform the carrier once the fingers are up; returns whether it has accepted."""
+        if not self.is_high():
             return False
         if self.told is None:
             self.told = self.tell("add")
         return self.is_known(self.told)
 
     def is_known(self, asked: SentRequest) -> bool:
-        """Whether the carrier has taken what it was told."""
         if asked.state in ("refused", "timeout"):
             self.fail(f"{self.args[2]} does not want to know whether it was loaded: {asked.reason}")
         return asked.accepted
 
 
 class req_carrier_to_come(GripperAction):  # noqa: N801
-    """Asks a carrier to come to its bay, and waits until it is there."""
+    """Request a carrier to come to its bay, and wait for it."""
 
     rate_hz = 1.0
 
@@ -258,7 +238,7 @@ class req_carrier_to_come(GripperAction):  # noqa: N801
 
 
 class carrier_unloading(GripperAction):  # noqa: N801
-    """Waits until a carrier that was full comes to be empty again: it goes by itself."""
+    """Wait until a full carrier has unloaded; it leaves by itself."""
 
     rate_hz = 1.0
 
@@ -290,17 +270,17 @@ PHRASES = {
     "req_carrier_to_come": "has {0} come to {2}",
     "carrier_unloading": "waits for {0} to unload",
 }
-"""How they are said."""
+"""Sentences for the actions."""
 
 
 SILENT_S = 1.0
-"""A sensor that says nothing for so long is silent."""
+"""Timeout of a sensor."""
 STEADY_M = 0.005
-"""Fingers that have moved less than this from one report to the next rest."""
+"""Largest movement of resting fingers between two reports."""
 
 
 class CarrierStatus(FactSensor):
-    """Knows whether one carrier is in its bay or its deposit."""
+    """Place of a carrier: its bay or its deposit."""
 
     deadline_s = SILENT_S
 
@@ -323,7 +303,7 @@ class CarrierStatus(FactSensor):
 
 
 class Whereabouts(FactSensor):
-    """Knows what the gripper is over. The two slots of a bay are in the bay."""
+    """Place of the gripper. Both slots of a bay count as the bay."""
 
     prototypes = (predicate("upon", "*", "*"),)
     deadline_s = SILENT_S
@@ -340,7 +320,7 @@ class Whereabouts(FactSensor):
 
 
 class Boxes(FactSensor):
-    """Knows where the boxes are: on which stack, in the gripper, on which carrier, or taken away by it."""
+    """Places of the boxes: on a stack, in the gripper, on a carrier, or taken away by it."""
 
     prototypes = (
         predicate("on", "*", "*", "*"),
@@ -383,7 +363,7 @@ class Boxes(FactSensor):
 
 
 class GripperAgent(Deliberating):
-    """The gripper; `gripper_of` makes it for some boxes and carriers."""
+    """The gripper agent; `gripper_of` makes a subclass for a number of boxes and carriers."""
 
     folder = FOLDER
     actions_known = ACTIONS
@@ -419,7 +399,6 @@ class GripperAgent(Deliberating):
 
     @motors_move_status
     def on_motors(self, message: MoveStatus) -> None:
-        """Notes where the crane is."""
         before = self.motors
         self.fingers_rest = before is not None and abs(before.current_pos.z - message.current_pos.z) < STEADY_M
         self.motors = message
@@ -427,20 +406,17 @@ class GripperAgent(Deliberating):
 
     @gripper_status
     def on_gripper_status(self, message: GripperStatus) -> None:
-        """Notes whether the fingers are open or closed."""
         self.fingers = message.status
 
     @box_positions
     def on_boxes(self, message: BoxPositions) -> None:
-        """Shows the boxes to their sensor."""
         self.hear(self.boxes_sensor, message)
 
     def on_carrier(self, carrier: str, message: MoveStatus) -> None:
-        """Shows where a carrier is to its sensor."""
         self.hear(self.carriers[carrier], message)
 
     def boxes_on(self, carrier: str) -> int:
-        """How many boxes there are on a carrier, as is believed."""
+        """Number of boxes on a carrier, as believed."""
         held = self.deliberator.facts.current(fluent("moving_boxes", carrier))
         return 0 if held is None else int(held.value)
 
@@ -456,16 +432,16 @@ class GripperAgent(Deliberating):
 
 
 def gripper_of(boxes: int, carriers: int, name: str) -> type[GripperAgent]:
-    """The node type, called ``name``, of a gripper for so many boxes and carriers."""
+    """The node type ``name`` of a gripper for a number of boxes and carriers."""
     scenario = scenario_of(boxes, carriers)
     members: dict[str, Any] = {"scenario": scenario, "__doc__": GripperAgent.__doc__}
     for carrier in scenario.carriers:
-        members |= _ears_for(carrier)
+        members |= _carrier_input(carrier)
     return type(name, (GripperAgent,), members)
 
 
-def _ears_for(carrier: str) -> Mapping[str, object]:
-    """The input that tells of one carrier, and the method that takes it."""
+def _carrier_input(carrier: str) -> Mapping[str, object]:
+    """The input for the status of one carrier, and its callback."""
     status = Input(MoveStatus, f"/{carrier}/move_status")
 
     def heard(node: GripperAgent, message: MoveStatus) -> None:
@@ -476,6 +452,6 @@ def _ears_for(carrier: str) -> Mapping[str, object]:
 
 
 Gripper = gripper_of(6, 3, "Gripper")
-"""The demonstration: six boxes and three carriers."""
+"""Gripper of the demo: six boxes and three carriers."""
 Gripper12 = gripper_of(12, 3, "Gripper12")
 Gripper24 = gripper_of(24, 6, "Gripper24")

@@ -1,4 +1,4 @@
-"""What robots and sensors of the warehouse say, and what they are told."""
+"""Messages of robots and sensors of the warehouse, and their commands."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import Structured
 
 OBEYED_NS = SECOND
-"""A command may be under way so long; meanwhile a robot still tells what it was told before."""
+"""Time that a command may take to arrive. Until then, a status shows the previous target."""
 
 
 class Point(msgspec.Struct, frozen=True):
@@ -22,10 +22,10 @@ class Point(msgspec.Struct, frozen=True):
 
 
 class MoveStatus(Structured, frozen=True, kw_only=True):
-    """Where a robot is and where it goes.
+    """Place and movement of a robot.
 
-    ``current_name`` is ``moving`` between places. ``dist`` is what is left of the way, m, and ``progress`` what is
-    done of it, 0 to 1. For the gripper the z of ``current_pos`` is that of its fingers.
+    ``current_name`` is ``moving`` between places. ``dist`` is the remaining distance (m), ``progress`` the finished
+    share of the path. For the gripper, the z of ``current_pos`` is the height of its fingers.
     """
 
     robot: str
@@ -39,29 +39,29 @@ class MoveStatus(Structured, frozen=True, kw_only=True):
 
 
 class MoveCommand(Structured, frozen=True, kw_only=True):
-    """Tells a robot where to go: a carrier to ``base`` or ``deposit``, the gripper to a place by its name."""
+    """Command to move: a carrier to ``base`` or ``deposit``, the gripper to a named place."""
 
     target: str
 
 
 class GripperPose(Structured, frozen=True, kw_only=True):
-    """Tells the gripper to go down until it touches what is beneath, or up."""
+    """Command to lower the fingers to the next surface, or to lift them."""
 
     pose: Literal["high", "low"]
 
 
 class GripperStatus(Structured, frozen=True, kw_only=True):
-    """Tells the gripper to open or close its fingers, or tells which they are."""
+    """Command to open or close the fingers, or their status."""
 
     status: Literal["open", "close"]
 
 
 class UnloadCommand(Structured, frozen=True, kw_only=True):
-    """Tells a carrier at its deposit to put down its boxes there."""
+    """Command to a carrier at its deposit to unload its boxes."""
 
 
 class BoxPosition(msgspec.Struct, frozen=True, kw_only=True):
-    """A box, where its middle is, and what bears it: a base, the gripper, a carrier, a deposit or ``floor``."""
+    """Position of the middle of a box, and its holder: a base, the gripper, a carrier, a deposit or ``floor``."""
 
     name: str
     position: Point
@@ -69,7 +69,7 @@ class BoxPosition(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BoxPositions(Structured, frozen=True, kw_only=True):
-    """All boxes, sorted by name."""
+    """Positions of all boxes, sorted by name."""
 
     boxes: tuple[BoxPosition, ...]
 

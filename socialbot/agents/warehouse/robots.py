@@ -1,4 +1,4 @@
-"""Warehouse robots that drive along straight lines with constant acceleration."""
+"""Motion of warehouse robots: straight lines with constant acceleration."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from socialbot.core.clock import SECOND, nanoseconds
 
 @dataclass(frozen=True)
 class Leg:
-    """A way from ``start`` to ``end`` that begins at the time ``begin`` (ns) and is done in ``phases``.
+    """Straight path from ``start`` to ``end``, from the time ``begin`` (ns) on.
 
-    A phase is its duration (s), the speed at its begin (m/s) and the acceleration (m/s2).
+    A phase has a duration (s), an initial speed (m/s) and an acceleration (m/s2).
     """
 
     begin: int
@@ -26,11 +26,11 @@ class Leg:
 
     @property
     def finish(self) -> int:
-        """When it ends, ns."""
+        """End time, ns."""
         return self.begin + nanoseconds(sum(duration for duration, _, _ in self.phases))
 
     def motion(self, time: int) -> tuple[float, float]:
-        """The way made (m) and the speed (m/s) at ``time`` (ns)."""
+        """Distance covered (m) and speed (m/s) at ``time`` (ns)."""
         left, made = max(time - self.begin, 0) / SECOND, 0.0
         for duration, speed, acceleration in self.phases:
             spent = min(left, duration)
@@ -41,7 +41,6 @@ class Leg:
         return made, 0.0
 
     def position(self, time: int) -> Point:
-        """Where it is at ``time`` (ns)."""
         if time >= self.finish:
             return self.end
         whole = _distance(self.start, self.end)
@@ -49,7 +48,7 @@ class Leg:
 
 
 class Drive:
-    """What moves one robot, or one part of it. Times are ns and never go back; ``pause`` holds it for a while."""
+    """Drive of a robot, or of a part of it. Times are ns and never decrease."""
 
     def __init__(self, position: Point) -> None:
         self._legs: tuple[Leg, ...] = (Leg(0, position, position, ()),)
@@ -57,28 +56,27 @@ class Drive:
 
     @property
     def target(self) -> Point:
-        """Where it will stop."""
+        """Stop position."""
         return self._legs[-1].end
 
     @property
     def arrival(self) -> int:
-        """When it stops, or has stopped, ns."""
+        """Time of the stop, ns."""
         return self._with_pauses(self._legs[-1].finish)
 
     def position(self, time: int) -> Point:
-        """Where it is at ``time``."""
         time = self._without_pauses(time)
         return self._leg(time).position(time)
 
     def go(self, now: int, target: Point, *, speed: float, acceleration: float, begin: int = 0) -> None:
-        """Goes to ``target`` from ``now``, or from ``begin`` if that is later; what is on its way brakes first."""
+        """Move to ``target`` from ``now``, or from ``begin`` if that is later. A moving drive brakes first."""
         time = self._without_pauses(now)
         leg = self._leg(time)
         start, speed_now = leg.position(time), leg.motion(time)[1]
         legs = []
         if speed_now > 0.0:
             rate = max(acceleration, *(abs(phase[2]) for phase in leg.phases))
-            # Never farther than it would have gone: rounding aside, braking is part of every way.
+            # Rounding must not make the braking distance longer than the path.
             share = min(speed_now**2 / 2 / rate / _distance(leg.start, leg.end), 1.0)
             way = Point(leg.end.x - leg.start.x, leg.end.y - leg.start.y, leg.end.z - leg.start.z)
             stop = Point(start.x + share * way.x, start.y + share * way.y, start.z + share * way.z)
@@ -89,7 +87,7 @@ class Drive:
         self._legs = tuple(legs)
 
     def pause(self, begin: int, seconds: float) -> None:
-        """Stands still from ``begin`` (ns, not in the past) for so many s, and goes on as if nothing had been."""
+        """Stand still from ``begin`` (ns, not in the past) for some seconds, then continue."""
         merged: list[tuple[int, int]] = []
         for first, last in sorted([*self._pauses, (begin, begin + nanoseconds(seconds))]):
             if merged and first <= merged[-1][1]:
@@ -129,16 +127,16 @@ def _between(a: Point, b: Point, share: float) -> Point:
 
 
 MOVING = "moving"
-"""The name of where a robot is while it is at no place."""
+"""Name of the place of a moving robot."""
 
 STALLS = 0.2
 STALL_S = (0.1, 0.5)
-"""How many of the movements stall on the way, and for how long, s; where there is noise at all."""
+"""Share of movements that stall, and duration of a stall (s); only with noise."""
 
 
 @dataclass(frozen=True)
 class RobotPose:
-    """Where a robot is and where it goes at a moment; see `messages.MoveStatus`."""
+    """Place and movement of a robot; see `messages.MoveStatus`."""
 
     start_name: str
     current_name: str
@@ -150,7 +148,7 @@ class RobotPose:
 
 
 class WarehouseRobot:
-    """The crane, or a carrier. ``speed`` (m/s) and stalls vary by ``noise``, each robot by a chance of its own."""
+    """The crane, or a carrier. Speed (m/s) and stalls vary by ``noise``, with a random generator for each robot."""
 
     def __init__(
         self,
@@ -175,17 +173,16 @@ class WarehouseRobot:
 
     @property
     def target_name(self) -> str:
-        """The place where it goes, or is."""
         return self._target_name
 
     def rests(self, now: int) -> bool:
-        """Whether it stands still because it has nowhere else to go."""
+        """Whether it stands still at its target."""
         return now >= self.drive.arrival
 
     def go(self, now: int, target: str, *, begin: int = 0, stop: Point | None = None) -> None:
-        """Goes to a place from ``now``, not before ``begin``; or only to ``stop``, if something stands in the way.
+        """Move to a place from ``now``, not before ``begin``; or only to ``stop``, if the place is blocked.
 
-        Told again what it does already, it carries on.
+        A repeated command has no effect.
         """
         end = self._places[target] if stop is None else stop
         if target == self._target_name and end == self.drive.target:
@@ -202,11 +199,10 @@ class WarehouseRobot:
             self.drive.pause(moment, self._chance.uniform(*STALL_S))
 
     def factor(self) -> float:
-        """By how much it is faster or slower this time."""
+        """Random factor of the speed."""
         return 1.0 + self._chance.uniform(-self._noise, self._noise)
 
     def pose(self, now: int) -> RobotPose:
-        """Where it is and where it goes."""
         position, target = self.drive.position(now), self._places[self._target_name]
         left = flat_distance(position, target)
         there = left == 0.0 and self.rests(now)

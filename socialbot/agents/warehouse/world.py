@@ -1,9 +1,8 @@
-"""The warehouse as it really is: a model of crane, carriers and boxes, the same for the same seed and commands.
+"""Simulated warehouse with crane, carriers and boxes, the same for the same seed and commands.
 
-The crane's fingers go down until they touch something. What they let go falls straight down and stays where it lands:
-on a stack, on a carrier that is there, or on the floor. A carrier stops before a loading bay in which a box stands,
-until the box is gone. The crane lifts its fingers before it moves, and lowers them when it rests. A closing gripper
-grasps the box that it touches. Commands that make no sense are refused and change nothing.
+Lowered fingers stop at the first surface. A released box falls straight down: onto a stack, a carrier or the floor. A
+carrier stops before a loading bay with a box until that is gone. The crane lifts its fingers before it moves, and
+lowers them when it stands still. Closing fingers grasp the box that they touch. Invalid commands have no effect.
 """
 
 from __future__ import annotations
@@ -32,29 +31,35 @@ FLOOR = "floor"
 
 CARRIER_SPEED = 0.72
 CARRIER_ACCELERATION = 0.72
-"""m/s and m/s2: 5.4 s from bay to deposit, slower over the last 0.36 m."""
+"""In m/s and m/s2: 5.4 s from bay to deposit, slower over the last 0.36 m."""
 CRANE_LONGEST_S = 4.8
 CRANE_ACCELERATION = 2.0
-"""s for the longest way of the crane, which makes its speed, and m/s2."""
+"""Time for the longest path of the crane (s), which gives its speed, and acceleration (m/s2)."""
 FINGER_SPEED = 2.0
 FINGER_ACCELERATION = 8.0
-"""m/s and m/s2, up and down: under 0.9 s."""
+"""In m/s and m/s2, up and down: under 0.9 s."""
 GRASP_S = 0.3
 UNLOAD_S = 1.5
 
 REACH_M = BOX_WIDTH_M
-"""What is this near to the middle of a stack or bay touches what stands there, and lands there when it falls."""
+"""Radius of a stack or bay: the crane touches its top box, and boxes land there."""
 TOUCH_M = 0.02
-"""Fingers whose tips are this near to the top of a box can grasp it."""
+"""Largest distance of the fingers from the top of a box that they can grasp."""
 BEFORE_BAY_M = 1.0
-"""A carrier stops this far before a bay in which a box stands."""
+"""Distance from a blocked bay at which a carrier stops."""
 
 
 class Warehouse(SimulatedWorld):
-    """The world with its clock: ``advance`` lets time pass, commands act at the time reached, questions are about it.
+    """Simulated warehouse. Commands take effect at the time that `advance` reached.
 
-    ``noise`` is by how much speeds differ from what they should be, at most (0.1 is 10 %); with it, movements stall.
-    Times are ns; the world begins at ``start``. Commands return why they are refused, an empty string if they are not.
+    Commands return the reason of a refusal, or an empty string.
+
+    Args:
+        scenario: Boxes and carriers.
+        seed: Seed of speeds and stalls.
+        noise: Largest relative deviation of speeds; 0.1 is 10 %. With noise, movements stall.
+        faults: Faults of the run.
+        start: Start time, ns.
     """
 
     def __init__(
@@ -88,18 +93,18 @@ class Warehouse(SimulatedWorld):
         self.load: dict[str, list[str]] = {
             base: [] for base in (START, *scenario.bases, *scenario.bays, *scenario.deposits)
         }
-        """What bears which boxes, from bottom to top or in the order in which they came."""
+        """Boxes by holder, from bottom to top or in the order of their arrival."""
         self.load |= {robot: [] for robot in (GRIPPER, *scenario.carriers, FLOOR)}
         for base, stack in zip(scenario.bases, scenario.stacks, strict=True):
             self.load[base] += stack
         self._spots: dict[str, Point] = {}
-        """Where boxes on carriers are, from the carrier's middle; and where those on the floor are."""
+        """Positions of boxes: on carriers relative to the carrier, on the floor absolute."""
         self._fingers = Drive(Point(0.0, 0.0, HIGH_M))
         self._closed = False
         self._lowering = 0
-        """Counts orders to the fingers, so that one that waits knows whether it still counts."""
+        """Number of the latest finger command; earlier ones are void."""
         self._unloading: dict[str, int] = {}
-        """When carriers that unload have done so."""
+        """End times of unloading, by carrier."""
         self._slips = 0
         self._silence: dict[str, int] = {}
         for fault in faults:
@@ -108,7 +113,7 @@ class Warehouse(SimulatedWorld):
     # Commands
 
     def move_crane(self, target: str) -> str:
-        """Sends the crane to one of the layout's places."""
+        """Move the crane to a place of the layout."""
         if target not in self.layout.places:
             return f"there is no place {target!r}"
         self._lift()
@@ -116,7 +121,7 @@ class Warehouse(SimulatedWorld):
         return ""
 
     def set_fingers(self, pose: str) -> str:
-        """Lifts the fingers (``high``), or lowers them until they touch something (``low``)."""
+        """Lift the fingers (``high``), or lower them until they touch something (``low``)."""
         if pose not in ("high", "low"):
             return f"{pose!r} is neither high nor low"
         if pose == "high":
@@ -127,14 +132,14 @@ class Warehouse(SimulatedWorld):
         return ""
 
     def set_grip(self, status: str) -> str:
-        """Opens or closes the fingers (``open``, ``close``), which takes `GRASP_S`."""
+        """Open or close the fingers within `GRASP_S`."""
         if status not in ("open", "close"):
             return f"{status!r} is neither open nor close"
         self._after(GRASP_S, self._let_go if status == "open" else self._grasp)
         return ""
 
     def move_carrier(self, carrier: str, target: str) -> str:
-        """Sends a carrier to its ``base`` or ``deposit``."""
+        """Move a carrier to its ``base`` or ``deposit``."""
         if carrier not in self.carriers:
             return f"there is no {carrier!r}"
         if target not in ("base", "deposit"):
@@ -143,7 +148,7 @@ class Warehouse(SimulatedWorld):
         return ""
 
     def unload(self, carrier: str) -> str:
-        """Makes a carrier that rests at its deposit put down its boxes there, which takes `UNLOAD_S`."""
+        """Unload a carrier at its deposit within `UNLOAD_S`."""
         if carrier not in self.carriers:
             return f"there is no {carrier!r}"
         if self.pose(carrier).current_name != "deposit":
@@ -153,33 +158,32 @@ class Warehouse(SimulatedWorld):
             self._at(due, lambda: self._put_into_deposit(carrier, due))
         return ""
 
-    # Questions
+    # State
 
     def pose(self, robot: str) -> RobotPose:
-        """Where the crane or a carrier is and where it goes. Raises KeyError for one that is not there."""
+        """Place and movement of the crane or a carrier. Raises KeyError for an unknown name."""
         return (self.crane if robot == GRIPPER else self.carriers[robot]).pose(self.now)
 
     def is_silent(self, sensor: str) -> bool:
-        """Whether the sensor of a robot, or `faults.BOXES`, says nothing now."""
+        """Whether the sensor of a robot, or `BOXES`, is silent."""
         return self.now < self._silence.get(sensor, self.now)
 
     @property
     def finger_z(self) -> float:
-        """How high the tips of the fingers are, m; a held box hangs below them."""
+        """Height of the tips of the fingers, m; a held box hangs below them."""
         return self._fingers.position(self.now).z
 
     @property
     def is_closed(self) -> bool:
-        """Whether the fingers are closed."""
         return self._closed
 
     @property
     def held(self) -> str:
-        """The box in the gripper, if any."""
+        """The box in the gripper, or an empty string."""
         return next(iter(self.load[GRIPPER]), "")
 
     def boxes(self) -> tuple[BoxPosition, ...]:
-        """Where all boxes are, sorted by name."""
+        """Positions of all boxes, sorted by name."""
         found = [
             BoxPosition(name=box, position=self._position(box, holder, number), holder=holder)
             for holder, boxes in self.load.items()
@@ -201,14 +205,14 @@ class Warehouse(SimulatedWorld):
         at = self.layout.places[holder]
         return Point(at.x, at.y, (number + 0.5) * BOX_M)
 
-    # What happens
+    # Events
 
     def _lift(self) -> None:
         self._lowering += 1
         self._move_fingers(HIGH_M)
 
     def _lower(self, order: int) -> None:
-        """Lowers the fingers, unless they were told otherwise or the crane was sent on since."""
+        """Lower the fingers, unless a newer command or a movement of the crane prevents it."""
         if order != self._lowering:
             return
         if not self.crane.rests(self.now):
@@ -258,7 +262,7 @@ class Warehouse(SimulatedWorld):
             self.load[FLOOR].append(box)
 
     def _landing(self, at: Point, holder: str) -> float:
-        """How high what falls there comes to rest: on the deck or the floor, or on boxes that it overlaps."""
+        """Height of a box that falls there: the deck, the floor, or the top of boxes below it."""
         tops = [
             box.position.z + BOX_M / 2
             for box in self.boxes()
@@ -267,7 +271,7 @@ class Warehouse(SimulatedWorld):
         return max(tops, default=0.0 if holder == FLOOR else DECK_M)
 
     def _surface(self, at: Point) -> tuple[float, str, str]:
-        """What the fingers touch when they come down there: how high, which box that is, if any, and what bears it."""
+        """Surface below the crane: height, its free box if any, and its holder."""
         carrier, place = self._carrier_at(at), self._stack_at(at)
         if place and not carrier:
             stack = self.load[place]
@@ -293,7 +297,7 @@ class Warehouse(SimulatedWorld):
         return next((name for name in places if flat_distance(self.layout.places[name], at) <= REACH_M), "")
 
     def _send(self, carrier: str, target: str) -> None:
-        """Sends a carrier as far as the boxes in its bay let it."""
+        """Move a carrier as far as the boxes in its bay permit."""
         self._unloading.pop(carrier, None)
         bay = self.scenario.bays[self.scenario.carriers.index(carrier)]
         place = self.layout.bays[bay]
@@ -302,7 +306,7 @@ class Warehouse(SimulatedWorld):
         self.carriers[carrier].go(self.now, target, stop=stop)
 
     def _clear_way(self, place: str) -> None:
-        """Lets the carrier of a bay know that a box was put there or taken away."""
+        """Update the carrier of a bay after a change of its boxes."""
         if place in self.scenario.bays:
             carrier = self.scenario.carriers[self.scenario.bays.index(place)]
             if self.carriers[carrier].target_name == "base":
@@ -340,5 +344,5 @@ def _overlap(a: Point, b: Point, width: float) -> bool:
 
 
 def _speed_for(way: float, seconds: float, acceleration: float) -> float:
-    """The top speed (m/s) at which a ``way`` (m) takes so many ``seconds``, or the fastest there is."""
+    """Top speed (m/s) for a path (m) in the given time, or the highest possible."""
     return acceleration / 2 * (seconds - math.sqrt(max(seconds**2 - 4 * way / acceleration, 0.0)))

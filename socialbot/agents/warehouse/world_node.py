@@ -1,4 +1,4 @@
-"""The world of the warehouse as a node: it obeys the topics of crane and carriers, and publishes their sensors."""
+"""Node of the simulated warehouse: executes the commands of crane and carriers, and publishes sensor data."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from socialbot.graph.node import Context, Input, Node, Output, Parameter
 
 
 class WarehouseWorld(Node):
-    """The warehouse in place of a simulator or the real thing; `world_of` makes it for some boxes and carriers.
+    """Simulator of a warehouse; `world_of` makes a subclass for a number of boxes and carriers.
 
     Each carrier adds ``/carrier_x/cmd_target``, ``/carrier_x/cmd_unload`` and ``/carrier_x/move_status``.
     """
@@ -39,19 +39,19 @@ class WarehouseWorld(Node):
     gripper_status = Output(GripperStatus, f"/{GRIPPER}/gripper_status")
     box_positions = Output(BoxPositions, "/warehouse/boxes")
 
-    seed = Parameter(0, "chance of the run: the same seed gives the same speeds and stalls", fixed=True)
+    seed = Parameter(0, "random seed of speeds and stalls", fixed=True)
     noise = Parameter(
         0.1,
-        "by how much speeds differ from what they should be, at most; 0 is none",
+        "largest relative deviation of speeds; 0 for none",
         minimum=0.0,
         maximum=0.5,
         fixed=True,
     )
-    faults = Parameter("", "what goes wrong: 30 leaves carrier_c; 40 slips; 50 silent carrier_a 10", fixed=True)
-    period_s = Parameter(0.1, "s from one report of the sensors to the next", minimum=0.01, maximum=10.0)
+    faults = Parameter("", "faults: 30 leaves carrier_c; 40 slips; 50 silent carrier_a 10", fixed=True)
+    period_s = Parameter(0.1, "period of the sensors (s)", minimum=0.01, maximum=10.0)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        """Raises ParameterError for faults that cannot be."""
+        """Raises ParameterError for unknown faults."""
         super().__init__(name, context, parameters)
         scenario = scenario_of(self.boxes, self.carriers)
         self.world = Warehouse(
@@ -78,7 +78,7 @@ class WarehouseWorld(Node):
         self.obey(lambda: self.world.set_grip(command.status))
 
     def obey(self, command: Callable[[], str]) -> None:
-        """Gives the world, as it is now, a command, and logs why it is refused if it is."""
+        """Execute a command at the present time, and log its refusal."""
         self.world.advance(self.clock.now())
         if refusal := command():
             self.log.warning("refused: %s", refusal)
@@ -116,7 +116,7 @@ class WarehouseWorld(Node):
 
 
 def world_of(boxes: int, carriers: int, name: str) -> type[WarehouseWorld]:
-    """The node type, called ``name`` in the calling module, of a world with so many boxes and carriers."""
+    """The node type ``name`` of a world with a number of boxes and carriers."""
     members: dict[str, Any] = {"boxes": boxes, "carriers": carriers, "__doc__": WarehouseWorld.__doc__}
     for carrier in scenario_of(boxes, carriers).carriers:
         members |= _ports_of(carrier)
@@ -124,7 +124,7 @@ def world_of(boxes: int, carriers: int, name: str) -> type[WarehouseWorld]:
 
 
 def _ports_of(carrier: str) -> dict[str, Any]:
-    """The ports of one carrier, and the methods that take its commands."""
+    """The ports of one carrier, and their callbacks."""
     target = Input(MoveCommand, f"/{carrier}/cmd_target")
     unload = Input(UnloadCommand, f"/{carrier}/cmd_unload")
 
@@ -146,6 +146,6 @@ def _ports_of(carrier: str) -> dict[str, Any]:
 
 
 World = world_of(6, 3, "World")
-"""The demonstration: six boxes and three carriers."""
+"""World of the demo: six boxes and three carriers."""
 World12 = world_of(12, 3, "World12")
 World24 = world_of(24, 6, "World24")

@@ -129,7 +129,7 @@ def test_an_agent_that_is_killed_and_begun_anew_takes_its_part(name: str):
 @pytest.mark.parametrize("content", [b"{", b'{"missions": "\xff"}', b'{"a":' * 10_000])
 def test_a_memory_that_cannot_be_read_is_an_error(tmp_path: Path, content: bytes):
     (tmp_path / "memory.json").write_bytes(content)
-    with pytest.raises(ParameterError, match="cannot read what it remembers"):
+    with pytest.raises(ParameterError, match="cannot read the memory file"):
         paper(0, memory_file=str(tmp_path / "memory.json"))
 
 

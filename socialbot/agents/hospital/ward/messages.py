@@ -1,4 +1,4 @@
-"""What the ward tells of itself, and what robots and nurses ask it to do."""
+"""Messages of the ward: state, and commands of robots and nurses with their results."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ COMMANDS = "/hospital/commands"
 CANCELS = "/hospital/cancels"
 RESULTS = "/hospital/results"
 STATE = "/hospital/state"
-"""Topics of the ward."""
 
 CORRIDOR = "corridor"
 AWAY = "away"
-"""Places that are no rooms: on the way, and out of the ward."""
+"""Places outside rooms: in the ward, and outside the ward."""
 
 DIRTY_ROOM = "dirty room"
 CLOSED_DOOR = "closed door"
@@ -25,23 +24,23 @@ LOW_BATTERY = "low battery"
 PERSON_IN_ROOM = "person in the room"
 NURSE_ABSENT = "nurse absent"
 PROBLEMS = (DIRTY_ROOM, CLOSED_DOOR, LOW_BATTERY, PERSON_IN_ROOM, NURSE_ABSENT)
-"""Why actions fail because the ward is not as it should be."""
+"""Reasons of failures that are due to the state of the ward."""
 
 PARTNER_ABSENT = "partner absent"
 CANCELLED = "cancelled"
-"""Why else they fail; commands that make no sense fail with a sentence that says why."""
+"""Other reasons of failures. For an invalid command the reason is a sentence."""
 
 LOW_AT = 0.2
-"""A battery with less than this (1 is full) is low."""
+"""Charge below which a battery is low; 1 is full."""
 
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 Seconds = Annotated[float, msgspec.Meta(ge=0.0)]
 
 
 class ActionCommand(Structured, frozen=True, kw_only=True):
-    """Tells a robot or a nurse what to do; ``args`` are all arguments of the action, the robot among them.
+    """Command for an action of a robot or nurse. ``args`` are all arguments of the action, with the robot.
 
-    Each partner of a joint action is commanded; it begins when both are.
+    A joint action starts when both partners have a command.
     """
 
     id: str
@@ -51,13 +50,13 @@ class ActionCommand(Structured, frozen=True, kw_only=True):
 
 
 class ActionCancel(Structured, frozen=True, kw_only=True):
-    """Takes back the command with this ``id``; nothing happens if it is done already."""
+    """Cancels the command with this ``id``, unless it is finished."""
 
     id: str
 
 
 class ActionResult(Structured, frozen=True, kw_only=True):
-    """What became of a command, ``duration_s`` after it was given; every command has one result."""
+    """Result of a command, ``duration_s`` after it. Each command has one result."""
 
     id: str
     robot: str
@@ -69,7 +68,7 @@ class ActionResult(Structured, frozen=True, kw_only=True):
 
 
 class RoomState(msgspec.Struct, frozen=True, kw_only=True):
-    """A room; ``cleaned`` is tidy, whoever is in it. ``people`` are those who do not belong there, sorted."""
+    """State of a room. ``cleaned`` is tidy, with or without people. ``people`` are sorted names of visitors."""
 
     name: str
     door_open: bool
@@ -79,20 +78,19 @@ class RoomState(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def infected(self) -> bool:
-        """Whether it waits to be disinfected."""
         return not self.disinfected
 
     @property
     def ready(self) -> bool:
-        """Whether it is fit to be disinfected: tidy and empty."""
+        """Whether it is fit for disinfection: tidy and empty."""
         return self.cleaned and not self.people
 
 
 class AgentState(msgspec.Struct, frozen=True, kw_only=True):
-    """A robot or a nurse.
+    """State of a robot or nurse.
 
-    ``place`` is a room, `CORRIDOR` or `AWAY`; one that is not ``inside`` its place stands before the door. ``x`` and
-    ``y`` in m, ``battery`` from 0 to 1. ``busy`` is what it does, as ``a_patrol_room(spotrobot1, room1)``, or empty.
+    ``place`` is a room, `CORRIDOR` or `AWAY`. An agent that is not ``inside`` stands before the door. ``x`` and ``y``
+    are in m, ``battery`` is 0 to 1. ``busy`` is its action, as ``a_patrol_room(spotrobot1, room1)``, or empty.
     """
 
     name: str
@@ -107,22 +105,19 @@ class AgentState(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def low_battery(self) -> bool:
-        """Whether it has to charge before it goes on."""
         return self.battery < LOW_AT
 
 
 class WardState(Structured, frozen=True, kw_only=True, dict=True):
-    """The ward as its sensors see it; a room or agent whose sensor is silent is left out."""
+    """State of the ward by its sensors, without the rooms and agents of silent sensors."""
 
     rooms: tuple[RoomState, ...]
     agents: tuple[AgentState, ...]
 
     def room(self, name: str) -> RoomState | None:
-        """The room called ``name``, if it is told of."""
         return self._room_by_name.get(name)
 
     def agent(self, name: str) -> AgentState | None:
-        """The robot or nurse called ``name``, if it is told of."""
         return self._agent_by_name.get(name)
 
     @cached_property
