@@ -127,7 +127,7 @@ class SeeingSpot(Spot):
     def break_off(self, action: str, args: tuple[str, ...], reason: str) -> None:
         """Stops an action that is under way, which has failed for that reason."""
         now = self.clock.now()
-        for id, world_action in list(self._under_way.items()):
+        for id, world_action in list(self._in_progress.items()):
             if world_action.key == (action, args):
                 self.cancels.publish(ActionCancel(stamp=now, id=id))
                 failure = ActionResult(
@@ -138,7 +138,7 @@ class SeeingSpot(Spot):
     def on_result(self, message: ActionResult) -> None:
         """Takes what became of an action; a patrol is done only if the room was seen, and seen to be empty."""
         look = self._look
-        if look is not None and message.action == PATROL and message.id in self._under_way:
+        if look is not None and message.action == PATROL and message.id in self._in_progress:
             self._look = None
             now = self.clock.now()
             objection = (

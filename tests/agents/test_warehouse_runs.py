@@ -30,7 +30,7 @@ def fine(result: Result) -> Result:
     return result
 
 
-def test_run_1_sorts_six_boxes_without_an_abort_and_each_carrier_unloads():
+def test_run_1_sorts_six_boxes_without_abort():
     result = fine(play(Story(seed=4)))
     assert result.reached
     assert (result.first_steps, result.aborts, result.requests, result.unloads) == (28, 0, 3, 3)
@@ -38,7 +38,7 @@ def test_run_1_sorts_six_boxes_without_an_abort_and_each_carrier_unloads():
     assert result.steps == 28 + 3 + 6  # the carriers come once, and go and unload
 
 
-def test_run_2_finds_a_carrier_gone_plans_anew_and_reaches_the_goal():
+def test_run_2_replans_after_lost_carrier():
     records: list[TraceRecord] = []
     result = fine(play(Story(seed=4, run=2), records.append))
     assert result.reached
@@ -48,7 +48,7 @@ def test_run_2_finds_a_carrier_gone_plans_anew_and_reaches_the_goal():
     assert "(carrier_in_base carrier_c base_c)" in failed.detail["message"]
 
 
-def test_the_same_story_is_the_same_to_the_last_record():
+def test_same_seed_gives_same_records():
     story = Story(seed=9, faults="6 leaves carrier_b; 12 slips", kills=(Kill(9.0, "carrier_a", 1.0),), limit_s=25.0)
     first: list[TraceRecord] = []
     again: list[TraceRecord] = []
@@ -58,7 +58,7 @@ def test_the_same_story_is_the_same_to_the_last_record():
     assert first == again
 
 
-def test_an_agent_that_is_killed_goes_on_from_what_it_has_kept():
+def test_restarted_agent_continues_from_its_file():
     records: list[TraceRecord] = []
     result = fine(play(Story(seed=2, kills=(Kill(33.3, "gripper_a", 2.0),)), records.append))
     assert result.reached
@@ -69,21 +69,21 @@ def test_an_agent_that_is_killed_goes_on_from_what_it_has_kept():
 
 @settings(max_examples=2, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(seed=st.integers(0, 2**32))
-def test_whatever_goes_wrong_no_step_begins_against_a_false_condition_and_nothing_hangs(seed):
+def test_faults_cause_no_invalid_step_and_no_deadlock(seed):
     fine(play(troubled(seed)))
 
 
 @pytest.mark.slow
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(seed=st.integers(0, 2**32))
-def test_so_it_is_for_many_stories(seed):
+def test_many_seeds_cause_no_invalid_step(seed):
     fine(play(troubled(seed)))
 
 
 @pytest.mark.slow
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(seed=st.integers(0, 2**32), run=st.sampled_from([1, 2]))
-def test_noise_alone_never_keeps_them_from_their_goal(seed, run):
+def test_noise_alone_never_prevents_the_goal(seed, run):
     result = fine(play(Story(seed, run=run)))
     assert result.reached
     assert (result.aborts, result.requests) == (run - 1, run + 2)

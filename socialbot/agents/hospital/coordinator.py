@@ -127,9 +127,9 @@ class Coordinator:
             case Report(outcome="success", action=action, args=args):
                 progress = self.progress_of.get(mission.id)
                 if progress is not None and progress.advance(message.sender, (action, *args)):
-                    mission.is_done((action, *args))
+                    mission.apply_effects((action, *args))
             case Problem() as problem:
-                mission.has_met(problem, message.sender, self.manager.now)
+                mission.add_finding(problem, message.sender, self.manager.now)
                 self.recovery.recover(mission, problem.kind, message.sender, (problem.action, *problem.args))
             case Finished():
                 self.manager.release(mission, message.sender)
@@ -279,12 +279,12 @@ class HospitalCoordinator(Node):
     @heard
     def on_heard(self, message: AclMessage) -> None:
         self.coordinator.receive(message, self.clock.now())
-        self._tell()
+        self._publish()
 
     @state
     def on_state(self, message: WardState) -> None:
         self.coordinator.observe(message, self.clock.now())
-        self._tell()
+        self._publish()
 
     def on_parameter(self, name: str) -> None:
         options, value = self.coordinator.options, self.parameter_values[name]
@@ -293,7 +293,7 @@ class HospitalCoordinator(Node):
         elif name != "memory_file":
             setattr(options, name, value)
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         """Publish and save changes."""
         if not self.coordinator.changed:
             return

@@ -68,7 +68,7 @@ class MissionManager:
         """The open mission in a room."""
         return next((mission for mission in self.memory.missions.values() if mission.room == room), None)
 
-    def retire(self, mission: Mission, why: str, *, rest: bool = True) -> None:
+    def suspend(self, mission: Mission, why: str, *, rest: bool = True) -> None:
         """Make a mission wait for another team, by default after a rest; its team is free."""
         log.info("mission %d waits: %s", mission.id, why)
         self._dismiss(mission, Stop(why))
@@ -89,7 +89,7 @@ class MissionManager:
         for name in list(mission.active):
             self.send(name, "request", word, mission.label, "")
             self.release(mission, name)
-        self.leave_behind(mission)
+        self.abandon_plan(mission)
 
     # Teams
 
@@ -142,7 +142,7 @@ class MissionManager:
             return False
         yielding = pool.yielding(mission, missions)
         for other in yielding:
-            self.retire(other, f"mission {mission.id} is more urgent", rest=False)
+            self.suspend(other, f"mission {mission.id} is more urgent", rest=False)
         return bool(yielding)
 
     # Plans
@@ -162,7 +162,7 @@ class MissionManager:
     def go(self, mission: Mission, answer: TaskAnswer) -> None:
         """Start a plan; without a plan the mission waits."""
         if answer.verdict is not TaskVerdict.PLAN or answer.tree is None:
-            self.retire(mission, answer.message)
+            self.suspend(mission, answer.message)
             return
         progress = self.progress_of[mission.id] = PlanProgress.of(answer.tree, mission.team.values())
         mission.status = "running"
@@ -188,7 +188,7 @@ class MissionManager:
         for name, trigger in initial_triggers(progress.stages).items():
             self.send(name, "inform", Belief(trigger), mission.label, "")
 
-    def leave_behind(self, mission: Mission, *, failed: bool = False) -> None:
+    def abandon_plan(self, mission: Mission, *, failed: bool = False) -> None:
         """Abandon the plan of a mission, and keep the status of its actions."""
         progress = self.progress_of.pop(mission.id, None)
         if progress is not None:
@@ -226,7 +226,7 @@ class Recovery:
         progress = manager.progress_of.get(mission.id)
         node = progress.fail(agent, failed) if progress and failed else None
         if manager.options.policy == "none":
-            manager.leave_behind(mission, failed=node is not None)
+            manager.abandon_plan(mission, failed=node is not None)
             self.given_up.add(mission.room)
             manager.finish(mission, "failed")
             return
@@ -234,13 +234,13 @@ class Recovery:
         again = mission.failures.get(key := " ".join((problem, *failed)), 0)
         mission.failures[key] = again + 1
         if not self._can_go_on(mission, again):
-            manager.leave_behind(mission, failed=node is not None)
-            manager.retire(mission, problem)
+            manager.abandon_plan(mission, failed=node is not None)
+            manager.suspend(mission, problem)
             return
         mends = problem in MENDED and not again
         answer = self._repair(mission, progress, node) if progress and node and mends else None
         answer = answer or manager.plan(mission)
-        manager.leave_behind(mission, failed=node is not None)
+        manager.abandon_plan(mission, failed=node is not None)
         manager.go(mission, answer)
 
     def _can_go_on(self, mission: Mission, again: int) -> bool:
@@ -267,28 +267,30 @@ class Recovery:
         """Revise a plan that the present ward contradicts. A plan with more actions than necessary stays."""
         manager = self.manager
         progress, ward = manager.progress_of[mission.id], manager.ward
-        comes = progress.next
-        if ward is None or comes is None or ward.stamp < mission.touched or ward.room(mission.room) is None:
+        upcoming = progress.next
+        if ward is None or upcoming is None or ward.stamp < mission.touched or ward.room(mission.room) is None:
             return
         if any(ward.agent(name) is None for name in mission.team.values()):
             return
         state = manager.state(mission, sees_rooms=True)
-        if progress.foreseen != (progress.position, state):
-            progress.foreseen, progress.doubted = (progress.position, state), None
-        elif progress.doubted is None or manager.now - progress.doubted < SETTLED_NS << min(mission.revisions, 10):
+        if progress.revised_for != (progress.position, state):
+            progress.revised_for, progress.doubted_since = (progress.position, state), None
+        elif progress.doubted_since is None or manager.now - progress.doubted_since < SETTLED_NS << min(
+            mission.revisions, 10
+        ):
             return
-        answer = manager.timed(manager.planner.revise(state, progress.tree, comes.id))
+        answer = manager.timed(manager.planner.revise(state, progress.tree, upcoming.id))
         if answer.verdict is not TaskVerdict.PLAN or _is_within([node.item for node in answer.plan], progress.left):
             return
-        if progress.doubted is None:
+        if progress.doubted_since is None:
             # The ward may show a finished action before its report arrives.
-            progress.doubted = manager.now
+            progress.doubted_since = manager.now
         elif not manager.has_team(mission):
-            manager.retire(mission, "the team is needed again")
+            manager.suspend(mission, "the team is needed again")
         else:
             log.info("mission %d is revised", mission.id)
             mission.revisions += 1
-            manager.leave_behind(mission)
+            manager.abandon_plan(mission)
             manager.go(mission, answer)
 
 

@@ -140,7 +140,7 @@ class Mission(msgspec.Struct):
     def tasks(self) -> list[Item]:
         return KINDS[self.kind].tasks(self.team)
 
-    def is_done(self, item: Item) -> None:
+    def apply_effects(self, item: Item) -> None:
         """Apply the effects of a finished action to the findings."""
         match item:
             case ("a_adapt_room", *_):
@@ -156,7 +156,7 @@ class Mission(msgspec.Struct):
             case _:
                 pass
 
-    def has_met(self, problem: Problem, agent: str, now: int) -> None:
+    def add_finding(self, problem: Problem, agent: str, now: int) -> None:
         """Add the finding of an agent."""
         if problem.kind in (DIRTY_ROOM, PERSON_IN_ROOM):
             self.found[UNFIT] = now
@@ -287,9 +287,9 @@ class PlanProgress:
     position: int = 0
     reached: dict[str, int] = field(default_factory=dict)
     """Number of finished actions, by agent."""
-    foreseen: tuple[int, TaskState] | None = None
+    revised_for: tuple[int, TaskState] | None = None
     """Position and state of the latest revision."""
-    doubted: int | None = None
+    doubted_since: int | None = None
     """Time (ns) of the first doubt about the plan."""
 
     @staticmethod
@@ -340,8 +340,8 @@ class PlanProgress:
 
     def drawing(self) -> str:
         """The task tree with its progress."""
-        comes, status = (self.next, "planned") if self.next else (self.agenda[-1], "done")
-        return str(progressed(self.tree, comes, status))
+        upcoming, status = (self.next, "planned") if self.next else (self.agenda[-1], "done")
+        return str(progressed(self.tree, upcoming, status))
 
     def actions(self, *, failed: bool = False) -> list[PlannedAction]:
         """The actions with their status; with ``failed`` the present one has failed."""

@@ -65,9 +65,9 @@ from socialbot.graph.node import Context, Delivery, Input, Output, Parameter
 
 REGISTER_S = 0.25
 """Time until another registration, if neither an answer nor plans arrive."""
-LEISURE_S = 0.1
+COMPILE_DELAY_S = 0.1
 """Delay of the compilation of plans. It leaves the processor to agents that start at once."""
-LET_GO_S = 0.2
+CANCEL_DELAY_S = 0.2
 """Time until an unwanted action is cancelled; the next plan may start with the same action."""
 
 _X = Variable("X")
@@ -98,12 +98,12 @@ class HospitalAgent(AgentNode):
         """Label of its plans."""
         self._acl = AclSender(name, context.clock, self.said.publish)
         self._labels: list[str] = []
-        self._early: list[AclMessage] = []
+        self._early_messages: list[AclMessage] = []
         self._uncompiled: list[ReadyPlan] = []
-        self._planned: AclMessage | None = None
+        self._plan_message: AclMessage | None = None
         """Message with its latest plans."""
-        self._under_way: dict[str, WorldAction] = {}
-        self._let_go: dict[tuple[str, tuple[str, ...]], str] = {}
+        self._in_progress: dict[str, WorldAction] = {}
+        self._to_cancel: dict[tuple[str, tuple[str, ...]], str] = {}
         self._registered = False
         self._rendezvous = Rendezvous(
             lambda partner, meeting: self._acl.send(
@@ -168,7 +168,7 @@ class HospitalAgent(AgentNode):
             case Plan() as content:
                 self._take_plan(message, content)
             case Start() | Belief() | Ready() | Done():
-                self._take_word(message)
+                self._take_mission_message(message)
             case Stop() | End():
                 if message.mission == self.label:
                     self._give_up()
@@ -185,7 +185,7 @@ class HospitalAgent(AgentNode):
         return protocol_error(message)
 
     def _take_plan(self, message: AclMessage, content: Plan) -> None:
-        if self._planned is not None and message.id == self._planned.id:
+        if self._plan_message is not None and message.id == self._plan_message.id:
             return
         # Another registration would count as a restart.
         self._registered = True
@@ -198,22 +198,22 @@ class HospitalAgent(AgentNode):
             self._refuse(message, f"a plan is labelled otherwise than {content.label}")
             return
         self._clear()
-        self.label, self._planned = content.label, message
+        self.label, self._plan_message = content.label, message
         self._labels = [plan.label for plan in plans if plan.label]
         self._rendezvous.forget(self.label)
         self.engine.forget(literal("idle"))
         self.engine.call(lambda: self._install(plans))
-        early, self._early = self._early, []
+        early, self._early_messages = self._early_messages, []
         for word in early:
-            self._take_word(word)
+            self._take_mission_message(word)
 
     def _install(self, plans: list[AgentSpeakPlan]) -> None:
         try:
             self._uncompiled = install(self.engine, plans)
         except SocialbotError as error:
-            self._hand_back(error)
+            self._refuse_plans(error)
         else:
-            self.call_after(LEISURE_S, self._compile_one)
+            self.call_after(COMPILE_DELAY_S, self._compile_one)
 
     def _compile_one(self) -> None:
         """Compile one plan while the agent is idle."""
@@ -221,21 +221,21 @@ class HospitalAgent(AgentNode):
             try:
                 self._uncompiled.pop(0).compile()
             except SocialbotError as error:
-                self._hand_back(error)
+                self._refuse_plans(error)
             else:
                 self.context.call_soon(self._compile_one)
 
-    def _hand_back(self, error: SocialbotError) -> None:
+    def _refuse_plans(self, error: SocialbotError) -> None:
         """Refuse plans that cannot be used."""
         self._give_up()
-        if self._planned is not None:
-            self._refuse(self._planned, str(error))
+        if self._plan_message is not None:
+            self._refuse(self._plan_message, str(error))
 
-    def _take_word(self, message: AclMessage) -> None:
+    def _take_mission_message(self, message: AclMessage) -> None:
         """Process a message about a mission; one that arrives before the plans waits for them."""
         if message.mission != self.label:
             if message.mission and message.sender != COORDINATOR:
-                self._early = [*self._early[-31:], message]
+                self._early_messages = [*self._early_messages[-31:], message]
             return
         match message.content:
             case Start(arguments=arguments):
@@ -303,13 +303,13 @@ class HospitalAgent(AgentNode):
         self._rendezvous.arrive(meeting, partners, lambda: self._command(world_action))
 
     def _command(self, world_action: WorldAction) -> None:
-        id = self._let_go.pop(world_action.key, "")
-        for other in list(self._let_go.values()):
+        id = self._to_cancel.pop(world_action.key, "")
+        for other in list(self._to_cancel.values()):
             self._cancel(other)
-        self._let_go.clear()
+        self._to_cancel.clear()
         id = id or f"{self.name}-action-{self._acl.next_id()}"
-        known = id in self._under_way
-        self._under_way[id] = world_action
+        known = id in self._in_progress
+        self._in_progress[id] = world_action
         if not known:
             self.commands.publish(
                 ActionCommand(
@@ -321,29 +321,29 @@ class HospitalAgent(AgentNode):
                 )
             )
 
-    def let_go(self, world_action: WorldAction) -> None:
+    def cancel_later(self, world_action: WorldAction) -> None:
         """Cancel an action after a short time, unless it is wanted again."""
         self._rendezvous.leave(Meeting(self.label, world_action.action, world_action.arguments))
-        for id, other in self._under_way.items():
+        for id, other in self._in_progress.items():
             if other is world_action:
-                self._let_go[world_action.key] = id
-                self.call_after(LET_GO_S, lambda id=id: self._cancel_unless_wanted(id))
+                self._to_cancel[world_action.key] = id
+                self.call_after(CANCEL_DELAY_S, lambda id=id: self._cancel_unless_wanted(id))
 
     def _cancel_unless_wanted(self, id: str) -> None:
-        if id in self._let_go.values():
-            self._let_go = {key: other for key, other in self._let_go.items() if other != id}
+        if id in self._to_cancel.values():
+            self._to_cancel = {key: other for key, other in self._to_cancel.items() if other != id}
             self._cancel(id)
 
     def _cancel(self, id: str) -> None:
-        if self._under_way.pop(id, None) is not None:
+        if self._in_progress.pop(id, None) is not None:
             self.cancels.publish(ActionCancel(stamp=self.clock.now(), id=id))
 
     @results
     def on_result(self, message: ActionResult) -> None:
-        world_action = self._under_way.pop(message.id, None)
+        world_action = self._in_progress.pop(message.id, None)
         if message.robot != self.name or world_action is None:
             return
-        self._let_go.pop(world_action.key, None)
+        self._to_cancel.pop(world_action.key, None)
         self._acl.send(
             COORDINATOR,
             "inform",

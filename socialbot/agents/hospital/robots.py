@@ -67,7 +67,7 @@ class WorldAction(LongAction):
         self.node.begin(self)
 
     def cancel(self) -> None:
-        self.node.let_go(self)
+        self.node.cancel_later(self)
         self.cancelled()
 
     @property
@@ -173,14 +173,14 @@ def mission_beliefs(engine: Engine) -> Iterator[Literal]:
 class RemoteSociety(Society):
     """A society with one local agent; beliefs for other agents go to ``tell_far`` (receiver, belief)."""
 
-    def __init__(self, clock: Clock, tell_far: Callable[[str, str], object]) -> None:
+    def __init__(self, clock: Clock, send_remote: Callable[[str, str], object]) -> None:
         super().__init__(clock)
-        self._tell_far = tell_far
+        self._send_remote = send_remote
 
     def find(self, receiver: Any) -> Engine:
         name = receiver.name if isinstance(receiver, Atom) else str(receiver)
         if name not in self.agents:
-            self.agents[name] = _RemoteAgent(name, self.clock, self._tell_far)
+            self.agents[name] = _RemoteAgent(name, self.clock, self._send_remote)
         return self.agents[name]
 
     def tell(self, sender: Engine, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
@@ -192,13 +192,13 @@ class _RemoteAgent(Engine):
 
     __slots__ = ()
 
-    def __init__(self, name: str, clock: Clock, tell_far: Callable[[str, str], object]) -> None:
+    def __init__(self, name: str, clock: Clock, send_remote: Callable[[str, str], object]) -> None:
         super().__init__(name, clock)
 
         def take(sender: str, performative: str, content: Any) -> bool:
             if performative != "tell":
                 raise Failed("action_failed", f"{name} is far away, and can only be told beliefs")
-            tell_far(name, agentspeak(content))
+            send_remote(name, agentspeak(content))
             return False
 
         self.accepts = take

@@ -133,7 +133,7 @@ class ScriptedCoordinator(Node):
         if answer.tree is None:
             mission.status, mission.problem = "failed", answer.message
             self._over.append(view(mission, None))
-            self._tell()
+            self._publish()
             return
         self._running = _Running(mission, PlanProgress.of(answer.tree, team.values()))
         self._request(self._running)
@@ -145,7 +145,7 @@ class ScriptedCoordinator(Node):
         action = agentspeak(as_literal(stage.action, stage.args))
         for agent in stage.agents:
             self._acl.send(agent, "request", Plan(mission.label, (action,)), mission.label)
-        self._tell()
+        self._publish()
 
     def _done_by(self, agent: str, running: _Running) -> None:
         if agent not in running.awaited:
@@ -179,10 +179,10 @@ class ScriptedCoordinator(Node):
         self._running = None
         for name in mission.team.values():
             self._acl.send(name, "request", End() if status == "finished" else Stop(problem), mission.label)
-        self._tell()
+        self._publish()
         self._begin()
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         running = [view(self._running.mission, self._running.progress)] if self._running else []
         self.missions.publish(Missions(stamp=self.clock.now(), missions=(*self._over, *running)))
 

@@ -48,15 +48,15 @@ class carrier_move(PlanAction):  # noqa: N801 - the name in the domain
     """Move to the bay or to the deposit."""
 
     def begin(self, carrier: str, start: str, target: str) -> None:
-        self.told_at = self.engine.clock.now()
-        self.agent.cmd_target.publish(MoveCommand(stamp=self.told_at, target=target))
+        self.sent_at = self.engine.clock.now()
+        self.agent.cmd_target.publish(MoveCommand(stamp=self.sent_at, target=target))
 
     def advance(self) -> float:
         status, target = self.agent.status, self.args[2]
-        if status is None or status.stamp <= self.told_at:
+        if status is None or status.stamp <= self.sent_at:
             return self.progress_made
         if status.target_name != target:
-            if status.stamp - self.told_at > OBEYED_NS:
+            if status.stamp - self.sent_at > OBEYED_NS:
                 self.fail(f"somebody has sent it to {status.target_name}")
             return self.progress_made
         return 1.0 if status.current_name == target else min(status.progress, 0.99)

@@ -75,15 +75,15 @@ class gripper_move(GripperAction):  # noqa: N801 - the name in the domain
     """Move the crane to another stack or bay."""
 
     def begin(self, gripper: str, start: str, target: str) -> None:
-        self.told_at = self.engine.clock.now()
+        self.sent_at = self.engine.clock.now()
         self.go(target)
 
     def advance(self) -> float:
         motors, target = self.gripper.motors, self.args[2]
-        if motors is None or motors.stamp <= self.told_at:
+        if motors is None or motors.stamp <= self.sent_at:
             return self.progress_made
         if motors.target_name != target:
-            if motors.stamp - self.told_at > OBEYED_NS:
+            if motors.stamp - self.sent_at > OBEYED_NS:
                 self.fail(f"somebody has sent the crane to {motors.target_name}")
             return self.progress_made
         # The start of the path may be any position, so only the place is reliable.
@@ -174,7 +174,7 @@ class gripper_put_on_carrier(PhasedAction):  # noqa: N801
     def begin(self, gripper: str, box: str, carrier: str, bay: str) -> None:
         super().begin(gripper, box, carrier, bay)
         self.loaded = predicate("lb_load_completed", carrier)
-        self.warned = self.tell("del")
+        self.load_request = self.tell("del")
         self.told: SentRequest | None = None
 
     def tell(self, operation: Operation) -> SentRequest:
@@ -183,13 +183,13 @@ class gripper_put_on_carrier(PhasedAction):  # noqa: N801
     def plan(self) -> tuple[Phase, ...]:
         slot = f"{self.args[3]}{min(self.gripper.boxes_on(self.args[2]), 1) + 1}"
         return (
-            Phase(lambda: self.go(slot), lambda: self.gripper.is_at(slot) and self.is_known(self.warned), 4),
+            Phase(lambda: self.go(slot), lambda: self.gripper.is_at(slot) and self.is_known(self.load_request), 4),
             Phase(self.lower, self.rests, 4),
             Phase(self.open, self.is_open, 4),
-            Phase(self.lift, self.has_told, 4),
+            Phase(self.lift, self.has_informed, 4),
         )
 
-    def has_told(self) -> bool:
+    def has_informed(self) -> bool:
         """Inform the carrier once the fingers are up; returns whether it has accepted."""
         if not self.is_high():
             return False

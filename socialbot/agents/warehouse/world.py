@@ -108,7 +108,7 @@ class Warehouse(SimulatedWorld):
         self._slips = 0
         self._silence: dict[str, int] = {}
         for fault in faults:
-            self._after(fault.time_s, lambda fault=fault: self._go_wrong(fault))
+            self._after(fault.time_s, lambda fault=fault: self._apply_fault(fault))
 
     # Commands
 
@@ -135,7 +135,7 @@ class Warehouse(SimulatedWorld):
         """Open or close the fingers within `GRASP_S`."""
         if status not in ("open", "close"):
             return f"{status!r} is neither open nor close"
-        self._after(GRASP_S, self._let_go if status == "open" else self._grasp)
+        self._after(GRASP_S, self._release_box if status == "open" else self._grasp)
         return ""
 
     def move_carrier(self, carrier: str, target: str) -> str:
@@ -240,9 +240,9 @@ class Warehouse(SimulatedWorld):
         self.load[holder].remove(box)
         self._spots.pop(box, None)
         self.load[GRIPPER].append(box)
-        self._clear_way(holder)
+        self._update_carrier(holder)
 
-    def _let_go(self) -> None:
+    def _release_box(self) -> None:
         self._closed = False
         if not self.held:
             return
@@ -256,7 +256,7 @@ class Warehouse(SimulatedWorld):
             self.load[carrier].append(box)
         elif stack:
             self.load[stack].append(box)
-            self._clear_way(stack)
+            self._update_carrier(stack)
         else:
             self._spots[box] = Point(at.x, at.y, self._landing(at, FLOOR) + BOX_M / 2)
             self.load[FLOOR].append(box)
@@ -305,7 +305,7 @@ class Warehouse(SimulatedWorld):
         stop = Point(place.x, place.y + BEFORE_BAY_M, place.z) if blocked else None
         self.carriers[carrier].go(self.now, target, stop=stop)
 
-    def _clear_way(self, place: str) -> None:
+    def _update_carrier(self, place: str) -> None:
         """Update the carrier of a bay after a change of its boxes."""
         if place in self.scenario.bays:
             carrier = self.scenario.carriers[self.scenario.bays.index(place)]
@@ -322,7 +322,7 @@ class Warehouse(SimulatedWorld):
         self.load[self.scenario.deposits[self.scenario.carriers.index(carrier)]] += boxes
         self.load[carrier] = []
 
-    def _go_wrong(self, fault: WorldFault) -> None:
+    def _apply_fault(self, fault: WorldFault) -> None:
         seconds = fault.duration_s or 0.0
         match fault.kind:
             case "leaves":

@@ -67,17 +67,17 @@ class WarehouseWorld(Node):
 
     @cmd_motors_pose
     def on_motors_pose(self, command: MoveCommand) -> None:
-        self.obey(lambda: self.world.move_crane(command.target))
+        self.execute(lambda: self.world.move_crane(command.target))
 
     @cmd_gripper_pose
     def on_gripper_pose(self, command: GripperPose) -> None:
-        self.obey(lambda: self.world.set_fingers(command.pose))
+        self.execute(lambda: self.world.set_fingers(command.pose))
 
     @cmd_gripper_status
     def on_gripper_status(self, command: GripperStatus) -> None:
-        self.obey(lambda: self.world.set_grip(command.status))
+        self.execute(lambda: self.world.set_grip(command.status))
 
-    def obey(self, command: Callable[[], str]) -> None:
+    def execute(self, command: Callable[[], str]) -> None:
         """Execute a command at the present time, and log its refusal."""
         self.world.advance(self.clock.now())
         if refusal := command():
@@ -129,10 +129,10 @@ def _ports_of(carrier: str) -> dict[str, Any]:
     unload = Input(UnloadCommand, f"/{carrier}/cmd_unload")
 
     def on_target(node: WarehouseWorld, command: MoveCommand) -> None:
-        node.obey(lambda: node.world.move_carrier(carrier, command.target))
+        node.execute(lambda: node.world.move_carrier(carrier, command.target))
 
     def on_unload(node: WarehouseWorld, command: UnloadCommand) -> None:
-        node.obey(lambda: node.world.unload(carrier))
+        node.execute(lambda: node.world.unload(carrier))
 
     on_target.__name__ = f"on_{carrier}_target"
     on_unload.__name__ = f"on_{carrier}_unload"

@@ -38,14 +38,14 @@ def kinds(records: list[TraceRecord]) -> list[str]:
     return [record.kind for record in records]
 
 
-def test_a_mission_is_a_desire_of_the_coordinator_and_what_its_team_is_sent_is_a_plan():
+def test_mission_is_logged_as_desire_with_plan():
     wanted, plan = told(view())
     assert (wanted.kind, wanted.source, wanted.what) == ("desire", "coordinator", "disinfect room1")
     assert (plan.kind, plan.cause) == ("plan_start", wanted.id)
     assert plan.detail["steps"] == ["0.000: (a_navigate_to spotrobot1 room1)"]
 
 
-def test_news_of_the_same_plan_is_no_new_plan():
+def test_update_of_same_plan_is_no_new_plan():
     assert kinds(told(view(), view(), view())) == ["desire", "plan_start"]
 
 
@@ -56,29 +56,29 @@ def test_news_of_the_same_plan_is_no_new_plan():
         ({"revisions": 1}, "aborted", "the ward has changed"),
     ],
 )
-def test_a_new_label_is_a_new_plan_after_a_problem_or_before_one(change, outcome, reason):
+def test_new_label_is_logged_as_new_plan(change, outcome, reason):
     *_, end, plan = told(view(), view(label="mission_1_2", **change))
     assert (end.kind, end.detail["outcome"], end.detail["reason"]) == ("plan_end", outcome, reason)
     assert (plan.kind, plan.detail["plan"]) == ("plan_start", end.detail["plan"] + 1)
 
 
-def test_a_mission_that_waits_has_no_plan():
+def test_waiting_mission_has_no_plan():
     records = told(view(), view("waiting", problem="mission 2 is more urgent"), view(label="mission_1_2"))
     assert kinds(records) == ["desire", "plan_start", "plan_end", "plan_start"]
     assert records[2].detail["reason"] == "mission 2 is more urgent"
 
 
-def test_a_mission_ends_fulfilled_or_dropped():
+def test_mission_ends_as_fulfilled_or_dropped_desire():
     assert kinds(told(view(), view("finished"), view("finished")))[2:] == ["plan_end", "desire_fulfilled"]
     *_, dropped = told(view(), view("failed", problem="dirty room"))
     assert (dropped.kind, dropped.detail["reason"]) == ("desire_dropped", "dirty room")
 
 
-def test_a_mission_that_was_over_before_anybody_looked_has_no_plan():
+def test_mission_that_ended_earlier_has_no_plan():
     assert kinds(told(view("finished"))) == ["desire", "desire_fulfilled"]
 
 
-def test_what_a_robot_does_belongs_to_the_plan_that_its_team_has():
+def test_step_belongs_to_plan_of_its_team():
     log = HospitalEventLog()
     command = ActionCommand(stamp=6, id="c", robot="spotrobot1", action=GO.action, args=GO.args)
     [alone] = log.take(command)
@@ -95,7 +95,7 @@ def test_what_a_robot_does_belongs_to_the_plan_that_its_team_has():
 @pytest.mark.parametrize(
     ("reason", "outcome"), [("", "successful"), ("dirty room", "failed"), (CANCELLED, "cancelled")]
 )
-def test_results_are_ends_of_steps(reason, outcome):
+def test_results_are_logged_as_step_ends(reason, outcome):
     [end] = HospitalEventLog().take(
         ActionResult(
             stamp=7, id="c", robot="spotrobot1", action="a_charge", args=("spotrobot1",), reason=reason,
@@ -113,14 +113,14 @@ def test_results_are_ends_of_steps(reason, outcome):
         (Problem("dirty room", ("s", "r"), "a_patrol_room"), "problem", "reports dirty room: a_patrol_room(s, r)"),
     ],
 )
-def test_words_have_weight(content, weight, text):
+def test_speech_acts_have_weight(content, weight, text):
     [word] = HospitalEventLog().take(
         AclMessage(stamp=8, id="m", sender="s", receiver="uvdrobot1", performative="inform", content=content)
     )
     assert (word.kind, word.what, word.detail["weight"]) == ("said", text, weight)
 
 
-def test_the_records_of_a_run_are_a_story():
+def test_records_of_a_run_form_a_story():
     run = paper_run(100.0)
     story = story_of(run.records)
     assert [(plan.outcome, plan.reason, plan.again) for plan in story.plans] == [

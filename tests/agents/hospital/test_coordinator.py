@@ -22,13 +22,13 @@ from tests.agents.hospital.directed import Ward, started
 from tests.agents.hospital.listings import LISTING_3, NURSE, ROOM, SPOT, UVD
 
 
-def test_names_are_sorted_by_their_kind_and_number():
+def test_names_sort_by_kind_and_number():
     assert sorted(["spotrobot10", "nurse2", "spotrobot9", "boss"], key=by_number) == [
         "boss", "nurse2", "spotrobot9", "spotrobot10",
     ]  # fmt: skip
 
 
-def test_it_asks_everybody_to_register_and_agrees_with_who_does():
+def test_coordinator_requests_and_confirms_registrations():
     ward = Ward()
     ward.coordinator.begin()
     ward.register()
@@ -36,7 +36,7 @@ def test_it_asks_everybody_to_register_and_agrees_with_who_does():
     assert [(to, act) for to, act, *_ in ward.said[1:]] == [(SPOT, "agree"), (UVD, "agree"), (NURSE, "agree")]
 
 
-def test_a_room_to_be_disinfected_gets_a_team_plans_beliefs_and_a_start():
+def test_infected_room_gets_team_plans_beliefs_and_start():
     ward = started()
     assert ward.plan() == LISTING_3
     sent = [(to, act, type(what)) for to, act, what, mission in ward.said if mission == "mission_1_1"]
@@ -50,7 +50,7 @@ def test_a_room_to_be_disinfected_gets_a_team_plans_beliefs_and_a_start():
     assert ward.working() == {SPOT: 1, UVD: 1, NURSE: 1}
 
 
-def test_a_mission_waits_until_there_is_a_team_that_can_do_it():
+def test_mission_waits_for_capable_team():
     ward = Ward()
     ward.register(SPOT, NURSE)
     ward.infect()
@@ -61,7 +61,7 @@ def test_a_mission_waits_until_there_is_a_team_that_can_do_it():
     assert ward.statuses() == {1: "running"}
 
 
-def test_the_nurse_is_the_one_of_the_room_and_robots_with_full_batteries_come_first():
+def test_team_has_nurse_of_room_and_charged_robots_first():
     ward = Ward(rooms=12, spots=12, uvds=2)
     ward.register()
     ward.agent("spotrobot1", battery=0.1)
@@ -69,7 +69,7 @@ def test_the_nurse_is_the_one_of_the_room_and_robots_with_full_batteries_come_fi
     assert ward.working() == {"nurse_disinfected11": 1, "spotrobot2": 1, "uvdrobot1": 1}
 
 
-def test_a_robot_that_charges_is_left_to_it_as_long_as_there_is_another_one():
+def test_charging_robot_is_assigned_last():
     ward = Ward(spots=2, uvds=3)
     ward.register()
     ward.agent(SPOT, battery=0.3, busy=f"a_charge({SPOT})")
@@ -80,7 +80,7 @@ def test_a_robot_that_charges_is_left_to_it_as_long_as_there_is_another_one():
     assert ward.working() == {NURSE: 1, "spotrobot2": 1, "uvdrobot2": 1}
 
 
-def test_who_has_finished_is_free_and_the_mission_is_when_all_have_and_the_room_is():
+def test_finished_agent_is_free_and_mission_ends_with_disinfected_room():
     ward = started()
     ward.do(9)
     ward.send(NURSE, Finished(), mission="mission_1_1", performative="request")
@@ -94,7 +94,7 @@ def test_who_has_finished_is_free_and_the_mission_is_when_all_have_and_the_room_
     assert ward.coordinator.memory.missions == {}
 
 
-def test_a_room_that_is_still_infected_when_all_have_finished_is_planned_anew():
+def test_room_infected_after_last_agent_gets_new_plan():
     ward = started()
     ward.do(9)
     ward.finish()
@@ -106,7 +106,7 @@ def test_a_room_that_is_still_infected_when_all_have_finished_is_planned_anew():
 # Missions among each other
 
 
-def test_the_next_room_waits_for_the_robots_of_the_first():
+def test_second_room_waits_for_robots_of_first():
     ward = Ward(rooms=2)
     ward.register()
     ward.infect("room1", "room2")
@@ -116,7 +116,7 @@ def test_the_next_room_waits_for_the_robots_of_the_first():
     assert ward.statuses() == {1: "running", 2: "running"}, "its team is free"
 
 
-def test_an_urgent_mission_takes_the_robots_of_another_one():
+def test_urgent_mission_takes_robots_of_another():
     ward = Ward(rooms=2)
     ward.register()
     ward.infect("room1")
@@ -130,7 +130,7 @@ def test_an_urgent_mission_takes_the_robots_of_another_one():
     assert ward.statuses()[1] == "running"
 
 
-def test_of_several_the_last_one_yields_and_only_as_many_as_it_takes():
+def test_latest_mission_yields_and_no_more_than_necessary():
     ward = Ward(rooms=3, spots=2, uvds=2)
     ward.register()
     ward.infect("room1", "room2")
@@ -138,7 +138,7 @@ def test_of_several_the_last_one_yields_and_only_as_many_as_it_takes():
     assert ward.statuses() == {1: "running", 2: "waiting", 3: "running"}
 
 
-def test_nobody_yields_if_that_does_not_help():
+def test_no_mission_yields_without_benefit():
     ward = Ward(rooms=2)
     ward.register(SPOT, UVD, NURSE)
     ward.infect("room1")
@@ -146,7 +146,7 @@ def test_nobody_yields_if_that_does_not_help():
     assert ward.statuses() == {1: "running", 2: "waiting"}
 
 
-def test_a_mission_becomes_urgent_when_somebody_asks_for_that():
+def test_request_makes_mission_urgent():
     ward = Ward(rooms=2)
     ward.register()
     ward.infect("room1", "room2")
@@ -158,14 +158,14 @@ def test_a_mission_becomes_urgent_when_somebody_asks_for_that():
     "trigger",
     [InitialTrigger("tea", (ROOM,)), InitialTrigger("disinfect"), InitialTrigger("urgent", ("attic",))],
 )
-def test_missions_that_cannot_be_are_refused(trigger):
+def test_impossible_missions_are_refused(trigger):
     ward = Ward()
     ward.look()
     ward.send("desk", trigger, performative="request")
     assert [type(what) for *_, what, _ in ward.said] == [Refusal]
 
 
-def test_a_message_to_somebody_who_is_not_known_is_refused_and_so_is_what_makes_no_sense():
+def test_unknown_receiver_and_invalid_content_are_refused():
     ward = Ward()
     ward.send(SPOT, Ready("a_authenticate_nurse"), receiver="nurse7", performative="query")
     ward.send(SPOT, Ready("a_authenticate_nurse"), performative="query")
@@ -184,7 +184,7 @@ def test_a_message_to_somebody_who_is_not_known_is_refused_and_so_is_what_makes_
         (InitialTrigger("urgent", (ROOM,)), "query"),
     ],
 )
-def test_what_is_said_otherwise_than_it_has_to_be_is_refused_and_changes_nothing(content, performative):
+def test_wrong_performative_is_refused_without_effect(content, performative):
     ward = started()
     before = msgspec.json.encode(ward.coordinator.memory)
     ward.said.clear()
@@ -196,7 +196,7 @@ def test_what_is_said_otherwise_than_it_has_to_be_is_refused_and_changes_nothing
 # After an end
 
 
-def test_what_it_remembers_lets_another_one_go_on():
+def test_memory_lets_another_coordinator_continue():
     ward = started()
     ward.do(4)
     kept = msgspec.json.decode(msgspec.json.encode(ward.coordinator.memory), type=CoordinatorMemory)
@@ -211,7 +211,7 @@ def test_what_it_remembers_lets_another_one_go_on():
     assert ward.statuses() == {1: "finished"}
 
 
-def test_a_mission_that_was_done_meanwhile_is_finished():
+def test_mission_done_during_restart_is_finished():
     ward = started()
     kept = msgspec.json.decode(msgspec.json.encode(ward.coordinator.memory), type=CoordinatorMemory)
     ward.coordinator = ward.directing(kept)

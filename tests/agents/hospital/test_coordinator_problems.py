@@ -19,7 +19,7 @@ from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SP
 # After a problem
 
 
-def test_a_repair_is_listing_4():
+def test_repaired_plan_equals_listing_4():
     ward = started(policy="repair")
     ward.do(5)
     ward.agent(SPOT, place=ROOM)
@@ -33,7 +33,7 @@ def test_a_repair_is_listing_4():
     assert {each.status for each in next(ward.coordinator.views()).actions[6:]} == {"done"}
 
 
-def test_a_full_replan_goes_to_the_nurse_again():
+def test_full_replan_starts_with_the_path_to_the_nurse():
     ward = started(policy="replan")
     ward.do(5)
     ward.room(door_open=True)
@@ -47,14 +47,14 @@ def test_a_full_replan_goes_to_the_nurse_again():
     ]
 
 
-def test_by_itself_it_repairs_plans_of_which_few_actions_are_joint():
+def test_auto_policy_repairs_plans_with_few_joint_actions():
     ward = started(policy="auto")
     ward.do(5)
     ward.fail(DIRTY_ROOM)
     assert ward.plan()[0] == ("a_adapt_room", NURSE, ROOM)
 
 
-def test_without_recovery_the_mission_has_failed_and_the_team_is_free():
+def test_without_recovery_mission_fails_and_team_is_free():
     ward = started(policy="none")
     ward.do(5)
     ward.fail(DIRTY_ROOM)
@@ -66,7 +66,7 @@ def test_without_recovery_the_mission_has_failed_and_the_team_is_free():
     assert ward.statuses() == {1: "failed"}, "it is not begun anew"
 
 
-def test_who_has_finished_is_called_again_and_a_slice_that_is_empty_is_taken_back():
+def test_finished_agent_is_reassigned_and_agent_without_actions_is_released():
     ward = started(policy="repair")
     ward.do(5)
     ward.send(NURSE, Finished(), mission="mission_1_1", performative="request")
@@ -83,21 +83,21 @@ def test_who_has_finished_is_called_again_and_a_slice_that_is_empty_is_taken_bac
         (7, LOW_BATTERY, [("a_charge", UVD), ("a_navigate_to", UVD, ROOM)]),
     ],
 )
-def test_each_kind_of_problem_has_a_way_out(done, kind, first):
+def test_mission_recovers_from_each_kind_of_problem(done, kind, first):
     ward = started()
     ward.do(done)
     ward.fail(kind)
     assert ward.plan()[: len(first)] == first
 
 
-def test_a_door_that_a_robot_without_an_arm_meets_is_opened_by_the_other():
+def test_closed_door_before_uvd_is_opened_by_spot():
     ward = started(policy="repair")
     ward.do(7)
     ward.fail(CLOSED_DOOR)
     assert ward.plan()[:2] == LISTING_3[:2]
 
 
-def test_what_fails_once_more_after_a_repair_is_planned_anew():
+def test_repeated_failure_after_repair_leads_to_new_plan():
     ward = started(policy="repair")
     ward.do(5)
     ward.agent(SPOT, place=ROOM)
@@ -109,7 +109,7 @@ def test_what_fails_once_more_after_a_repair_is_planned_anew():
     assert ward.plan()[0] == LISTING_3[0]
 
 
-def test_a_mission_in_which_the_same_fails_again_and_again_rests_and_its_team_is_free():
+def test_mission_with_repeated_failures_waits_and_releases_its_team():
     ward = started(rest_s=5.0)
     for _ in range(4):
         ward.fail("it is stuck")
@@ -121,7 +121,7 @@ def test_a_mission_in_which_the_same_fails_again_and_again_rests_and_its_team_is
     assert ward.statuses() == {1: "running"}
 
 
-def test_while_the_nurse_is_away_the_robots_do_something_else():
+def test_robots_work_elsewhere_while_the_nurse_is_away():
     ward = Ward(rooms=2)
     ward.register()
     ward.infect("room1", "room2")
@@ -132,7 +132,7 @@ def test_while_the_nurse_is_away_the_robots_do_something_else():
     assert ward.statuses() == {1: "waiting", 2: "running"}
 
 
-def test_without_news_it_plans_anew():
+def test_missing_news_leads_to_new_plan():
     ward = started(patience_s=10.0)
     ward.do(3)
     ward.look(9.9)
@@ -141,14 +141,14 @@ def test_without_news_it_plans_anew():
     assert ward.label() == "mission_1_2"
 
 
-def test_a_robot_that_begins_anew_gets_a_new_plan():
+def test_restarted_robot_gets_new_plan():
     ward = started()
     ward.do(3)
     ward.register(SPOT)
     assert ward.label() == "mission_1_2"
 
 
-def test_news_of_plans_that_are_no_longer_so_are_of_no_account():
+def test_reports_about_old_plans_are_ignored():
     ward = started()
     ward.fail(DIRTY_ROOM)
     before = ward.plan()
@@ -161,7 +161,7 @@ def test_news_of_plans_that_are_no_longer_so_are_of_no_account():
 # Before a problem
 
 
-def test_a_proactive_one_plans_for_the_room_as_it_is():
+def test_proactive_coordinator_plans_for_the_present_room():
     ward = Ward(proactive=True)
     ward.register()
     ward.room(cleaned=False, door_open=True)
@@ -178,7 +178,7 @@ def test_a_proactive_one_plans_for_the_room_as_it_is():
         (lambda ward: ward.agent(UVD, battery=0.1), ("a_charge", UVD)),
     ],
 )
-def test_a_proactive_one_revises_the_plan_before_it_meets_the_problem(change, needed):
+def test_proactive_coordinator_revises_plan_before_the_problem(change, needed):
     ward = started(proactive=True)
     ward.do(2)
     ward.room(door_open=True)
@@ -197,7 +197,7 @@ def test_a_proactive_one_revises_the_plan_before_it_meets_the_problem(change, ne
     assert [view.revisions for view in ward.coordinator.views()] == [1]
 
 
-def test_that_both_tell_of_a_joint_action_does_not_leave_out_what_comes_before_the_next_one_like_it():
+def test_reports_of_both_partners_do_not_skip_actions_before_a_repetition():
     ward = started(proactive=True)
     ward.do(2)
     ward.room(door_open=True)
@@ -214,7 +214,7 @@ def test_that_both_tell_of_a_joint_action_does_not_leave_out_what_comes_before_t
     assert ward.plan() == LISTING_3[4:]
 
 
-def test_what_shows_before_its_report_comes_is_no_reason_to_revise():
+def test_effect_before_its_report_is_no_reason_for_revision():
     ward = started(proactive=True)
     ward.room(door_open=True)
     ward.agent(SPOT, place=ROOM, battery=0.1)
@@ -226,7 +226,7 @@ def test_what_shows_before_its_report_comes_is_no_reason_to_revise():
     assert ward.label() == "mission_1_1"
 
 
-def test_a_reason_to_revise_has_to_show_for_a_tenth_of_a_second():
+def test_reason_for_revision_must_last_a_tenth_of_a_second():
     ward = started(proactive=True)
     ward.agent(UVD, battery=0.1)
     for wait in (0.1, 0.04, 0.04):
@@ -236,7 +236,7 @@ def test_a_reason_to_revise_has_to_show_for_a_tenth_of_a_second():
     assert ward.label() == "mission_1_2"
 
 
-def test_a_plan_that_does_more_than_it_has_to_may_stay():
+def test_plan_with_unnecessary_actions_is_kept():
     ward = started(proactive=True)
     ward.agent(UVD, battery=0.1)
     ward.look()
@@ -248,7 +248,7 @@ def test_a_plan_that_does_more_than_it_has_to_may_stay():
     assert ward.label() == "mission_1_2"
 
 
-def test_one_that_is_not_leaves_the_plan_as_it_is():
+def test_reactive_coordinator_keeps_the_plan():
     ward = started()
     ward.room(cleaned=False)
     ward.look()

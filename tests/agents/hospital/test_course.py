@@ -27,7 +27,7 @@ def progress() -> PlanProgress:
     return PlanProgress.of(revised.tree, TEAM)
 
 
-def test_the_same_joint_action_may_come_twice():
+def test_same_joint_action_may_occur_twice():
     actions = [node.item[0] for node in progress().agenda]
     assert actions[:6] == [
         "a_approach_nurse", "a_authenticate_nurse", "a_charge", "a_navigate_to", "a_approach_nurse",
@@ -36,7 +36,7 @@ def test_the_same_joint_action_may_come_twice():
 
 
 @given(st.data())
-def test_however_late_agents_tell_the_plan_is_never_further_than_they_are(data: st.DataObject):
+def test_late_reports_never_advance_plan_too_far(data: st.DataObject):
     plan = progress()
     reports: dict[str, deque[int]] = {name: deque() for name in TEAM}
     done = 0
@@ -57,14 +57,14 @@ def test_however_late_agents_tell_the_plan_is_never_further_than_they_are(data: 
     assert plan.left == []
 
 
-def test_what_is_none_of_the_plan_changes_nothing():
+def test_foreign_action_does_not_change_progress():
     plan = progress()
     assert not plan.advance(SPOT, ("a_open_door", SPOT, ROOM))
     assert plan.fail(SPOT, ("a_open_door", SPOT, ROOM)) is plan.agenda[0]
     assert plan.position == 0
 
 
-def test_an_action_that_fails_is_the_next_one_and_shows_as_failed():
+def test_failed_action_is_next_and_marked():
     plan = progress()
     plan.advance(SPOT, plan.agenda[0].item)
     failed = plan.fail(NURSE, plan.agenda[1].item)
@@ -72,7 +72,7 @@ def test_an_action_that_fails_is_the_next_one_and_shows_as_failed():
     assert [action.status for action in plan.actions(failed=True)][:3] == ["done", "failed", "planned"]
 
 
-def test_a_mission_shows_its_past_its_plan_and_its_tree():
+def test_mission_view_has_past_plan_and_tree():
     plan = progress()
     seen = Mission(7, "urgent", ROOM, past=plan.actions(failed=True)[:1])
     shown = view(seen, plan)

@@ -38,13 +38,13 @@ def reach(answer: TaskAnswer, state: TaskState, item: Item) -> tuple[TaskNode, T
     return answer.plan[position], DISINFECT.after(state, items(answer)[:position])
 
 
-def test_a_room_is_disinfected_by_the_nine_actions_of_listing_3():
+def test_plan_for_one_room_equals_listing_3():
     answer = PLANNER.plan(infected(), [MISSION])
     assert items(answer) == LISTING_3
     assert DISINFECT.after(infected(), items(answer)).disinfected == {ROOM: True}
 
 
-def test_a_patrol_that_finds_the_room_unfit_is_replanned_as_in_listing_4():
+def test_repair_after_failed_patrol_equals_listing_4():
     answer = PLANNER.plan(infected(), [MISSION])
     patrol, state = reach(answer, infected(), ("a_patrol_room", SPOT, ROOM))
     state.cleaned[ROOM] = False
@@ -55,7 +55,7 @@ def test_a_patrol_that_finds_the_room_unfit_is_replanned_as_in_listing_4():
     assert again.plan[-3:] == answer.plan[-3:], "the slice of the other robot stays as it was, with its ids"
 
 
-def test_a_full_replan_from_there_begins_with_the_way_to_the_nurse():
+def test_full_replan_after_failed_patrol_starts_with_path_to_nurse():
     _, state = reach(PLANNER.plan(infected(), [MISSION]), infected(), ("a_patrol_room", SPOT, ROOM))
     state.cleaned[ROOM] = False
     assert items(PLANNER.plan(state, [MISSION])) == [
@@ -67,7 +67,7 @@ def test_a_full_replan_from_there_begins_with_the_way_to_the_nurse():
     ]
 
 
-def test_a_room_that_becomes_unfit_on_the_way_is_tidied_before_the_patrol_fails():
+def test_revision_tidies_dirty_room_before_patrol():
     answer = PLANNER.plan(infected(), [MISSION])
     approach, state = reach(answer, infected(), ("a_approach_nurse", SPOT, NURSE))
     state.cleaned[ROOM] = False
@@ -76,7 +76,7 @@ def test_a_room_that_becomes_unfit_on_the_way_is_tidied_before_the_patrol_fails(
     assert revised.redone is None
 
 
-def test_somebody_who_walks_in_between_patrol_and_disinfection_leads_to_another_patrol():
+def test_person_after_patrol_leads_to_another_patrol():
     answer = PLANNER.plan(infected(), [MISSION])
     light, state = reach(answer, infected(), ("a_disinfect_room", UVD, ROOM))
     state.cleaned[ROOM] = False
@@ -86,7 +86,7 @@ def test_somebody_who_walks_in_between_patrol_and_disinfection_leads_to_another_
 
 
 @pytest.mark.parametrize("robot", [SPOT, UVD])
-def test_a_robot_whose_battery_is_low_charges_before_it_goes(robot):
+def test_robot_with_low_battery_charges_first(robot):
     state = infected()
     state.low_battery[robot] = True
     expected: list[Item] = list(LISTING_3)
@@ -107,7 +107,7 @@ def test_a_robot_whose_battery_is_low_charges_before_it_goes(robot):
         (("a_disinfect_room", UVD, ROOM), UVD, [("a_authorize_disinfect", UVD, SPOT), ("a_charge", UVD)]),
     ],
 )
-def test_a_battery_that_runs_low_on_the_way_is_charged_and_the_mission_goes_on(failing, low, first):
+def test_battery_low_during_movement_is_charged(failing, low, first):
     answer = PLANNER.plan(infected(), [MISSION])
     failed, state = reach(answer, infected(), failing)
     state.low_battery[low] = True
@@ -116,13 +116,13 @@ def test_a_battery_that_runs_low_on_the_way_is_charged_and_the_mission_goes_on(f
     assert DISINFECT.after(state, items(again)).disinfected == {ROOM: True}
 
 
-def test_a_room_that_is_clean_already_needs_no_mission():
+def test_disinfected_room_needs_no_plan():
     state = infected()
     state.disinfected[ROOM] = True
     assert PLANNER.plan(state, [MISSION]).verdict is TaskVerdict.IMPOSSIBLE
 
 
-def test_without_the_nurse_to_tidy_up_there_is_no_plan_and_the_reason_is_told():
+def test_dirty_room_without_nurse_has_no_plan_with_reason():
     state = infected()
     state.cleaned[ROOM] = False
     answer = PLANNER.plan(state, [MISSION], blacklist=[("a_adapt_room", NURSE, ROOM)])
@@ -131,7 +131,7 @@ def test_without_the_nurse_to_tidy_up_there_is_no_plan_and_the_reason_is_told():
 
 
 @pytest.mark.parametrize("rooms", [1, 10, 100, 1000])
-def test_many_rooms_are_planned_in_little_time_and_so_is_a_repair_in_the_middle(rooms):
+def test_many_rooms_are_planned_and_repaired_quickly(rooms):
     state = infected(rooms)
     missions = [mission(SPOT, UVD, f"nurse_disinfected{number}") for number in range(1, rooms + 1)]
     begin = time.thread_time()

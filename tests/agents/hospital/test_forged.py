@@ -97,7 +97,7 @@ SAID = st.lists(st.tuples(TIMES, MESSAGES), min_size=10, max_size=20).map(lambda
 
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from([0.0, 100.0]), SAID)
-def test_whatever_strangers_say_nobody_raises_and_the_mission_is_done(rate, said):
+def test_forged_messages_raise_nothing_and_the_mission_completes(rate, said):
     logging.disable(logging.CRITICAL)
     try:
         run = InlineRunner(dataclasses.replace(hospital(rate=rate), inputs=frozenset({TOPIC})))

@@ -32,7 +32,7 @@ def over(*messages: WardState | Missions, at: float) -> bool:
     return left.are_over(nanoseconds(at))
 
 
-def test_a_run_is_over_when_each_room_is_disinfected_and_no_mission_is_open():
+def test_run_completes_with_disinfected_rooms_and_no_open_mission():
     begin = (ward_at(5.0), ward_at(6.1, "room1"), missions_at(6.1, "running"))
     assert not over(*begin, at=100.0)
     assert not over(*begin, ward_at(9.0), at=100.0), "the mission is still open"
@@ -40,18 +40,18 @@ def test_a_run_is_over_when_each_room_is_disinfected_and_no_mission_is_open():
     assert not over(*begin, ward_at(9.0), missions_at(9.0, "finished"), at=8.9 + QUIET_S)
 
 
-def test_it_is_not_over_before_the_last_infection():
+def test_run_does_not_complete_before_last_infection():
     assert not over(ward_at(5.0), ward_at(5.9), at=100.0)
     assert over(ward_at(5.0), ward_at(6.1), at=6.2 + QUIET_S)
 
 
-def test_rooms_that_were_given_up_are_left_and_others_are_not():
+def test_run_completes_with_infected_rooms_of_failed_missions_only():
     begin = (ward_at(5.0), missions_at(7.0, "failed"))
     assert over(*begin, ward_at(7.1, "room1"), at=9.0)
     assert not over(*begin, ward_at(7.1, "room1", "room2"), at=9.0)
 
 
-def test_a_graph_whose_ward_cannot_be_is_an_error_with_a_remedy():
+def test_impossible_ward_of_graph_is_an_error_with_remedy():
     graph = hospital(world={"ward": "large", "rooms": 3, "nurses": 5})
     with pytest.raises(ParameterError, match="set nurses to at most the number of rooms"):
         ward_in(graph)
@@ -67,11 +67,11 @@ def test_a_graph_whose_ward_cannot_be_is_an_error_with_a_remedy():
     ],
     ids=["paper", "file", "large", "none"],
 )
-def test_the_ward_of_a_graph_is_known(graph, ward):
+def test_ward_of_graph_is_found(graph, ward):
     assert ward_in(graph) == ward
 
 
-def test_missions_are_told_with_their_problems():
+def test_mission_result_has_problems_and_duration():
     told = MissionResults()
     problem = {"problem": "dirty room", "recoveries": 1}
     for message in (

@@ -74,7 +74,7 @@ def over_dds(graph: Graph, folder: Path) -> Iterator[tuple[Heard, Launch]]:
 
 
 @pytest.mark.parametrize(("rate", "listing"), [(0.0, LISTING_3), (100.0, LISTING_4)])
-def test_a_mission_is_done_by_processes_that_only_talk(rate: float, listing: list, tmp_path: Path):
+def test_mission_completes_over_dds(rate: float, listing: list, tmp_path: Path):
     with over_dds(HOSPITAL.with_parameters({"world": {"rate": rate}}), tmp_path) as (heard, launch):
         assert eventually(heard.done, timeout_s=60.0), heard.view
         launch.check()
@@ -86,7 +86,7 @@ def test_a_mission_is_done_by_processes_that_only_talk(rate: float, listing: lis
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["coordinator", "spotrobot1"])
-def test_a_process_that_is_killed_and_started_again_takes_its_part(name: str, tmp_path: Path):
+def test_restarted_process_resumes_its_part(name: str, tmp_path: Path):
     graph = HOSPITAL.with_parameters({"coordinator": {"memory_file": str(tmp_path / "memory.json")}})
     with over_dds(graph, tmp_path) as (heard, launch):
         assert eventually(lambda: heard.begun("a_approach_nurse"), timeout_s=60.0)

@@ -42,7 +42,7 @@ class Post:
             self.bring(sender)
 
 
-def test_the_first_waits_and_the_second_answers_it():
+def test_first_partner_waits_and_second_answers():
     post = Post("spot", "nurse")
     post.arrive("spot")
     post.bring_all()
@@ -54,7 +54,7 @@ def test_the_first_waits_and_the_second_answers_it():
     assert post.met == ["nurse", "spot"]
 
 
-def test_two_that_come_at_the_same_time_meet_once():
+def test_simultaneous_partners_meet_once():
     post = Post("spot", "nurse")
     post.arrive("spot")
     post.arrive("nurse")
@@ -62,7 +62,7 @@ def test_two_that_come_at_the_same_time_meet_once():
     assert sorted(post.met) == ["nurse", "spot"]
 
 
-def test_nobody_meets_who_is_there_for_something_else():
+def test_different_joint_actions_do_not_meet():
     post = Post("spot", "nurse")
     post.arrive("spot")
     post.arrive("nurse", MEETING._replace(action="a_authorize_patrol"))
@@ -70,7 +70,7 @@ def test_nobody_meets_who_is_there_for_something_else():
     assert post.met == []
 
 
-def test_who_has_left_is_waited_for():
+def test_partner_that_left_is_awaited_again():
     post = Post("spot", "nurse")
     post.arrive("nurse")
     post.agents["nurse"].leave(MEETING)
@@ -78,7 +78,7 @@ def test_who_has_left_is_waited_for():
     assert post.met == []
 
 
-def test_what_was_said_about_other_plans_is_forgotten():
+def test_announcements_for_other_plans_are_forgotten():
     post = Post("spot", "nurse")
     post.arrive("spot")
     post.bring_all()
@@ -88,7 +88,7 @@ def test_what_was_said_about_other_plans_is_forgotten():
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(["spot", "nurse", "uvd"])))
-def test_three_begin_together(order):
+def test_three_partners_start_together(order):
     post = Post("spot", "nurse", "uvd")
     for name in order:
         assert post.met == []
@@ -98,7 +98,7 @@ def test_three_begin_together(order):
 
 
 @given(st.lists(st.sampled_from(["spot", "nurse", "uvd"])), st.permutations(["spot", "nurse", "uvd"]))
-def test_however_words_are_delayed_all_meet_and_nobody_before_all_have_come(delays, order):
+def test_partners_meet_with_any_delays_and_not_early(delays, order):
     post = Post("spot", "nurse", "uvd")
     for name, sender in itertools.zip_longest(order, delays):
         if name:

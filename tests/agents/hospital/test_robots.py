@@ -163,7 +163,7 @@ def going(**parameters) -> Alone:
 
 
 @pytest.mark.parametrize("kind", ["spot", "uvd", "nurse"])
-def test_the_programs_have_no_mistakes(kind):
+def test_programs_pass_the_checker(kind):
     assert check(program(kind), f"{kind}.asl") == []
 
 
@@ -175,7 +175,7 @@ def test_the_programs_have_no_mistakes(kind):
         (Nurse, "nurse_disinfected", "a_adapt_room"),
     ],
 )  # fmt: skip
-def test_it_registers_with_what_it_can_do_until_it_is_heard(kind, name, can):
+def test_agent_registers_until_confirmed(kind, name, can):
     agent = Alone(kind, f"{name}12")
     agent.runner.advance(nanoseconds(2 * REGISTER_S) + 1)
     assert len(agent.heard(Register)) == 3
@@ -186,7 +186,7 @@ def test_it_registers_with_what_it_can_do_until_it_is_heard(kind, name, can):
     assert len(agent.heard(Register)) == 3
 
 
-def test_who_has_a_plan_is_known_and_registers_no_more():
+def test_agent_with_plan_stops_registering():
     spot = going()
     registered = len(spot.heard(Register))
     spot.runner.advance(9 * SECOND)
@@ -221,7 +221,7 @@ def test_listing_2_runs_as_printed():
     assert [str(goal) for goal in uvd.engine.desires()] == [f"a_authorize_disinfect({UVD}, {SPOT})"]
 
 
-def test_it_does_what_the_plans_say_reports_it_and_forgets_the_mission():
+def test_agent_executes_plans_reports_and_forgets_mission():
     spot = going()
     assert [(command.action, command.args) for command in spot.commands] == [("a_navigate_to", (SPOT, ROOM))]
     assert not spot.believes("idle")
@@ -233,7 +233,7 @@ def test_it_does_what_the_plans_say_reports_it_and_forgets_the_mission():
     assert not any(plan.label.startswith("mission") for plan in spot.engine.library if plan.label)
 
 
-def test_new_plans_of_the_mission_take_the_place_of_the_old_ones_and_leave_the_others_alone():
+def test_new_plans_replace_only_old_plans_of_the_mission():
     spot = going()
     before = {plan.label for plan in spot.engine.library}
     spot.take_on("+!a_charge(S) <- a_charge(S).", label="mission_1_2")
@@ -243,7 +243,7 @@ def test_new_plans_of_the_mission_take_the_place_of_the_old_ones_and_leave_the_o
     assert "tells" in after
 
 
-def test_what_new_plans_begin_with_goes_on_if_it_is_under_way():
+def test_action_in_progress_continues_with_new_plans():
     spot = going()
     spot.take_on(*GO, label="mission_1_2")
     spot.tell(Belief(f"initial_trigger_a_navigate_to({SPOT}, {ROOM})"), mission="mission_1_2")
@@ -255,7 +255,7 @@ def test_what_new_plans_begin_with_goes_on_if_it_is_under_way():
 
 
 @pytest.mark.parametrize("word", [Stop("something else"), End()])
-def test_it_stops_when_it_is_told_to(word):
+def test_stop_aborts_the_mission(word):
     spot = going()
     spot.tell(word, performative="request")
     spot.runner.advance(spot.now + SECOND)
@@ -264,7 +264,7 @@ def test_it_stops_when_it_is_told_to(word):
     assert not spot.engine.desires()
 
 
-def test_what_is_said_about_other_plans_changes_nothing():
+def test_messages_about_other_plans_are_ignored():
     spot = going()
     spot.tell(Stop(), performative="request", mission="mission_1_0")
     spot.tell(Belief("milestone7"), sender=UVD, mission="mission_0_9")
@@ -272,7 +272,7 @@ def test_what_is_said_about_other_plans_changes_nothing():
     assert spot.runner.nodes[SPOT].label == "mission_1_1"  # type: ignore[attr-defined]
 
 
-def test_a_word_that_comes_before_the_plans_waits_for_them():
+def test_message_before_plans_is_kept():
     uvd = Alone(Uvd, UVD)
     uvd.tell(Belief("milestone3"), sender=SPOT, mission="mission_4_2")
     assert not uvd.believes("milestone3")
@@ -284,7 +284,7 @@ def test_a_word_that_comes_before_the_plans_waits_for_them():
     ("plan", "reason"),
     [("+!go <- ", "a step"), ("@mine +!go <- a_charge(x).", "labelled"), ("+!go <- a_charge(x).", "labelled")],
 )
-def test_plans_that_cannot_be_understood_are_refused(plan, reason, caplog):
+def test_unparsable_plans_are_refused(plan, reason, caplog):
     caplog.set_level(logging.ERROR, "socialbot")
     spot = Alone()
     spot.tell(Plan("mission_1_1", (plan,)))
@@ -300,7 +300,7 @@ def test_plans_that_cannot_be_understood_are_refused(plan, reason, caplog):
         ("+initial_trigger_go <- .no_such_action(x).", "+!go <- true."),
     ],
 )
-def test_plans_that_cannot_be_used_are_refused_and_leave_the_robot_free(first, second, caplog):
+def test_unusable_plans_are_refused_and_robot_stays_free(first, second, caplog):
     caplog.set_level(logging.CRITICAL, "socialbot")
     spot = Alone()
     label = "mission_1_1_0"
@@ -313,7 +313,7 @@ def test_plans_that_cannot_be_used_are_refused_and_leave_the_robot_free(first, s
     assert not any(plan.label.startswith("mission") for plan in spot.engine.library if plan.label)
 
 
-def test_a_plan_that_comes_twice_changes_nothing_the_second_time():
+def test_duplicate_plan_has_no_effect():
     spot = Alone()
     plans = tuple(f"@mission_1_1_{number} {text}" for number, text in enumerate(GO))
     message = spot.tell(Plan("mission_1_1", plans))
@@ -337,9 +337,7 @@ def test_a_plan_that_comes_twice_changes_nothing_the_second_time():
         (Plan("", ()), "inform", "coordinator", "", "no mission"),
     ],
 )
-def test_what_is_said_otherwise_than_it_has_to_be_is_refused_and_changes_nothing(
-    content, performative, sender, mission, reason, caplog
-):
+def test_wrong_performative_is_refused_without_effect(content, performative, sender, mission, reason, caplog):
     caplog.set_level(logging.ERROR, "socialbot")
     spot = going()
     spot.tell(content, performative=performative, sender=sender, mission=mission)
@@ -350,7 +348,7 @@ def test_what_is_said_otherwise_than_it_has_to_be_is_refused_and_changes_nothing
     assert len(spot.heard(Finished)) == 1
 
 
-def test_what_makes_no_sense_to_a_robot_is_refused_and_a_refusal_is_not(caplog):
+def test_unsupported_message_is_refused_but_refusal_is_not(caplog):
     caplog.set_level(logging.ERROR, "socialbot")
     spot = Alone()
     spot.tell(InitialTrigger("disinfect", (ROOM,)), performative="request")
@@ -361,13 +359,13 @@ def test_what_makes_no_sense_to_a_robot_is_refused_and_a_refusal_is_not(caplog):
 # What it mends by itself
 
 
-def test_a_dirty_room_is_told_to_the_coordinator_at_once():
+def test_dirty_room_is_reported_at_once():
     spot = going()
     spot.answer("failure", DIRTY_ROOM)
     assert spot.heard(Problem) == [Problem(DIRTY_ROOM, (SPOT, ROOM), "a_navigate_to")]
 
 
-def test_spot_opens_a_door_in_its_way_and_tries_again():
+def test_spot_opens_closed_door_and_repeats_action():
     spot = going()
     spot.see(ROOM)
     spot.answer("failure", CLOSED_DOOR)
@@ -379,7 +377,7 @@ def test_spot_opens_a_door_in_its_way_and_tries_again():
     assert len(spot.heard(Finished)) == 1
 
 
-def test_a_door_that_does_not_open_is_a_problem():
+def test_door_that_stays_closed_is_reported():
     spot = going()
     spot.see(ROOM)
     spot.answer("failure", CLOSED_DOOR)
@@ -387,7 +385,7 @@ def test_a_door_that_does_not_open_is_a_problem():
     assert spot.heard(Problem) == [Problem("it is stuck", (SPOT, ROOM), "a_open_door")]
 
 
-def test_a_uvd_has_no_arm_and_tells_of_the_door():
+def test_uvd_reports_closed_door():
     uvd = Alone(Uvd, UVD)
     uvd.take_on("+go <- a_navigate_to(uvdrobot1, room1).")
     uvd.tell(Belief("go"))
@@ -395,7 +393,7 @@ def test_a_uvd_has_no_arm_and_tells_of_the_door():
     assert uvd.heard(Problem) == [Problem(CLOSED_DOOR, (UVD, ROOM), "a_navigate_to")]
 
 
-def test_a_robot_on_its_way_whose_battery_is_low_charges_and_goes_on():
+def test_robot_with_low_battery_charges_and_continues():
     spot = going()
     spot.answer("failure", LOW_BATTERY)
     assert spot.done() == ["a_navigate_to", "a_charge"]
@@ -403,7 +401,7 @@ def test_a_robot_on_its_way_whose_battery_is_low_charges_and_goes_on():
     assert spot.done()[2:] == ["a_navigate_to"]
 
 
-def test_somebody_who_walks_through_is_waited_for_once():
+def test_robot_waits_once_for_person_in_room():
     uvd = Alone(Uvd, UVD, patience_s=2.0)
     uvd.take_on("+go <- a_disinfect_room(uvdrobot1, room1).")
     uvd.tell(Belief("go"))
@@ -416,7 +414,7 @@ def test_somebody_who_walks_through_is_waited_for_once():
     assert len(uvd.heard(Problem)) == 1
 
 
-def test_without_recovery_every_failure_is_told_at_once():
+def test_without_recovery_failures_are_reported_at_once():
     spot = going(recovers=False)
     spot.see(ROOM)
     spot.answer("failure", CLOSED_DOOR)
@@ -424,7 +422,7 @@ def test_without_recovery_every_failure_is_told_at_once():
     assert spot.heard(Problem) == [Problem(CLOSED_DOOR, (SPOT, ROOM), "a_navigate_to")]
 
 
-def test_between_missions_it_charges_when_its_battery_is_low():
+def test_idle_robot_charges_low_battery():
     spot = Alone()
     spot.see("room4", battery=0.1)
     assert spot.done() == ["a_charge"]

@@ -46,7 +46,7 @@ def large(rooms: int, robots: int, *, seed: int, rate: float, coordinator: dict 
     return Hospital(world, coordinator or {}, robots=robots, nurses=rooms)
 
 
-def test_a_mission_without_a_problem_is_listing_3():
+def test_mission_without_problem_equals_listing_3():
     run = paper(0).until(6.0)
     assert run.history() == LISTING_3
     assert {each.status for each in run.views[1].actions} == {"done"}
@@ -55,7 +55,7 @@ def test_a_mission_without_a_problem_is_listing_3():
     assert run.ended[1] == pytest.approx(4.2, abs=0.1)
 
 
-def test_a_mission_with_a_problem_that_is_repaired_is_listing_4_and_takes_little_longer():
+def test_repaired_mission_equals_listing_4_and_adds_little_time():
     run = paper(100, policy="repair").until(6.0)
     assert run.history() == LISTING_4
     assert [each.status for each in run.views[1].actions] == ["done"] * 5 + ["failed"] + ["done"] * 8
@@ -64,38 +64,38 @@ def test_a_mission_with_a_problem_that_is_repaired_is_listing_4_and_takes_little
     assert run.ended[1] / paper(0).until(6.0).ended[1] < 1.08
 
 
-def test_a_mission_that_is_planned_anew_as_a_whole_is_completed():
+def test_replanned_mission_completes():
     run = paper(100, policy="replan").until(6.0)
     assert run.views[1].status == "finished"
     assert ("a_adapt_room", NURSE, "room1") in run.history()
 
 
-def test_without_recovery_it_is_not_completed():
+def test_without_recovery_mission_fails():
     run = paper(100, policy="none").until(6.0)
     assert run.views[1].status == "failed"
     assert run.infected() == ["room1"]
 
 
-def test_a_coordinator_that_looks_ahead_meets_no_problem():
+def test_proactive_coordinator_avoids_the_problem():
     run = paper(100, proactive=True).until(6.0)
     assert run.contents(Problem) == []
     assert run.views[1].status == "finished"
 
 
-def test_one_that_looks_ahead_acts_when_something_happens_on_the_way():
+def test_proactive_coordinator_reacts_to_changes_during_movement():
     run = Hospital({"faults": "1.5 dirty room1"}, {"proactive": True}).until(6.0)
     assert run.contents(Problem) == []
     assert (run.views[1].status, run.views[1].revisions) == ("finished", 1)
     assert ("a_adapt_room", NURSE, "room1") in run.history()
 
 
-def test_two_runs_of_the_same_seed_say_the_same():
+def test_same_seed_gives_same_messages():
     assert paper(100).until(6.0).said == paper(100).until(6.0).said
 
 
 @pytest.mark.parametrize("second", [1.5, 2.0, 2.35, 3.0, 4.0])
 @pytest.mark.parametrize("rate", [0, 100])
-def test_a_coordinator_that_is_killed_and_begun_anew_completes_the_mission(tmp_path: Path, second: float, rate: int):
+def test_restarted_coordinator_completes_the_mission(tmp_path: Path, second: float, rate: int):
     run = paper(rate, memory_file=str(tmp_path / "memory.json")).until(second)
     run.runner.kill("coordinator")
     run.until(second + 2.0)
@@ -106,7 +106,7 @@ def test_a_coordinator_that_is_killed_and_begun_anew_completes_the_mission(tmp_p
 
 
 @pytest.mark.parametrize("second", [1.5, 2.35, 3.0, 4.0])
-def test_without_a_memory_it_begins_the_mission_anew(second: float):
+def test_coordinator_without_memory_starts_mission_again(second: float):
     run = paper(0).until(second)
     run.runner.kill("coordinator")
     run.until(second + 0.1)
@@ -116,7 +116,7 @@ def test_without_a_memory_it_begins_the_mission_anew(second: float):
 
 
 @pytest.mark.parametrize("name", [SPOT, UVD, NURSE])
-def test_an_agent_that_is_killed_and_begun_anew_takes_its_part(name: str):
+def test_restarted_agent_resumes_its_part(name: str):
     run = paper(0).until(2.1)
     run.runner.kill(name)
     run.until(2.3)
@@ -127,13 +127,13 @@ def test_an_agent_that_is_killed_and_begun_anew_takes_its_part(name: str):
 
 
 @pytest.mark.parametrize("content", [b"{", b'{"missions": "\xff"}', b'{"a":' * 10_000])
-def test_a_memory_that_cannot_be_read_is_an_error(tmp_path: Path, content: bytes):
+def test_unreadable_memory_file_is_an_error(tmp_path: Path, content: bytes):
     (tmp_path / "memory.json").write_bytes(content)
     with pytest.raises(ParameterError, match="cannot read the memory file"):
         paper(0, memory_file=str(tmp_path / "memory.json"))
 
 
-def test_an_urgent_room_comes_first():
+def test_urgent_room_is_served_first():
     run = large(4, 1, seed=0, rate=0).until(2.5)
     first = run.views[1].room
     urgent = next(room.name for room in run.ward.rooms if room.name not in (first, "dock"))  # type: ignore[union-attr]
@@ -148,7 +148,7 @@ def test_an_urgent_room_comes_first():
     assert min(ends, key=ends.__getitem__) == urgent
 
 
-def test_the_plans_of_robots_with_high_numbers_are_as_good_as_others():
+def test_robots_with_high_numbers_get_valid_plans():
     run = large(12, 11, seed=1, rate=0, every_s=0.0).until(60.0)
     assert run.infected() == []
     receivers = {message.receiver for message in run.said if isinstance(message.content, Plan)}
@@ -157,7 +157,7 @@ def test_the_plans_of_robots_with_high_numbers_are_as_good_as_others():
 
 @pytest.mark.parametrize("proactive", [True, False])
 @pytest.mark.parametrize("seed", range(4))
-def test_every_room_is_disinfected_though_each_meets_a_problem(seed: int, proactive: bool):
+def test_every_room_is_disinfected_in_spite_of_problems(seed: int, proactive: bool):
     run = large(8, 2, seed=seed, rate=100, coordinator={"proactive": proactive})
     for second in range(10, 200, 10):
         run.until(second)
@@ -166,7 +166,7 @@ def test_every_room_is_disinfected_though_each_meets_a_problem(seed: int, proact
     assert run.infected() == []
 
 
-def test_a_mission_s_charge_is_not_cut_short_when_the_plan_is_revised_meanwhile():
+def test_revision_does_not_interrupt_a_charge():
     run = Hospital({"faults": "1.7 drains spotrobot1; 2.6 dirty room1"}, {"proactive": True})
     charges: list[str] = []
     run.runner.tap(RESULTS, lambda _, result: charges.extend([result.reason] * (result.action == "a_charge")))  # type: ignore[attr-defined]
@@ -186,7 +186,7 @@ def test_no_run_of_a_large_ward_ends_in_a_deadlock(seed: int):
     assert run.infected() == []
 
 
-def test_an_action_that_takes_longer_than_the_patience_of_the_coordinator_is_left_to_end():
+def test_action_longer_than_patience_is_not_interrupted():
     run = Hospital({"pace": "clinic"}, {"patience_s": 60.0}).until(600.0)
     assert run.views[1].status == "finished"
     assert run.views[1].recoveries == 0

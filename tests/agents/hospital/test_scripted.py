@@ -41,14 +41,14 @@ class Run(Watched):
         self.runner.feed(TOPIC, message)
 
 
-def test_no_minds_are_left_in_a_scripted_hospital():
+def test_scripted_hospital_has_no_bdi_nodes():
     graph = scripted(hospital(rate=25.0, seed=3))
     assert {placement.type for placement in graph.placements} & set(SCRIPTED) == set()
     assert [placement.name for placement in graph.placements] == [each.name for each in hospital().placements]
     assert graph.placement("world").parameters == {"rate": 25.0, "seed": 3}
 
 
-def test_a_mission_is_done_action_by_action_in_the_order_of_listing_3():
+def test_scripted_mission_executes_listing_3_in_order():
     run = Run(hospital()).until(6.0)
     view = run.views[1]
     assert [(each.action, *each.args) for each in view.actions] == LISTING_3
@@ -61,7 +61,7 @@ def test_a_mission_is_done_action_by_action_in_the_order_of_listing_3():
     assert list(begun) == LISTING_3
 
 
-def test_the_first_problem_ends_the_mission():
+def test_first_problem_ends_scripted_mission():
     run = Run(hospital(rate=100.0)).until(20.0)
     view = run.views[1]
     assert run.contents(Problem) == [Problem("dirty room", ("spotrobot1", "room1"), "a_patrol_room")]
@@ -72,7 +72,7 @@ def test_the_first_problem_ends_the_mission():
     assert run.ended[1] < 2.6
 
 
-def test_a_nurse_who_is_called_away_ends_it_for_both_partners_of_a_joint_action():
+def test_absent_nurse_ends_joint_action_for_both_partners():
     graph = hospital(world={"faults": "1.9 leaves nurse_disinfected1 30"})
     run = Run(graph).until(20.0)
     assert run.views[1].status == "failed"
@@ -81,7 +81,7 @@ def test_a_nurse_who_is_called_away_ends_it_for_both_partners_of_a_joint_action(
     assert {report.outcome for report in reports} <= {"failure"}
 
 
-def test_rooms_are_disinfected_one_after_the_other_and_what_failed_is_left_alone():
+def test_rooms_are_disinfected_one_by_one_and_failed_rooms_are_skipped():
     run = Run(large_hospital(4, 1, 1, seed=3, rate=50.0)).until(90.0)
     failed = {view.room for view in run.views.values() if view.status == "failed"}
     finished = {view.room for view in run.views.values() if view.status == "finished"}
@@ -91,7 +91,7 @@ def test_rooms_are_disinfected_one_after_the_other_and_what_failed_is_left_alone
     assert set(run.infected()) == failed
 
 
-def test_what_is_no_action_is_refused_and_ends_the_mission():
+def test_invalid_action_is_refused_and_ends_the_mission():
     run = Run(hospital()).until(0.5)
     run.receive(content=Plan("mission_9_1", ("no action(",)))
     (refusal,) = run.contents(Refusal)
@@ -99,7 +99,7 @@ def test_what_is_no_action_is_refused_and_ends_the_mission():
     assert run.commands == []
 
 
-def test_an_action_is_taken_back_when_its_mission_is_given_up():
+def test_action_is_cancelled_when_its_mission_is_aborted():
     run = Run(hospital()).until(0.5)
     run.receive(content=Plan("mission_9_1", ("a_navigate_to(spotrobot1, room2)",)))
     run.receive(content=Stop("enough"), mission="mission_8_1")
@@ -110,13 +110,13 @@ def test_an_action_is_taken_back_when_its_mission_is_given_up():
     assert [report.action for report in run.contents(Report) if report.args == ("spotrobot1", "room2")] == []
 
 
-def test_what_is_said_to_others_does_not_concern_a_robot():
+def test_robot_ignores_messages_for_others():
     run = Run(hospital()).until(0.5)
     run.receive(receiver="uvdrobot1", content=Plan("mission_9_1", ("a_navigate_to(spotrobot1, room2)",)))
     assert [command.robot for command in run.commands] == ["uvdrobot1"]
 
 
-def test_they_register_again_when_the_coordinator_asks():
+def test_agents_register_again_on_request_of_the_coordinator():
     run = Run(hospital()).until(0.5)
     before = len(run.contents(Register))
     run.receive(receiver="all", performative="query", content=Register(), mission="")
@@ -124,13 +124,13 @@ def test_they_register_again_when_the_coordinator_asks():
 
 
 @pytest.mark.parametrize("kind", [SPOT, UVD, NURSE])
-def test_robots_and_nurses_know_what_they_can_do(kind: str):
+def test_robots_and_nurses_register_their_actions(kind: str):
     able = set(actions_of(kind))
     roles = [role for role in KINDS["disinfect"].roles if role.needs <= able]
     assert len(roles) == 1
     assert ("a_charge" in able) is (kind != NURSE)
 
 
-def test_every_scripted_agent_is_of_a_kind():
+def test_every_scripted_agent_has_a_kind():
     agents = [node for node in SCRIPTED.values() if issubclass(node, ScriptedAgent)]
     assert sorted(agent.kind for agent in agents) == sorted((SPOT, UVD, NURSE))

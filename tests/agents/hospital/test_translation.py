@@ -68,7 +68,7 @@ def carried_out(plan: Sequence[PlanStage], context: Mapping[str, str], arguments
     return done
 
 
-def test_listing_1_comes_of_the_patrol_with_the_milestone_of_both_robots():
+def test_listing_1_follows_from_the_patrol():
     spots = translate(MISSION, CONTEXT, "mission_7_3")[SPOT]
     listing = """+success_a_patrol_room(SpotRobot, NurseDisinfectRoom)
         : start(NurseDisinfect, NurseDisinfectRoom, SpotRobot, UvdRobot) & milestone5
@@ -78,14 +78,14 @@ def test_listing_1_comes_of_the_patrol_with_the_milestone_of_both_robots():
     assert agentspeak(parse_plan(listing)) in map(without_label, spots)
 
 
-def test_listing_2_comes_of_the_authorisation():
+def test_listing_2_follows_from_the_authorization():
     listing = """+trigger_a_authorize_disinfect(UvdRobot, SpotRobot)
         : start(NurseDisinfect, NurseDisinfectRoom, SpotRobot, UvdRobot)
         <- !a_authorize_disinfect(UvdRobot, SpotRobot)."""
     assert agentspeak(parse_plan(listing)) in map(without_label, translate(MISSION, CONTEXT, "mission_7_3")[UVD])
 
 
-def test_the_first_action_is_triggered_and_those_after_it_wait_for_their_milestone():
+def test_first_action_is_triggered_and_others_wait_for_milestones():
     plans = [without_label(text) for text in translate(MISSION, CONTEXT, "mission_7_3")[SPOT]]
     context = "start(NurseDisinfect, NurseDisinfectRoom, SpotRobot, UvdRobot)"
     go, door = "a_navigate_to(SpotRobot, NurseDisinfectRoom)", "a_open_door(SpotRobot, NurseDisinfectRoom)"
@@ -95,23 +95,23 @@ def test_the_first_action_is_triggered_and_those_after_it_wait_for_their_milesto
     assert f"+!{door} : milestone1 <- {door}." in plans
 
 
-def test_everybody_ends_with_its_last_action():
+def test_every_agent_ends_after_its_last_action():
     for agent, plans in translate(MISSION, CONTEXT, "mission_7_3").items():
         assert sum(text.endswith("end.") for text in plans) == 1, agent
     nurse = translate(MISSION, CONTEXT, "mission_7_3")[NURSE]
     assert without_label(nurse[-1]).endswith(": milestone4 <- -milestone4; end.")
 
 
-def test_the_labels_of_a_mission_begin_with_its_own():
+def test_plan_labels_start_with_mission_label():
     for plans in translate(MISSION, CONTEXT, "mission_7_3").values():
         assert [parse_plan(text).label for text in plans] == [f"mission_7_3_{number}" for number in range(len(plans))]
 
 
-def test_the_mission_of_the_paper_is_done_in_order():
+def test_paper_mission_executes_in_order():
     assert carried_out(MISSION, CONTEXT, tuple(CONTEXT.values())) == list(MISSION)
 
 
-def test_an_action_that_nobody_is_to_do_is_refused():
+def test_action_without_agent_is_rejected():
     with pytest.raises(PlanningError, match=r"a_clean\(room1\) names nobody"):
         stages([("a_clean", "room1")], (SPOT,), JOINT)
 
@@ -144,7 +144,7 @@ def plans(draw: st.DrawFn) -> tuple[tuple[PlanStage, ...], dict[str, str]]:
 
 
 @given(plans())
-def test_any_plan_of_any_team_is_read_back_as_it_was_written(case):
+def test_any_translated_plan_parses_back(case):
     plan, context = case
     for texts in translate(plan, context, "mission_12_10").values():
         for text in texts:
@@ -152,6 +152,6 @@ def test_any_plan_of_any_team_is_read_back_as_it_was_written(case):
 
 
 @given(plans())
-def test_any_plan_of_any_team_is_done_in_its_order(case):
+def test_any_translated_plan_executes_in_order(case):
     plan, context = case
     assert carried_out(plan, context, tuple(context.values())) == list(plan)

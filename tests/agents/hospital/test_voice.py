@@ -6,7 +6,7 @@ from socialbot.agents.hospital.messages import AclMessage, AclSender, Refusal
 from socialbot.core.clock import ManualClock
 
 
-def test_what_is_said_carries_speaker_time_mission_and_what_it_answers():
+def test_speech_act_has_sender_time_mission_and_reply_id():
     said: list[AclMessage] = []
     AclSender("spotrobot1", ManualClock(5), said.append).send(
         "coordinator", "refuse", Refusal("no"), "mission_1_1", "c-7"
@@ -17,7 +17,7 @@ def test_what_is_said_carries_speaker_time_mission_and_what_it_answers():
     assert message.content == Refusal("no")
 
 
-def test_no_id_comes_again_even_when_the_speaker_begins_anew():
+def test_ids_are_unique_over_restarts():
     clock = ManualClock(5)
     said: list[AclMessage] = []
     for _ in range(2):

@@ -30,7 +30,7 @@ def shown(messages: list, ward=None) -> str:
     return out.getvalue()
 
 
-def test_a_small_ward_is_shown_room_by_room():
+def test_small_ward_is_listed_room_by_room():
     world = WardWorld(paper_ward(), faults=(WorldFault(1.0, "enters", "room2", 9.0), WorldFault(1.0, "dirty", "room1")))
     world.advance(2 * SECOND)
     lines = [line.split() for line in printed(ward_text(world.ward, world.state())).splitlines()]
@@ -39,7 +39,7 @@ def test_a_small_ward_is_shown_room_by_room():
     assert ["room4", "open", "yes", "✓", "spot1", "100%,", "uvd1", "100%"] in lines
 
 
-def test_a_large_ward_is_shown_in_figures():
+def test_large_ward_is_summarized_in_numbers():
     world = WardWorld(large_ward(), faults=(WorldFault(1.0, "drains", "uvdrobot2"), WorldFault(1.0, "dirty", "room7")))
     world.advance(2 * SECOND)
     text = printed(ward_text(world.ward, world.state()))
@@ -48,7 +48,7 @@ def test_a_large_ward_is_shown_in_figures():
     assert "battery low: uvdrobot2" in text
 
 
-def test_a_run_is_shown_with_what_fails_the_new_plan_and_a_table():
+def test_run_is_shown_with_failures_new_plan_and_table():
     lines = shown(paper_run(100.0).messages).splitlines()
     assert any("✗ a_patrol_room(spotrobot1, room1)" in line for line in lines)
     assert any("✚ a_adapt_room(nurse_disinfected1, room1)" in line for line in lines)
@@ -56,7 +56,7 @@ def test_a_run_is_shown_with_what_fails_the_new_plan_and_a_table():
     assert mission == ["1", "room1", "9", "13", "1", "dirty", "room", "yes", "finished", "3.50", "s"]
 
 
-def test_no_more_trees_are_shown_than_one_can_read():
+def test_number_of_printed_trees_is_limited():
     records = [made_at(0.0, PLANNED)]
     for number in range(TREES):
         records += [given_up_at(1.0 + number, PLANNED), made_at(1.5 + number, MENDED)]

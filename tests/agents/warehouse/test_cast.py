@@ -13,7 +13,7 @@ from socialbot.deliberation.messages import FLUENT, Desire, Fact, FactCondition
 from tests.agents.brief import believing, domain_of, plan_for, settled
 
 
-def test_the_files_of_the_demonstration_say_what_the_cast_of_six_boxes_says():
+def test_demo_files_match_scenario_of_six_boxes():
     domain = domain_of(cast.GRIPPER_DOMAIN)
     assert load_beliefs(cast.FOLDER / "gripper_beliefs.yaml", domain) == gripper_beliefs(SIX)
     assert load_desires(cast.FOLDER / "gripper_desires.yaml", domain) == gripper_desires(SIX)
@@ -22,7 +22,7 @@ def test_the_files_of_the_demonstration_say_what_the_cast_of_six_boxes_says():
         assert load_beliefs(cast.FOLDER / f"{carrier}_beliefs.yaml", domain) == carrier_beliefs(carrier)
 
 
-def test_the_files_of_rules_and_the_lighter_wish_can_be_read():
+def test_rule_files_and_light_desire_load():
     gripper, carrier = domain_of(cast.GRIPPER_DOMAIN), domain_of(cast.CARRIER_DOMAIN)
     assert len(load_desires(cast.FOLDER / "light_gripper_desires.yaml", gripper)) == 1
     assert [rule.name for rule in load_rules(cast.GRIPPER_RULES, gripper)] == ["free_bay", "box_in_bay"]
@@ -31,7 +31,7 @@ def test_the_files_of_rules_and_the_lighter_wish_can_be_read():
 
 
 @pytest.mark.parametrize(("boxes", "carriers"), [(6, 3), (12, 3), (24, 6), (5, 2), (1, 1)])
-def test_each_box_stands_in_one_stack_and_is_for_one_carrier(boxes, carriers):
+def test_each_box_has_one_stack_and_one_carrier(boxes, carriers):
     found = scenario_of(boxes, carriers)
     assert len(found.boxes) == boxes
     assert sorted(box for load in found.loads for box in load) == list(found.boxes)
@@ -43,12 +43,12 @@ def test_each_box_stands_in_one_stack_and_is_for_one_carrier(boxes, carriers):
 
 
 @pytest.mark.parametrize(("boxes", "carriers"), [(2, 3), (6, 0), (0, 0), (40, 27)])
-def test_casts_that_cannot_be_are_refused(boxes, carriers):
+def test_impossible_scenarios_are_rejected(boxes, carriers):
     with pytest.raises(ParameterError, match="1 to 26 carriers"):
         scenario_of(boxes, carriers)
 
 
-def test_the_demonstration_is_planned_in_28_actions_and_107_s():
+def test_demo_plan_has_28_actions_and_107_s():
     plan = plan_for(believing(cast.GRIPPER_DOMAIN, gripper_beliefs(SIX)), gripper_desires(SIX)[0])
     assert Counter(step.action for step in plan.steps) == {
         "gripper_move": 13,
@@ -60,7 +60,7 @@ def test_the_demonstration_is_planned_in_28_actions_and_107_s():
 
 
 @pytest.mark.parametrize(("boxes", "carriers", "trips"), [(12, 3, 3), (24, 6, 6)])
-def test_carriers_come_again_where_there_are_more_boxes_than_they_take(boxes, carriers, trips):
+def test_carriers_return_for_more_boxes(boxes, carriers, trips):
     found = scenario_of(boxes, carriers)
     (desire,) = gripper_desires(found)
     plan = plan_for(believing(cast.GRIPPER_DOMAIN, gripper_beliefs(found)), desire)
@@ -70,7 +70,7 @@ def test_carriers_come_again_where_there_are_more_boxes_than_they_take(boxes, ca
     assert plan.makespan_s <= desire.deadline
 
 
-def test_the_light_wish_needs_one_carrier_and_puts_a_box_aside():
+def test_light_desire_needs_one_carrier_and_one_putdown():
     facts = believing(cast.GRIPPER_DOMAIN, gripper_beliefs(SIX))
     (desire,) = load_desires(cast.FOLDER / "light_gripper_desires.yaml", facts.domain)
     counts = Counter(step.action for step in plan_for(facts, desire).steps)
@@ -101,7 +101,7 @@ def boxes_of(carrier: str, number: int) -> list[Fact]:
     (cast.CARRIER_RULES, 1, False), (cast.CARRIER_RULES, 2, True),
     (cast.HASTY_CARRIER_RULES, 0, False), (cast.HASTY_CARRIER_RULES, 1, True),
 ])  # fmt: skip
-def test_a_carrier_leaves_with_two_boxes_and_a_hasty_one_with_one(rules, boxes, leaves):
+def test_carrier_leaves_with_two_boxes_or_one_if_hasty(rules, boxes, leaves):
     facts = believing(cast.CARRIER_DOMAIN, (*carrier_beliefs("carrier_c"), *boxes_of("carrier_c", boxes)))
     facts.add(Fact(name="lb_load_completed", params=("carrier_c",)))
     assert ("ADD desire go_unload" in settled(facts, rules)) is leaves
@@ -114,7 +114,7 @@ def holds(facts: FactBase, name: str) -> bool:
     return facts.check(FactCondition(condition_to_check=Fact(name=name, params=("carrier_c",))))
 
 
-def test_a_bay_is_clear_again_once_its_carrier_has_left_and_no_box_stands_there():
+def test_bay_is_clear_without_carrier_and_box():
     facts = believing(cast.GRIPPER_DOMAIN, gripper_beliefs(SIX))
     settled(facts, cast.GRIPPER_RULES)
     facts.remove(Fact(name="clear", params=("base_?",)))
@@ -123,7 +123,7 @@ def test_a_bay_is_clear_again_once_its_carrier_has_left_and_no_box_stands_there(
     assert settled(facts, cast.GRIPPER_RULES) == ["ADD belief (clear base_c)"]
 
 
-def test_a_bay_is_not_clear_while_a_box_that_has_missed_its_carrier_stands_there():
+def test_bay_with_missed_box_is_not_clear():
     facts = believing(cast.GRIPPER_DOMAIN, gripper_beliefs(SIX))
     clear = FactCondition(condition_to_check=Fact(name="clear", params=("base_b",)))
     facts.add(Fact(name="in", params=("box_b1", "base_b")))

@@ -21,7 +21,7 @@ def x(drive: Drive, seconds: float) -> float:
     return drive.position(round(seconds * SECOND)).x
 
 
-def test_it_speeds_up_cruises_slows_down_and_stops_exactly_there():
+def test_drive_accelerates_cruises_and_stops_at_target():
     drive = going()
     assert drive.arrival / SECOND == pytest.approx(3.2 / 0.72 + 1.0)
     assert [x(drive, 0.0), x(drive, 1.0), x(drive, 2.0)] == pytest.approx([0.0, 0.36, 1.08])
@@ -29,13 +29,13 @@ def test_it_speeds_up_cruises_slows_down_and_stops_exactly_there():
     assert drive.position(drive.arrival) == THERE
 
 
-def test_a_short_way_never_reaches_top_speed():
+def test_short_path_stays_below_top_speed():
     drive = going(Point(0.18, 0.0, 0.0))
     assert drive.arrival / SECOND == pytest.approx(1.0)
     assert x(drive, 0.5) == pytest.approx(0.09)
 
 
-def test_a_pause_delays_what_comes_after_it_and_nothing_else():
+def test_pause_delays_only_later_motion():
     drive, paused = going(), going()
     paused.pause(2 * SECOND, 1.5)
     assert x(paused, 2.0) == x(paused, 3.0) == x(paused, 3.5) == x(drive, 2.0)
@@ -43,7 +43,7 @@ def test_a_pause_delays_what_comes_after_it_and_nothing_else():
     assert paused.arrival == drive.arrival + 1.5 * SECOND
 
 
-def test_pauses_that_overlap_count_once():
+def test_overlapping_pauses_count_once():
     drive = going()
     before = drive.arrival
     drive.pause(2 * SECOND, 1.0)
@@ -51,7 +51,7 @@ def test_pauses_that_overlap_count_once():
     assert drive.arrival == before + 1.5 * SECOND
 
 
-def test_told_to_turn_back_it_brakes_first():
+def test_reversal_brakes_first():
     drive = going()
     drive.go(2 * SECOND, HERE, speed=0.72, acceleration=0.72)
     assert x(drive, 3.0) == pytest.approx(1.08 + 0.36)
@@ -59,7 +59,7 @@ def test_told_to_turn_back_it_brakes_first():
     assert drive.position(drive.arrival) == HERE
 
 
-def test_it_can_be_told_to_begin_later():
+def test_motion_can_start_later():
     drive = Drive(HERE)
     drive.go(0, THERE, speed=1.0, acceleration=1.0, begin=2 * SECOND)
     assert x(drive, 2.0) == 0.0 < x(drive, 2.1)
@@ -71,7 +71,7 @@ orders = st.lists(st.tuples(times, points | st.floats(0.1, 3.0)), max_size=8)
 
 
 @given(orders=orders, probes=st.lists(times, max_size=20))
-def test_it_never_jumps_whatever_it_is_told(orders, probes):
+def test_motion_is_continuous_for_any_commands(orders, probes):
     drive = Drive(HERE)
     queue = sorted(
         [*((time, what) for time, what in orders), *((time, None) for time in probes)], key=lambda one: one[0]

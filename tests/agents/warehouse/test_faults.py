@@ -9,7 +9,7 @@ from socialbot.agents.warehouse.scenario import SIX, parse_faults, random_faults
 from socialbot.core.errors import ParameterError
 
 
-def test_faults_are_read_in_the_order_in_which_they_are_written():
+def test_faults_are_parsed_in_order():
     assert parse_faults("30 leaves carrier_c; 40.5 slips ; 50 silent boxes 10; 60 stalls gripper_a 3;", SIX) == (
         WorldFault(30.0, "leaves", "carrier_c"),
         WorldFault(40.5, "slips"),
@@ -24,13 +24,13 @@ def test_faults_are_read_in_the_order_in_which_they_are_written():
     ["30", "leaves carrier_c", "30 leaves carrier_d", "30 leaves gripper_a", "x slips", "-1 slips", "nan slips",
      "30 silent boxes", "30 silent box 3", "30 stalls boxes 3", "30 explodes", "30 stalls carrier_a inf"],
 )  # fmt: skip
-def test_what_is_no_fault_is_refused_with_a_remedy(text):
+def test_invalid_fault_is_rejected_with_remedy(text):
     with pytest.raises(ParameterError, match="remedy: write faults as"):
         parse_faults(text, SIX)
 
 
 @given(st.text("0123456789 ;silentcarrier_abgpoxes", max_size=40))
-def test_any_text_is_read_or_refused(text):
+def test_any_text_is_parsed_or_rejected_and_formats_back(text):
     try:
         faults = parse_faults(text, SIX)
     except ParameterError:
@@ -46,11 +46,11 @@ def test_any_text_is_read_or_refused(text):
         WorldFault(0.1, "stalls", "carrier_a", 1e-7),
     ],
 )
-def test_a_fault_that_is_written_down_is_read_as_it_was(fault):
+def test_formatted_fault_parses_to_itself(fault):
     assert parse_faults(str(fault), SIX) == (fault,)
 
 
-def test_random_faults_depend_on_the_seed_only_and_can_be_written_down():
+def test_random_faults_depend_only_on_seed_and_format_back():
     kinds = set()
     for seed in range(50):
         faults = random_faults(seed, SIX)

@@ -57,13 +57,13 @@ def at(track: list[tuple[float, ...]], second: float) -> list[float]:
     return [a + (b - a) * share for a, b in zip(first, last, strict=True)]
 
 
-def test_where_boxes_are_is_known_at_every_moment(film):
+def test_view_knows_holders_at_any_time(film):
     holders = [{box.name: box.holder for box in film.boxes(START + s * SECOND)}["box_a2"] for s in (0, 12, 29)]
     assert holders == ["base_1", GRIPPER, "base_3"]
 
 
 @pytest.mark.parametrize("second", [0.0, 3.3, 5.7, 7.1, 8.5, 11.2, 12.9, 17.0, 19.0, 30.0])
-def test_what_moves_by_its_track_is_where_the_pictures_have_it(film, second):
+def test_tracks_match_pictures(film, second):
     shown = places(film.picture(START + round(second * SECOND)))
     tracks = film.film(START)
     for name, track in (tracks["robots"] | tracks["boxes"]).items():
@@ -71,27 +71,27 @@ def test_what_moves_by_its_track_is_where_the_pictures_have_it(film, second):
         assert at(track, second)[:2] == pytest.approx([x, y], abs=8.0 if name in (GRIPPER, "box_a2") else 4.0), name
 
 
-def test_tracks_leave_out_what_lies_on_the_way(film, hall):
+def test_tracks_omit_points_on_straight_lines(film, hall):
     tracks = film.film(START)
     assert len(tracks["boxes"]["box_b1"]) == 2
     assert len(tracks["robots"][GRIPPER]) < 60
 
 
-def test_tracks_tell_when_the_gripper_holds_a_box(film):
+def test_film_has_holding_times(film):
     (_, before), (taken, held), (put, after) = film.film(START)["holding"]
     assert (before, held, after) == (0.0, 1.0, 0.0)
     assert 7.0 <= taken < 8.0
     assert 18.0 <= put < 19.0
 
 
-def test_a_film_of_nothing_is_empty():
+def test_view_without_messages_is_empty():
     film = FloorView(SIX)
     assert not film
     film.take(Utterance(stamp=1, id="a", text="a"))
     assert not film
 
 
-def test_messages_from_the_past_are_left_out(film, hall):
+def test_old_messages_are_ignored(film, hall):
     late = FloorView(SIX)
     for message in hall.said["/warehouse/boxes"]:
         late.take(message)
@@ -99,7 +99,7 @@ def test_messages_from_the_past_are_left_out(film, hall):
     assert late.boxes(START + 29 * SECOND) == film.boxes(START + 29 * SECOND)
 
 
-def test_what_was_long_ago_is_forgotten_and_the_rest_stays_as_it_was(hall):
+def test_forget_keeps_state_and_later_changes(hall):
     forgetful, film = FloorView(SIX), FloorView(SIX)
     for message in sorted((m for said in hall.said.values() for m in said), key=lambda m: m.stamp):
         forgetful.take(message)

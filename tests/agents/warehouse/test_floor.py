@@ -18,7 +18,7 @@ def texts(picture: str) -> list[str]:
 
 
 @pytest.mark.parametrize("cast", [SIX, scenario_of(24, 6)], ids=["6", "24"])
-def test_every_place_and_every_box_is_named(cast):
+def test_drawing_names_every_place_and_box(cast):
     words = texts(world_svg(Warehouse(cast), "At the start"))
     named = [*cast.bases, *cast.bays, *cast.deposits, "start", "gripper_a", "At the start"]
     assert sorted(words) == sorted([*named, *cast.letters, *(box.removeprefix("box_") for box in cast.boxes)])
@@ -37,7 +37,7 @@ def shapes(element: ElementTree.Element, x: float = 0.0, y: float = 0.0) -> Iter
 
 @pytest.mark.parametrize("title", ["", "At the start"])
 @pytest.mark.parametrize("cast", [SIX, scenario_of(24, 6)], ids=["6", "24"])
-def test_all_is_within_the_picture(cast, title):
+def test_all_shapes_are_within_the_drawing(cast, title):
     picture = ElementTree.fromstring(world_svg(Warehouse(cast), title))
     wide, high = float(picture.attrib["width"]), float(picture.attrib["height"])
     found = list(shapes(picture))
@@ -49,7 +49,7 @@ def test_all_is_within_the_picture(cast, title):
         assert y + h <= high + 0.5
 
 
-def test_what_moves_is_a_group_by_its_name():
+def test_moving_objects_are_named_groups():
     named = {group.attrib.get("data-name") for group in ElementTree.fromstring(world_svg(Warehouse())).iter(f"{SVG}g")}
     assert named - {None} == {"bridge", "gripper_a", *SIX.carriers, *SIX.boxes}
 
@@ -61,7 +61,7 @@ def test_the_gripper_shows_whether_it_holds_a_box():
     assert 'class="holding"' not in floor_svg(SIX, robots, [])
 
 
-def test_boxes_that_stand_on_others_are_drawn_later_and_higher():
+def test_stacked_boxes_are_drawn_later_and_higher():
     picture = world_svg(Warehouse())
     assert picture.index("box_a1") < picture.index("box_c2") < picture.index("box_a2")
     floor = FloorDrawing(SIX)
@@ -69,11 +69,11 @@ def test_boxes_that_stand_on_others_are_drawn_later_and_higher():
     assert heights["box_a1"] > heights["box_c2"] > heights["box_a2"]
 
 
-def test_it_is_for_light_and_dark():
+def test_drawing_supports_dark_mode():
     assert "prefers-color-scheme:dark" in world_svg(Warehouse())
 
 
-def test_a_title_is_text_and_boxes_that_nobody_knows_are_left_out():
+def test_title_is_escaped_and_unknown_boxes_are_omitted():
     stray = BoxPosition(name="<box>", position=Point(0.0, 0.0, 0.1), holder="floor")
     assert texts(floor_svg(SIX, {}, [stray], "a < b & c"))[0] == "a < b & c"
     assert "<box>" not in texts(floor_svg(SIX, {}, [stray]))

@@ -64,7 +64,7 @@ class Story:
         return tuple(sorted(name for name, box in boxes.items() if is_carried(deck, box)))
 
 
-def test_two_boxes_ride_to_the_deposit_and_are_unloaded_there():
+def test_carrier_unloads_two_boxes_at_deposit():
     story = Story()
     story.send("carrier_a", "base")
     for box, slot in (("box_a2", "base_a1"), ("box_c2", "base_a2")):
@@ -84,7 +84,7 @@ def test_two_boxes_ride_to_the_deposit_and_are_unloaded_there():
     assert story.world.load["deposit_a"] == ["box_a2", "box_c2"]
 
 
-def test_the_longest_ways_take_about_as_long_as_plans_say():
+def test_longest_paths_take_planned_durations():
     story = Story()
     story.go("base_c2")
     story.world.move_crane("start")
@@ -96,7 +96,7 @@ def test_the_longest_ways_take_about_as_long_as_plans_say():
     assert large.crane.drive.arrival / SECOND < 5.0
 
 
-def test_a_status_tells_start_target_and_progress_on_the_way():
+def test_status_has_start_target_and_progress():
     story = Story()
     story.world.move_crane("base_1")
     story.wait(1.2)
@@ -110,7 +110,7 @@ def test_a_status_tells_start_target_and_progress_on_the_way():
     assert story.world.pose(GRIPPER) == status, "it is there already"
 
 
-def test_what_is_let_go_where_no_carrier_is_stands_in_the_bay_and_is_in_the_way():
+def test_box_released_without_carrier_blocks_the_bay():
     story = Story()
     story.take("base_1")
     story.put("base_a")
@@ -125,7 +125,7 @@ def test_what_is_let_go_where_no_carrier_is_stands_in_the_bay_and_is_in_the_way(
     assert story.world.pose("carrier_a").current_name == "base"
 
 
-def test_a_carrier_on_its_way_stops_before_a_box_that_is_put_down_in_its_bay():
+def test_moving_carrier_stops_before_box_in_its_bay():
     story = Story()
     story.take("base_1")
     story.go("base_a")
@@ -138,7 +138,7 @@ def test_a_carrier_on_its_way_stops_before_a_box_that_is_put_down_in_its_bay():
     assert story.holder("box_a2") == "base_a"
 
 
-def test_a_carrier_that_leaves_before_the_gripper_lets_go_leaves_the_box_behind():
+def test_carrier_that_leaves_early_misses_the_box():
     story = Story(WorldFault(30.0, "leaves", "carrier_a"))
     story.send("carrier_a", "base")
     story.take("base_1")
@@ -152,7 +152,7 @@ def test_a_carrier_that_leaves_before_the_gripper_lets_go_leaves_the_box_behind(
     assert story.holder("box_a2") == "base_a", "it stands in the bay now"
 
 
-def test_a_second_box_in_the_same_place_of_a_carrier_stands_on_the_first_and_is_not_counted():
+def test_box_stacked_on_carrier_is_not_counted():
     story = Story()
     story.send("carrier_a", "base")
     for _ in range(2):
@@ -163,7 +163,7 @@ def test_a_second_box_in_the_same_place_of_a_carrier_stands_on_the_first_and_is_
     assert story.carried("carrier_a") == ("box_a2",)
 
 
-def test_a_box_that_slips_stays_where_it_is_and_can_be_taken_again():
+def test_slipped_box_stays_and_can_be_grasped_again():
     story = Story(WorldFault(0.0, "slips"))
     story.take("base_1")
     assert story.world.held == ""
@@ -172,7 +172,7 @@ def test_a_box_that_slips_stays_where_it_is_and_can_be_taken_again():
     assert story.world.held == "box_a2"
 
 
-def test_fingers_that_are_up_or_on_the_way_grasp_nothing():
+def test_lifted_or_moving_fingers_grasp_nothing():
     story = Story()
     story.go("base_1")
     story.fingers("close")
@@ -184,7 +184,7 @@ def test_fingers_that_are_up_or_on_the_way_grasp_nothing():
     assert story.world.held == ""
 
 
-def test_the_crane_lifts_its_fingers_before_it_moves_and_lowers_them_when_it_rests():
+def test_crane_moves_with_lifted_fingers():
     story = Story()
     story.go("base_1")
     story.fingers("low")
@@ -204,7 +204,7 @@ def test_the_crane_lifts_its_fingers_before_it_moves_and_lowers_them_when_it_res
     assert story.world.finger_z == 0.0
 
 
-def test_what_is_dropped_on_the_way_lies_on_the_floor():
+def test_box_dropped_during_movement_lies_on_floor():
     story = Story()
     story.take("base_1")
     story.world.move_crane("base_c")
@@ -214,7 +214,7 @@ def test_what_is_dropped_on_the_way_lies_on_the_floor():
     assert story.position("box_a2").z == pytest.approx(0.11)
 
 
-def test_a_robot_that_stalls_goes_on_afterwards_and_a_silent_sensor_speaks_again():
+def test_stalled_robot_and_silent_sensor_resume():
     story = Story(WorldFault(2.0, "stalls", "carrier_a", 3.0), WorldFault(1.0, "silent", "carrier_a", 10.0))
     story.world.move_carrier("carrier_a", "base")
     story.wait(8.3)
@@ -226,7 +226,7 @@ def test_a_robot_that_stalls_goes_on_afterwards_and_a_silent_sensor_speaks_again
     assert story.world.pose("carrier_a").current_name == "base"
 
 
-def test_a_carrier_that_is_sent_away_while_it_unloads_keeps_its_boxes():
+def test_carrier_sent_away_during_unloading_keeps_its_boxes():
     story = Story()
     story.send("carrier_a", "base")
     story.take("base_1")
@@ -250,7 +250,7 @@ def test_a_carrier_that_is_sent_away_while_it_unloads_keeps_its_boxes():
         lambda world: world.unload("carrier_z"),
     ],
 )
-def test_what_makes_no_sense_is_refused_with_a_reason_and_changes_nothing(tell):
+def test_invalid_command_is_refused_with_reason_and_no_effect(tell):
     world, same = Warehouse(seed=3), Warehouse(seed=3)
     assert tell(world)
     for one in (world, same):
@@ -321,16 +321,16 @@ def check(world: Warehouse) -> None:
 
 @settings(max_examples=150, deadline=None)
 @given(script=scripts, seed=st.integers(0, 5))
-def test_boxes_are_never_lost_nor_doubled_and_time_may_pass_in_any_steps(script, seed):
+def test_boxes_are_conserved_in_any_time_steps(script, seed):
     assert run(script, seed, 1) == run(script, seed, 7)
 
 
-def test_another_seed_is_another_run():
+def test_seeds_give_different_runs():
     script = [(0.0, ("move_crane", "base_1")), (2.0, ("move_crane", "base_a")), (2.0, ("unload", "carrier_a"))]
     assert run(script, 1, 1) != run(script, 2, 1)
 
 
-def test_noise_stays_within_what_it_is_said_to_be():
+def test_noise_stays_within_its_bound():
     plain = Warehouse(noise=0.0)
     plain.move_carrier("carrier_a", "base")
     least = plain.carriers["carrier_a"].drive.arrival / SECOND

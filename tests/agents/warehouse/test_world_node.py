@@ -55,7 +55,7 @@ class Hall:
         return next(found.holder for found in self.of(BoxPositions)[-1].boxes if found.name == box)
 
 
-def test_it_reports_ten_times_a_second_from_its_start_on():
+def test_world_reports_ten_times_a_second():
     hall = Hall()
     hall.until(1.0)
     assert {topic: len(messages) for topic, messages in hall.said.items()} == dict.fromkeys(
@@ -66,7 +66,7 @@ def test_it_reports_ten_times_a_second_from_its_start_on():
     assert stamps[1] - stamps[0] == SECOND // 10
 
 
-def test_it_obeys_the_topics_of_crane_and_carriers():
+def test_world_executes_commands_of_crane_and_carriers():
     hall = Hall(noise=0.0)
     hall.tell(0.0, "/carrier_a/cmd_target", MoveCommand, target="base")
     hall.tell(0.0, "/gripper_a/cmd_motors_pose", MoveCommand, target="base_1")
@@ -89,7 +89,7 @@ def test_it_obeys_the_topics_of_crane_and_carriers():
     assert hall.holder("box_a2") == "deposit_a"
 
 
-def test_what_it_refuses_is_logged_and_nothing_else_happens(caplog):
+def test_refused_command_is_logged_without_effect(caplog):
     hall = Hall()
     with caplog.at_level(logging.WARNING):
         hall.tell(1.0, "/carrier_b/cmd_target", MoveCommand, target="moon")
@@ -102,7 +102,7 @@ def test_what_it_refuses_is_logged_and_nothing_else_happens(caplog):
     assert hall.status("carrier_b").current_name == "deposit"
 
 
-def test_a_silent_sensor_says_nothing_while_the_others_go_on():
+def test_silent_sensor_publishes_nothing_and_others_continue():
     hall = Hall(faults="1 silent carrier_a 1; 1 silent boxes 1; 1 silent gripper_a 1")
     hall.until(3.0)
     for topic in ("/carrier_a/move_status", "/warehouse/boxes", "/gripper_a/motors_move_status"):
@@ -110,12 +110,12 @@ def test_a_silent_sensor_says_nothing_while_the_others_go_on():
     assert len(hall.said["/carrier_b/move_status"]) == 31
 
 
-def test_bad_faults_are_refused_when_the_node_is_made():
+def test_invalid_faults_are_rejected_at_construction():
     with pytest.raises(ParameterError, match="remedy: write faults as"):
         Hall(faults="30 explodes")
 
 
-def test_the_same_seed_says_the_same_whatever_the_time_of_day():
+def test_same_seed_gives_same_messages_at_any_start_time():
     def tale(start: int, seed: int) -> list:
         hall = Hall(start=start, seed=seed)
         for carrier in "abc":

@@ -99,7 +99,7 @@ class WardWorld(SimulatedWorld):
         for time_s, room in ward.infections:
             self._after(time_s, lambda room=room: self._infect(room))
         for fault in (*self.problems, *faults):
-            self._after(fault.time_s, lambda fault=fault: self._go_wrong(fault))
+            self._after(fault.time_s, lambda fault=fault: self._apply_fault(fault))
         self.advance(start)
 
     # Commands
@@ -193,12 +193,12 @@ class WardWorld(SimulatedWorld):
         agent = self.agents[activity.args[0]]
         if agent.battery < LOW_AT and activity.action in POWERED and agent.member.kind in ROBOTS:
             self._end(activity, LOW_BATTERY)
-        elif reason := self._hinders(activity):
+        elif reason := self._obstacle(activity):
             self._end(activity, reason)
         elif activity.waits:
             self._later(activity, PATIENCE_S, lambda: self._end(activity, PARTNER_ABSENT))
         elif activity.action in ("a_navigate_to", "a_charge"):
-            self._set_out(activity, agent)
+            self._depart(activity, agent)
         else:
             way_s = max((self._go_in(self.agents[name]) for name in self._inside(activity)), default=0.0)
             self._later(activity, way_s + self._seconds(agent, activity.action), lambda: self._do(activity))
@@ -209,7 +209,7 @@ class WardWorld(SimulatedWorld):
             return ()
         return tuple(activity.ids)
 
-    def _hinders(self, activity: Activity) -> str:
+    def _obstacle(self, activity: Activity) -> str:
         """The reason why the action cannot be executed; checked at its start and at its end."""
         absent = [name for name in activity.args if name in self.agents and self.agents[name].place == AWAY]
         if absent and activity.action != "a_navigate_to":
@@ -240,7 +240,7 @@ class WardWorld(SimulatedWorld):
     def _do(self, activity: Activity) -> None:
         """Complete an action with its effects."""
         room = self.rooms.get(activity.args[-1], RoomModel())
-        reason = self._hinders(activity)
+        reason = self._obstacle(activity)
         if not reason:
             self._use_battery(activity)
             match activity.action:
@@ -257,7 +257,7 @@ class WardWorld(SimulatedWorld):
                     room.disinfected = False
         self._end(activity, reason)
 
-    def _set_out(self, activity: Activity, agent: WardAgent) -> None:
+    def _depart(self, activity: Activity, agent: WardAgent) -> None:
         """Move to the entrance of a room, or of the dock."""
         target = activity.args[1] if activity.action == "a_navigate_to" else self.ward.dock
         if agent.place == target and agent.inside:
@@ -380,7 +380,7 @@ class WardWorld(SimulatedWorld):
         self.rooms[room].disinfected = False
         self.changes += 1
 
-    def _go_wrong(self, fault: WorldFault) -> None:
+    def _apply_fault(self, fault: WorldFault) -> None:
         self.changes += 1
         seconds = fault.duration_s or 0.0
         match fault.kind:
@@ -391,9 +391,9 @@ class WardWorld(SimulatedWorld):
             case "drains":
                 self._drain(self.agents[fault.target])
             case "enters":
-                self._walk_in(fault.target, seconds)
+                self._person_enters(fault.target, seconds)
             case "leaves":
-                self._call_away(self.agents[fault.target], seconds)
+                self._nurse_leaves(self.agents[fault.target], seconds)
             case "stalls":
                 self._stall(self.agents[fault.target], nanoseconds(seconds))
             case "silent" | "slow":
@@ -409,7 +409,7 @@ class WardWorld(SimulatedWorld):
         if agent.activity and agent.activity.action in POWERED:
             self._end(agent.activity, LOW_BATTERY)
 
-    def _walk_in(self, room: str, seconds: float) -> None:
+    def _person_enters(self, room: str, seconds: float) -> None:
         person = f"person{next(self._people)}"
         people = self.rooms[room].people
         people.append(person)
@@ -424,7 +424,7 @@ class WardWorld(SimulatedWorld):
 
         self._after(seconds, walk_out)
 
-    def _call_away(self, nurse: WardAgent, seconds: float) -> None:
+    def _nurse_leaves(self, nurse: WardAgent, seconds: float) -> None:
         if nurse.activity:
             self._end(nurse.activity, NURSE_ABSENT)
         nurse.place, nurse.inside = AWAY, False

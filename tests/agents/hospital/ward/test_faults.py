@@ -23,7 +23,7 @@ from socialbot.core.errors import ParameterError
 PAPER, LARGE = paper_ward(), large_ward()
 
 
-def test_faults_are_read_in_the_order_in_which_they_are_written():
+def test_faults_are_parsed_in_order():
     text = (
         "2 dirty room1; 3.5 closes room2 ; 4 drains spotrobot1; 5 enters room1 10; 6 leaves nurse_disinfected1 10;"
         "7 silent uvdrobot1 5; 7 silent room1 5; 8 slow state 5; 9 stalls uvdrobot1 3;"
@@ -48,7 +48,7 @@ def test_faults_are_read_in_the_order_in_which_they_are_written():
      "1 leaves spotrobot1 3", "x dirty room1", "-1 dirty room1", "nan dirty room1", "1 silent moon 3",
      "1 stalls room1 3", "1 explodes", "1 stalls spotrobot1 inf"],
 )  # fmt: skip
-def test_what_is_no_fault_is_refused_with_a_remedy(text):
+def test_invalid_fault_is_rejected_with_remedy(text):
     with pytest.raises(ParameterError, match="remedy: write faults as"):
         parse_faults(text, PAPER)
 
@@ -59,7 +59,7 @@ texts = st.lists(words | st.floats(-1, 1e7).map(str), max_size=12).map(" ".join)
 
 
 @given(texts)
-def test_any_text_is_read_or_refused_and_what_is_read_can_be_written_down(text):
+def test_any_text_is_parsed_or_rejected_and_formats_back(text):
     try:
         faults = parse_faults(text, PAPER)
     except ParameterError:
@@ -79,7 +79,7 @@ def binomial_interval(runs: int, rate: float, outside: float = 0.01) -> range:
 
 
 @pytest.mark.parametrize("rate", [0.0, 10.0, 25.0, 50.0, 75.0, 100.0])
-def test_the_paper_problem_comes_as_often_as_the_rate_says_in_300_runs_and_at_the_start(rate):
+def test_paper_problem_matches_its_rate_in_300_runs(rate):
     worlds = [WardWorld(PAPER, seed=seed, rate=rate) for seed in range(300)]
     dirty = sum(not world.rooms["room1"].cleaned for world in worlds)
     assert dirty == sum(bool(world.problems) for world in worlds)
@@ -88,14 +88,14 @@ def test_the_paper_problem_comes_as_often_as_the_rate_says_in_300_runs_and_at_th
 
 
 @pytest.mark.parametrize("rate", [10.0, 25.0, 50.0, 75.0])
-def test_runs_of_30_are_within_the_interval_too_almost_always(rate):
+def test_samples_of_30_runs_match_the_rate(rate):
     met = [bool(drawn_problems(PAPER, seed, rate)) for seed in range(300)]
     inside = [sum(met[first : first + 30]) in binomial_interval(30, rate, 0.05) for first in range(0, 300, 30)]
     assert sum(inside) >= 8
 
 
 @pytest.mark.parametrize("rate", [0.0, 25.0, 100.0])
-def test_in_a_large_ward_all_rooms_and_kinds_have_their_share_at_any_time(rate):
+def test_problems_of_large_ward_are_spread_over_rooms_kinds_and_time(rate):
     problems = [problem for seed in range(300) for problem in drawn_problems(LARGE, seed, rate)]
     draws, share = 300 * 50, rate / 100.0
     assert abs(len(problems) - draws * share) <= 2.6 * (draws * share * (1 - share)) ** 0.5

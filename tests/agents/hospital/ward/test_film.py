@@ -31,38 +31,38 @@ def face(tracks: dict, name: str, second: float) -> str:
     return tracks["drawings"][number]
 
 
-def test_rooms_look_as_they_were(film):
+def test_film_shows_past_states_of_rooms(film):
     tracks = film.film(0)
     assert "room1: door closed, tidy, disinfected" in face(tracks, "room1", 0.9)
     assert "room1: door closed, tidy, to be disinfected" in face(tracks, "room1", 1.0)
     assert "1 room to be disinfected" in face(tracks, TALLY, 2.0)
 
 
-def test_who_goes_somewhere_moves(film):
+def test_film_has_track_of_moving_robot(film):
     track = film.film(0)["robots"][f"{SPOT}1"]
     assert track[0][1:] != track[-1][1:]
     assert 2 < len(track) < 30, "what lies on a straight way is left out"
 
 
-def test_who_is_away_looks_like_nothing(film):
+def test_absent_agent_has_empty_drawing(film):
     tracks = film.film(0)
     assert face(tracks, f"{NURSE}1", 2.9)
     assert face(tracks, f"{NURSE}1", 3.0) == ""
 
 
-def test_the_stage_has_a_group_for_everybody(film):
+def test_film_picture_has_group_for_every_agent(film):
     for second in (0, 4):
         stage = ElementTree.fromstring(film.film(second * SECOND)["picture"])
         named = {part.attrib["data-name"] for part in stage.iter() if "data-name" in part.attrib}
         assert named == {TALLY, *paper_ward().room_by_name, *paper_ward().member_by_name}
 
 
-def test_a_picture_shows_a_moment(film):
+def test_picture_shows_state_at_its_time(film):
     assert "1 room to be disinfected" in film.picture(2 * SECOND, "at 2 s")
     assert "all rooms disinfected" in film.picture(0, "at 0 s")
 
 
-def test_of_several_states_of_one_moment_the_last_one_counts():
+def test_last_state_of_one_stamp_counts():
     world = WardWorld(paper_ward())
     film, first = WardAnimation(world.ward), world.state()
     assert not film
@@ -74,7 +74,7 @@ def test_of_several_states_of_one_moment_the_last_one_counts():
     assert re.search("room3: door open, dirty", film.picture(0, ""))
 
 
-def test_what_was_long_ago_is_forgotten_and_the_rest_stays_as_it_was(film):
+def test_forget_keeps_state_and_later_changes(film):
     forgetful = copy.deepcopy(film)
     forgetful.forget(3 * SECOND)
     for tenth in range(30, 51):

@@ -34,7 +34,7 @@ def group(picture: str, name: str) -> ElementTree.Element:
 
 
 @pytest.mark.parametrize("ward", WARDS, ids=lambda ward: f"{len(ward.rooms)} rooms")
-def test_each_room_robot_and_nurse_is_a_group_by_its_name_and_all_is_within_the_picture(ward):
+def test_rooms_and_agents_are_named_groups_within_the_drawing(ward):
     picture = ElementTree.fromstring(ward_svg(ward, at(0.5, ward=ward)))
     named = [part.attrib["data-name"] for part in picture.iter(f"{SVG}g") if "data-name" in part.attrib]
     assert sorted(named) == sorted([TALLY, *ward.room_by_name, *ward.member_by_name])
@@ -50,7 +50,7 @@ def test_each_room_robot_and_nurse_is_a_group_by_its_name_and_all_is_within_the_
         assert y + h <= high + 0.6
 
 
-def test_signs_say_what_colours_say():
+def test_signs_repeat_the_meaning_of_colours():
     before, after = ward_svg(paper_ward(), at(0.5)), ward_svg(paper_ward(), at(1.0))
     assert "disinfected" in words(group(before, "room1"), "title")
     assert "to be disinfected" in words(group(after, "room1"), "title")
@@ -69,7 +69,7 @@ def test_signs_say_what_colours_say():
     assert NURSE not in troubled, "who is away is not drawn"
 
 
-def test_batteries_show_how_full_they_are_and_what_is_done_is_told():
+def test_drawing_shows_charge_and_present_action():
     world = WardWorld(paper_ward(), faults=(WorldFault(1.0, "drains", UVD),))
     world.command("a", SPOT, "a_navigate_to", (SPOT, "room1"))
     world.advance(round(0.5 * SECOND))
@@ -83,7 +83,7 @@ def test_batteries_show_how_full_they_are_and_what_is_done_is_told():
     assert [part.attrib["class"] for part in group(picture, UVD).iter(f"{SVG}rect")][-1] == "f-red"
 
 
-def test_the_room_in_which_the_light_is_on_shines():
+def test_room_with_light_is_highlighted():
     world = WardWorld(paper_ward(), start=0)
     world.rooms["room1"].door_open = True
     world.command("a", UVD, "a_navigate_to", (UVD, "room1"))
@@ -104,7 +104,7 @@ def places(picture: str, names: list[str]) -> list[tuple[float, ...]]:
     return [tuple(map(float, each.removeprefix("translate(").rstrip(")").split())) for each in found]
 
 
-def test_those_in_one_room_or_before_one_door_do_not_hide_each_other():
+def test_agents_at_one_place_do_not_overlap():
     ward = large_ward(12, 5, 7, 1)
     world = WardWorld(ward)
     robots = list(ward.robots)
@@ -118,7 +118,7 @@ def test_those_in_one_room_or_before_one_door_do_not_hide_each_other():
             assert all(max(abs(x - other), abs(y - there)) > 17.0 for other, there in spots[number + 1 :])
 
 
-def test_what_the_state_leaves_out_is_grey_or_not_drawn():
+def test_unknown_rooms_are_grey_and_unknown_agents_not_drawn():
     state = at(1.0)
     known = msgspec.structs.replace(state, rooms=state.rooms[1:], agents=state.agents[1:])
     picture = ward_svg(paper_ward(), known)
@@ -126,13 +126,13 @@ def test_what_the_state_leaves_out_is_grey_or_not_drawn():
     assert NURSE not in picture
 
 
-def test_it_is_for_light_and_dark_and_a_title_is_text():
+def test_drawing_supports_dark_mode_and_escapes_title():
     picture = ward_svg(paper_ward(), at(0.0), "a < b & c")
     assert "prefers-color-scheme:dark" in picture
     assert "a < b & c" in words(ElementTree.fromstring(picture))
 
 
-def test_a_picture_can_be_drawn_again_and_is_the_same():
+def test_drawing_is_repeatable():
     picture = WardDrawing(large_ward())
     state = at(9.0, ward=large_ward())
     assert picture.draw(state) == picture.draw(state)

@@ -1,16 +1,19 @@
 from __future__ import annotations
 
+import ast
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
+from socialbot.agents.hospital.ward import ward as ward_module
 from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD, Position, Ward, large_ward, length, paper_ward
 
 WARDS = [paper_ward(), large_ward(), large_ward(1, 1, 1), large_ward(200, 30, 30, 20)]
 
 
-def test_the_ward_of_the_paper_has_four_rooms_a_nurse_in_the_first_and_both_robots_in_the_last():
+def test_paper_ward_has_four_rooms_nurse_in_first_robots_in_last():
     ward = paper_ward()
     assert [room.name for room in ward.rooms] == ["room1", "room2", "room3", "room4"]
     assert {member.name: member.home for member in ward.members} == {
@@ -19,7 +22,7 @@ def test_the_ward_of_the_paper_has_four_rooms_a_nurse_in_the_first_and_both_robo
     assert (ward.closed, ward.dock) == ({"room1"}, "room4")
 
 
-def test_a_large_ward_has_as_many_rooms_and_members_as_asked_for_and_each_nurse_has_work():
+def test_large_ward_has_requested_size_and_an_infection_for_each_nurse():
     ward = large_ward(50, 4, 5)
     assert len(ward.rooms) == 51
     assert (len(ward.of_kind(SPOT)), len(ward.of_kind(UVD)), len(ward.of_kind(NURSE))) == (4, 5, 50)
@@ -30,7 +33,7 @@ def test_a_large_ward_has_as_many_rooms_and_members_as_asked_for_and_each_nurse_
 
 
 @pytest.mark.parametrize("wrong", [{"rooms": 0}, {"nurses": 51}, {"spots": -1}, {"uvds": -1}, {"every_s": -1.0}])
-def test_a_ward_that_cannot_be_is_refused(wrong):
+def test_impossible_ward_is_rejected(wrong):
     with pytest.raises(ValueError, match="cannot build a ward of"):
         large_ward(**wrong)
 
@@ -52,7 +55,7 @@ def way_inside(ward: Ward, start: str, target: str) -> tuple[Position, ...]:
 
 
 @pytest.mark.parametrize("ward", WARDS[:3], ids=lambda ward: f"{len(ward.rooms)} rooms")
-def test_ways_run_along_corridors_and_through_no_other_room(ward: Ward):
+def test_paths_follow_corridors_and_cross_no_other_room(ward: Ward):
     for start in ward.room_by_name:
         for target in ward.room_by_name:
             if start == target:
@@ -67,7 +70,7 @@ def test_ways_run_along_corridors_and_through_no_other_room(ward: Ward):
                 assert ward.room_at(middle) in ("", start, target)
 
 
-def test_a_way_from_the_middle_of_a_corridor_begins_there():
+def test_path_from_a_corridor_starts_there():
     ward = large_ward()
     room = ward.room_by_name["room1"]
     here = Position(room.entrance.x + 5.0, room.entrance.y)
@@ -77,3 +80,11 @@ def test_a_way_from_the_middle_of_a_corridor_begins_there():
     assert ward.way(beside, "", "room2")[1] == room.entrance
     spine = Position(ward.spine_x, 20.0)
     assert ward.way(spine, "", "room1")[1].x == ward.spine_x
+
+
+def test_ward_does_not_depend_on_missions():
+    for path in Path(ward_module.__file__).parent.glob("*.py"):
+        nodes = ast.walk(ast.parse(path.read_text()))
+        modules = [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
+        inside = [name for name in modules if name.startswith("socialbot.agents.hospital")]
+        assert all(name.startswith("socialbot.agents.hospital.ward.") for name in inside), path

@@ -68,7 +68,7 @@ class Story:
         return self.world.now / SECOND
 
 
-def test_the_mission_of_the_paper_takes_as_long_as_in_the_paper_and_disinfects_the_room():
+def test_paper_mission_takes_published_time_and_disinfects_the_room():
     story = Story()
     assert not story.world.rooms[ROOM].disinfected
     assert [story.do(*action) for action in LISTING_3] == [""] * 9
@@ -76,7 +76,7 @@ def test_the_mission_of_the_paper_takes_as_long_as_in_the_paper_and_disinfects_t
     assert story.seconds == pytest.approx(4.22, abs=0.005)
 
 
-def test_with_the_problem_the_patrol_fails_and_tidying_up_costs_little_time():
+def test_dirty_room_fails_the_patrol_and_adds_little_time():
     story = Story(rate=100.0)
     reasons = [story.do(*action) for action in LISTING_4]
     assert reasons == [*[""] * 5, "dirty room", *[""] * 8]
@@ -85,13 +85,13 @@ def test_with_the_problem_the_patrol_fails_and_tidying_up_costs_little_time():
 
 
 @pytest.mark.parametrize(("durations", "seconds"), [(INSTANT, 1.0), (CLINIC, 359.0)])
-def test_other_durations_give_the_same_results_in_another_time(durations, seconds):
+def test_other_durations_give_same_results_at_other_times(durations, seconds):
     story = Story(durations=durations)
     assert [story.do(*action) for action in LISTING_3] == [""] * 9
     assert story.seconds == pytest.approx(seconds)
 
 
-def test_a_robot_stands_before_a_closed_door_and_goes_in_when_it_is_open():
+def test_robot_waits_before_closed_door_and_enters_open_one():
     story = Story()
     story.do("a_navigate_to", SPOT, ROOM)
     spot = story.world.agent_state(SPOT)
@@ -103,7 +103,7 @@ def test_a_robot_stands_before_a_closed_door_and_goes_in_when_it_is_open():
     assert story.world.agent_state(SPOT).inside
 
 
-def test_who_is_inside_is_not_kept_by_a_door_that_closes():
+def test_closed_door_does_not_affect_agents_inside():
     story = Story()
     story.bring_in()
     story.world.rooms[ROOM].door_open = False
@@ -113,7 +113,7 @@ def test_who_is_inside_is_not_kept_by_a_door_that_closes():
     assert not story.world.rooms[ROOM].door_open
 
 
-def test_a_door_that_closes_on_the_way_keeps_the_robot_before_it():
+def test_door_that_closes_during_movement_stops_the_robot():
     story = Story(WorldFault(1.5, "closes", "room2"))
     assert story.do("a_navigate_to", SPOT, "room2") == ""
     assert story.world.agent_state(SPOT).inside
@@ -122,7 +122,7 @@ def test_a_door_that_closes_on_the_way_keeps_the_robot_before_it():
     assert not story.world.agent_state(SPOT).inside
 
 
-def test_nothing_can_be_done_in_a_room_from_elsewhere():
+def test_action_in_a_room_requires_presence():
     story = Story()
     assert story.do("a_patrol_room", SPOT, ROOM) == "spotrobot1 is not at room1"
     assert story.do("a_open_door", SPOT, ROOM) == "spotrobot1 is not at room1"
@@ -132,7 +132,7 @@ def test_nothing_can_be_done_in_a_room_from_elsewhere():
     assert story.do("a_adapt_room", NURSE, "room2") == "nurse_disinfected1 is not at room2"
 
 
-def test_a_joint_action_begins_when_both_are_told_to_and_ends_for_both():
+def test_joint_action_starts_with_second_command_and_ends_for_both():
     story = Story()
     story.bring_in()
     first = story.begin("a_authenticate_nurse", SPOT, NURSE, robot=NURSE)
@@ -147,7 +147,7 @@ def test_a_joint_action_begins_when_both_are_told_to_and_ends_for_both():
     assert came.duration_s == pytest.approx(0.04)
 
 
-def test_a_partner_that_never_comes_is_not_waited_for_longer_than_patience_lasts():
+def test_wait_for_partner_times_out():
     story = Story()
     story.bring_in()
     only = story.begin("a_authorize_patrol", SPOT, NURSE)
@@ -158,7 +158,7 @@ def test_a_partner_that_never_comes_is_not_waited_for_longer_than_patience_lasts
     assert story.world.agent_state(SPOT).busy == ""
 
 
-def test_another_joint_action_is_not_the_one_that_the_partner_waits_for():
+def test_different_joint_action_does_not_match_waiting_partner():
     story = Story()
     story.bring_in()
     story.begin("a_authenticate_nurse", SPOT, NURSE, robot=SPOT)
@@ -167,7 +167,7 @@ def test_another_joint_action_is_not_the_one_that_the_partner_waits_for():
     assert [result.reason for result in story.results.values()][-2:] == ["partner absent", "partner absent"]
 
 
-def test_one_thing_at_a_time():
+def test_busy_agent_refuses_commands():
     story = Story()
     story.begin("a_navigate_to", SPOT, ROOM)
     assert story.results[story.begin("a_charge", SPOT)].reason == (
@@ -188,7 +188,7 @@ def test_one_thing_at_a_time():
         (UVD, "a_authenticate_nurse", (SPOT, NURSE), "uvdrobot1 cannot do what spotrobot1 does"),
     ],
 )
-def test_what_makes_no_sense_fails_at_once_with_a_sentence_and_changes_nothing(robot, action, args, reason):
+def test_invalid_command_fails_with_reason_and_no_effect(robot, action, args, reason):
     story = Story()
     before = story.world.state()
     story.world.command("c", robot, action, args)
@@ -197,7 +197,7 @@ def test_what_makes_no_sense_fails_at_once_with_a_sentence_and_changes_nothing(r
     assert story.world.state() == before
 
 
-def test_a_low_battery_stops_what_takes_power_and_charging_fills_it():
+def test_low_battery_stops_powered_actions_until_charged():
     story = Story(WorldFault(1.4, "drains", SPOT))
     assert story.do("a_navigate_to", SPOT, ROOM) == "low battery"
     assert story.seconds == pytest.approx(1.4)
@@ -211,7 +211,7 @@ def test_a_low_battery_stops_what_takes_power_and_charging_fills_it():
     assert story.do("a_navigate_to", SPOT, ROOM) == ""
 
 
-def test_a_robot_that_breaks_off_charging_keeps_what_it_has():
+def test_cancelled_charge_keeps_its_steps():
     story = Story(WorldFault(1.0, "drains", UVD))
     charging = story.begin("a_charge", UVD)
     story.until(1.0 + 3.0 * 0.45)
@@ -222,7 +222,7 @@ def test_a_robot_that_breaks_off_charging_keeps_what_it_has():
     assert story.world.agent_state(UVD).battery == 1.0
 
 
-def test_ways_and_work_take_power_and_in_time_the_battery_is_low():
+def test_movement_and_work_discharge_the_battery():
     story = Story()
     story.do("a_navigate_to", SPOT, ROOM)
     assert story.world.agent_state(SPOT).battery == pytest.approx(1.0 - 0.0078)
@@ -235,7 +235,7 @@ def test_ways_and_work_take_power_and_in_time_the_battery_is_low():
     assert patrols == 20
 
 
-def test_a_person_who_walks_in_is_seen_on_patrol_and_stops_the_light():
+def test_person_in_room_fails_patrol_and_stops_light():
     story = Story(WorldFault(2.0, "enters", ROOM, 3.0), WorldFault(20.2, "enters", ROOM, 3.0))
     story.bring_in()
     assert story.world.room_state(ROOM).people == ("person1",)
@@ -252,7 +252,7 @@ def test_a_person_who_walks_in_is_seen_on_patrol_and_stops_the_light():
     assert story.do("a_disinfect_room", UVD, ROOM) == ""
 
 
-def test_a_nurse_who_is_called_away_lets_everybody_down_until_she_is_back():
+def test_absent_nurse_fails_actions_until_her_return():
     story = Story(WorldFault(2.5, "leaves", NURSE, 4.0))
     story.bring_in()
     waits = story.begin("a_authenticate_nurse", SPOT, NURSE, robot=NURSE)
@@ -267,7 +267,7 @@ def test_a_nurse_who_is_called_away_lets_everybody_down_until_she_is_back():
     assert story.do("a_authenticate_nurse", SPOT, NURSE) == ""
 
 
-def test_a_nurse_who_is_away_comes_when_she_is_called():
+def test_absent_nurse_comes_on_command():
     story = Story(WorldFault(1.0, "leaves", NURSE, 100.0))
     assert story.do("a_navigate_to", SPOT, ROOM) == ""
     assert story.do("a_open_door", SPOT, ROOM) == ""
@@ -278,14 +278,14 @@ def test_a_nurse_who_is_away_comes_when_she_is_called():
     assert story.world.agent_state(NURSE) == nurse
 
 
-def test_a_nurse_can_tell_of_an_infection():
+def test_nurse_can_report_infection():
     story = Story()
     assert story.do("a_infected_room", NURSE, "room2") == ""
     assert story.world.room_state("room2").infected
     assert story.seconds == 2.0
 
 
-def test_what_is_cancelled_ends_where_it_is_and_goes_on_from_there():
+def test_cancelled_movement_stops_and_resumes_there():
     story = Story()
     way = story.begin("a_navigate_to", SPOT, ROOM)
     story.until(1.5)
@@ -302,7 +302,7 @@ def test_what_is_cancelled_ends_where_it_is_and_goes_on_from_there():
     assert story.seconds == pytest.approx(2.28), "what was left of 0.78 s"
 
 
-def test_a_way_that_ends_before_it_has_left_the_room_ends_in_the_room():
+def test_movement_cancelled_inside_room_ends_in_room():
     story = Story()
     way = story.begin("a_navigate_to", SPOT, ROOM)
     story.until(1.1)
@@ -312,7 +312,7 @@ def test_a_way_that_ends_before_it_has_left_the_room_ends_in_the_room():
     assert story.do("a_navigate_to", SPOT, "room4") == ""
 
 
-def test_cancelling_one_partner_ends_a_joint_action_that_has_begun_and_else_only_the_waiting():
+def test_cancel_of_one_partner_ends_started_joint_action_for_both():
     story = Story()
     story.bring_in()
     first = story.begin("a_authenticate_nurse", SPOT, NURSE, robot=NURSE)
@@ -324,7 +324,7 @@ def test_cancelling_one_partner_ends_a_joint_action_that_has_begun_and_else_only
     assert {story.results[id].reason for id in ids} == {"cancelled"}
 
 
-def test_a_robot_that_stalls_goes_on_afterwards_and_takes_that_much_longer():
+def test_stalled_robot_continues_with_delay():
     story = Story(WorldFault(1.3, "stalls", SPOT, 5.0))
     story.begin("a_navigate_to", SPOT, ROOM)
     story.until(1.3)
@@ -339,7 +339,7 @@ def test_a_robot_that_stalls_goes_on_afterwards_and_takes_that_much_longer():
     assert spot.battery == pytest.approx(1.0 - 0.0078, abs=1e-4)
 
 
-def test_noise_stays_within_what_it_is_said_to_be():
+def test_noise_stays_within_its_bound():
     times = set()
     for seed in range(100):
         story = Story(noise=0.1, seed=seed)
@@ -375,7 +375,7 @@ def overcome(story: Story, spot: str, uvd: str, nurse: str) -> int:
     return 30
 
 
-def test_every_problem_can_be_overcome():
+def test_every_problem_can_be_solved():
     ward, met = large_ward(12, 2, 2), 0
     for seed in range(20):
         story = Story(ward=ward, rate=100.0, seed=seed, noise=0.1)
@@ -390,7 +390,7 @@ def test_every_problem_can_be_overcome():
     assert met > 60, "of 240 missions; many a problem passes by unnoticed"
 
 
-def test_the_world_begins_at_its_start_and_time_does_not_go_back():
+def test_time_starts_at_start_and_never_decreases():
     start = 1_700_000_000 * SECOND
     world = WardWorld(paper_ward(), start=start)
     world.advance(0)
@@ -400,7 +400,7 @@ def test_the_world_begins_at_its_start_and_time_does_not_go_back():
     assert world.room_state(ROOM).infected
 
 
-def test_who_stands_still_shows_the_very_same_as_before():
+def test_unchanged_sensor_returns_same_object():
     world = WardWorld(paper_ward())
     before = world.state()
     world.command("c", SPOT, "a_navigate_to", (SPOT, ROOM))

@@ -69,7 +69,7 @@ class House:
         return [state for state in self.states if first <= (state.stamp - self.start) / SECOND <= last]
 
 
-def test_it_tells_the_state_five_times_a_second_and_at_each_change():
+def test_state_is_published_five_times_a_second_and_at_changes():
     house = House()
     house.until(2.0)
     assert len(house.states) == 11, "the infection after 1 s falls on a report"
@@ -88,7 +88,7 @@ def test_changes_can_be_reported_together_after_a_pause():
     assert not house.between(1.3, 1.4)[0].rooms[0].cleaned
 
 
-def test_a_result_comes_at_its_own_moment_and_a_state_that_shows_it_right_after():
+def test_result_is_published_at_its_time_followed_by_the_state():
     house = House()
     house.tell(1.03, "a", SPOT, "a_navigate_to", ROOM)
     house.until(1.8)
@@ -102,14 +102,14 @@ def test_a_result_comes_at_its_own_moment_and_a_state_that_shows_it_right_after(
     assert spot_in(house.states[-1]).busy == ""
 
 
-def test_a_command_can_be_taken_back():
+def test_command_can_be_cancelled():
     house = House()
     house.tell(1.0, "a", SPOT, "a_navigate_to", ROOM)
     house.runner.feed(CANCELS, ActionCancel(stamp=house.start + round(1.5 * SECOND), id="a"))
     assert [result.reason for result in house.results] == ["cancelled"]
 
 
-def test_what_makes_no_sense_is_answered_and_logged(caplog):
+def test_invalid_command_is_answered_and_logged(caplog):
     house = House()
     with caplog.at_level(logging.INFO):
         house.tell(1.0, "a", "robot9", "a_charge")
@@ -127,7 +127,7 @@ def test_joint_actions_need_both_partners():
     assert [(result.id, result.outcome) for result in house.results] == [(UVD, "success"), (SPOT, "success")]
 
 
-def test_a_silent_sensor_leaves_its_room_or_robot_out_and_all_silent_ones_say_nothing():
+def test_silent_sensor_omits_its_room_or_robot_and_silent_state_publishes_nothing():
     house = House(faults="1 silent room1 1; 1 silent spotrobot1 1; 3 silent state 1")
     house.until(5.0)
     assert all(state.room(ROOM) is state.agent(SPOT) is None for state in house.between(1.01, 1.99))
@@ -137,7 +137,7 @@ def test_a_silent_sensor_leaves_its_room_or_robot_out_and_all_silent_ones_say_no
     assert len(house.between(4.0, 5.0)) == 6
 
 
-def test_a_slow_sensor_tells_of_what_was_a_while_ago():
+def test_slow_sensor_publishes_old_values():
     house = House(faults="0.9 slow room1 2.5; 6 slow state 4")
     house.until(3.2)
     infected = [room_in(state).infected for state in house.between(1.0, 3.2)]
@@ -147,12 +147,12 @@ def test_a_slow_sensor_tells_of_what_was_a_while_ago():
     assert stamps == [7.8, 9.8, 10.0, 10.2]
 
 
-def test_the_problem_of_the_paper_shows_from_the_first_state_on():
+def test_paper_problem_is_visible_in_first_state():
     assert not room_in(House(rate=100.0).states[0]).cleaned
     assert room_in(House(rate=0.0).states[0]).cleaned
 
 
-def test_the_large_ward_has_the_rooms_and_robots_asked_for():
+def test_large_ward_node_has_requested_rooms_and_robots():
     house = House(ward="large", rooms=20, spots=3, uvds=2, every_s=0.1, rate=100.0, noise=0.2)
     house.until(30.0)
     state = house.states[-1]
@@ -161,7 +161,7 @@ def test_the_large_ward_has_the_rooms_and_robots_asked_for():
     assert sum(room.infected for room in state.rooms) == 20
 
 
-def test_parameters_that_cannot_be_are_refused_when_the_node_is_made():
+def test_invalid_parameters_are_rejected_at_construction():
     with pytest.raises(ParameterError, match="remedy: write faults as"):
         House(faults="30 explodes")
     with pytest.raises(ParameterError, match="set nurses to at most the number of rooms"):
@@ -170,7 +170,7 @@ def test_parameters_that_cannot_be_are_refused_when_the_node_is_made():
         House(rate=101.0)
 
 
-def test_the_same_seed_says_the_same_whatever_the_time_of_day():
+def test_same_seed_gives_same_messages_at_any_start_time():
     def tale(start: int, seed: int) -> list:
         house = House(start=start, seed=seed, ward="large", rooms=10, rate=50.0, noise=0.1)
         for number in (1, 2, 3):
@@ -181,7 +181,7 @@ def test_the_same_seed_says_the_same_whatever_the_time_of_day():
     assert tale(0, 1) == tale(1_700_000_000 * SECOND, 1) != tale(0, 2)
 
 
-def test_who_joins_late_gets_the_last_state():
+def test_late_subscriber_gets_latest_state():
     house = House()
     house.until(1.1)
     assert house.runner.nodes["world"].outputs()["state"].delivery.value == "latched"

@@ -125,11 +125,11 @@ def check(world: WardWorld) -> None:
 
 @settings(max_examples=150, deadline=None)
 @given(script=scripts, seed=st.integers(0, 8))
-def test_nobody_is_in_two_places_no_command_raises_and_time_may_pass_in_any_steps(script, seed):
+def test_random_commands_keep_invariants_in_any_time_steps(script, seed):
     assert run(script, seed, 1) == run(script, seed, 7)
 
 
-def test_the_same_seed_is_the_same_run_and_another_is_another():
+def test_seed_determines_the_run():
     def tale(seed: int) -> Any:
         world = WardWorld(large_ward(), seed=seed, rate=50.0, noise=0.1, faults=random_faults(large_ward(), 1))
         found = []
