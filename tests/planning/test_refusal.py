@@ -42,20 +42,20 @@ def test_a_domain_without_text_cannot_be_given_to_a_planner():
 
 def test_a_problem_of_another_domain_is_refused():
     assert unsupported_feature(domain(), replace(problem(), domain="cooking")) == (
-        "the problem is for the domain 'cooking', not for 'moving'"
+        "the problem is for the domain cooking, not moving"
     )
 
 
 @pytest.mark.parametrize(
     ("goal", "reason"),
     [
-        (Predicate("held", ("cup",)), "the domain moving has no predicate 'held'"),
-        (Predicate("lies", ("cup",)), "(lies cup) has 1 arguments, not 2"),
-        (Predicate("lies", ("mug", "hall")), "(lies mug hall): unknown object 'mug'"),
-        (Predicate("lies", ("rob", "hall")), "(lies rob hall): rob is a robot, not a thing"),
-        (Not(Predicate("lies", ("?t", "hall"))), "(lies ?t hall): unknown object '?t'"),
+        (Predicate("held", ("cup",)), "unknown predicate 'held'"),
+        (Predicate("lies", ("cup",)), "lies takes 2 terms, not 1: (lies cup)"),
+        (Predicate("lies", ("mug", "hall")), "unknown object 'mug'"),
+        (Predicate("lies", ("rob", "hall")), "rob is a robot, but the predicate lies takes a thing"),
+        (Not(Predicate("lies", ("?t", "hall"))), "unknown variable '?t'"),
         (And((Equality("cup", "mug"),)), "unknown object 'mug'"),
-        (NumericComparison("=", Fluent("weight", ("cup",)), Number(1.0)), "the domain moving has no function 'weight'"),
+        (NumericComparison("=", Fluent("weight", ("cup",)), Number(1.0)), "unknown function 'weight'"),
         (
             Quantified("exists", (TypedName("?t", ("drink",)),), Predicate("lies", ("?t", "hall"))),
             "unknown type 'drink'",
@@ -63,17 +63,17 @@ def test_a_problem_of_another_domain_is_refused():
     ],
 )
 def test_a_goal_with_names_that_do_not_fit_is_refused(goal, reason):
-    assert unsupported_feature(domain(), replace(problem(), goal=goal)) == f"in the goal: {reason}"
+    assert unsupported_feature(domain(), replace(problem(), goal=goal)) == reason
 
 
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"objects": {"cup": ("mug",)}}, "cup is of an unknown type 'mug'"),
-        ({"facts": frozenset({Predicate("hot", ("cup",))})}, "the domain moving has no predicate 'hot'"),
-        ({"facts": frozenset({Predicate("at", ("rob", "cup"))})}, "(at rob cup): cup is a thing, not a room"),
-        ({"values": {Fluent("carried", ("tom",)): 1.0}}, "(carried tom): unknown object 'tom'"),
-        ({"values": {Fluent("carried", ("rob",)): math.nan}}, "(carried rob) is nan"),
+        ({"objects": {"cup": ("mug",)}}, "unknown type 'mug'"),
+        ({"facts": frozenset({Predicate("hot", ("cup",))})}, "unknown predicate 'hot'"),
+        ({"facts": frozenset({Predicate("at", ("rob", "cup"))})}, "cup is a thing, but the predicate at takes a room"),
+        ({"values": {Fluent("carried", ("tom",)): 1.0}}, "unknown object 'tom'"),
+        ({"values": {Fluent("carried", ("rob",)): math.nan}}, "expected a number, found nan"),
     ],
 )
 def test_a_state_with_names_that_do_not_fit_is_refused(change, reason):

@@ -63,7 +63,7 @@ GroundChange = Add | Delete | SetValue
 
 def holds(formula: Formula, world: PddlWorld, binding: Binding = _NONE) -> bool:
     """Return whether a formula is true in a world."""
-    return _truth(formula, world, binding) is True
+    return truth(formula, world, binding) is True
 
 
 def unmet(formulas: Iterable[Formula], world: PddlWorld, binding: Binding = _NONE) -> list[Formula]:
@@ -77,31 +77,31 @@ def unmet(formulas: Iterable[Formula], world: PddlWorld, binding: Binding = _NON
     return found
 
 
-def _truth(formula: Formula, world: PddlWorld, binding: Binding) -> bool | None:
+def truth(formula: Formula, world: PddlWorld, binding: Binding) -> bool | None:
     """Return the truth in Kleene's logic; None if undefined."""
     match formula:
         case Predicate():
             return world.holds(bound(formula, binding) if binding else formula)
         case And(parts):
-            truths = (_truth(part, world, binding) for part in parts)
-            return decided(truths, False)
+            truths = (truth(part, world, binding) for part in parts)
+            return _decided(truths, False)
         case Not(part):
-            truth = _truth(part, world, binding)
-            return None if truth is None else not truth
+            value = truth(part, world, binding)
+            return None if value is None else not value
         case NumericComparison(comparator, left, right):
             one, other = evaluate(left, world, binding), evaluate(right, world, binding)
             return None if one is None or other is None else compare(comparator, one, other)
         case Equality(left, right):
             return binding.get(left, left) == binding.get(right, right)
         case Or(parts):
-            truths = (_truth(part, world, binding) for part in parts)
-            return decided(truths, True)
+            truths = (truth(part, world, binding) for part in parts)
+            return _decided(truths, True)
         case Quantified(quantifier, variables, part):
-            truths = (_truth(part, world, inner) for inner in bindings(variables, world, binding))
-            return decided(truths, quantifier == "exists")
+            truths = (truth(part, world, inner) for inner in bindings(variables, world, binding))
+            return _decided(truths, quantifier == "exists")
 
 
-def decided(truths: Iterable[bool | None], decisive: bool) -> bool | None:
+def _decided(truths: Iterable[bool | None], decisive: bool) -> bool | None:
     """Return ``decisive`` if any of the truths is, else None if any is, else the opposite."""
     result: bool | None = not decisive
     for truth in truths:

@@ -35,12 +35,12 @@ from socialbot.planning.pddl.semantics import (
     bindings,
     bound,
     changes,
-    decided,
     evaluate,
     fluents,
     ground,
     substitute,
     triggered,
+    truth,
     unmet,
 )
 from socialbot.planning.pddl.state import PddlState
@@ -160,7 +160,7 @@ class ReadWriteAnalysis:
     def __init__(self, domain: PddlDomain) -> None:
         self._domain = domain
         effects = (one.effect for action in domain.actions.values() for one in action.effects)
-        self._changing = frozenset(_changing(effects))
+        self._changing = frozenset((*_changing(effects), *domain.derived))
 
     def of(self, action: GroundAction, edge: Edge, state: PddlState) -> ReadWriteSets:
         """Return the read and write sets of the start or end of an action."""
@@ -207,7 +207,7 @@ class ReadWriteAnalysis:
 
     def _read_any(self, parts: list[tuple[Formula, Binding]], wanted: bool, state: PddlState, into: Reading) -> None:
         """Read parts of a disjunction; static parts may decide it."""
-        settled = [self._settled(part, state, inner) for part, inner in parts]
+        settled = [self._static_truth(part, state, inner) for part, inner in parts]
         if wanted in settled:
             return
         parts = [part for part, known in zip(parts, settled, strict=True) if known is None]
@@ -217,25 +217,9 @@ class ReadWriteAnalysis:
         if inside is not into and inside.keys:
             into.groups.append(inside.keys)
 
-    def _settled(self, formula: Formula, state: PddlState, binding: Binding) -> bool | None:
+    def _static_truth(self, formula: Formula, state: PddlState, binding: Binding) -> bool | None:
         """Return the truth of a static formula; None if actions can change it."""
-        match formula:
-            case Predicate(name):
-                changing = name in self._domain.derived or name in self._changing
-                return None if changing else state.holds(bound(formula, binding))
-            case Equality(left, right):
-                return binding.get(left, left) == binding.get(right, right)
-            case Not(part):
-                known = self._settled(part, state, binding)
-                return None if known is None else not known
-            case NumericComparison():
-                return None
-            case _:
-                decisive = isinstance(formula, Or) or (
-                    isinstance(formula, Quantified) and formula.quantifier == "exists"
-                )
-                parts = _parts(formula, state, binding)
-                return decided((self._settled(part, state, inner) for part, inner in parts), decisive)
+        return truth(formula, _StaticWorld(state, self._changing), binding)  # type: ignore[arg-type]
 
     def _read_by_effects(self, effects: Iterable[Effect], state: PddlState, binding: Binding, into: Reading) -> None:
         """Read the amounts and conditions of effects; the truth of a condition matters either way."""
@@ -245,7 +229,7 @@ class ReadWriteAnalysis:
                     for inner in bindings(variables, state, binding):
                         self._read_by_effects(inside, state, inner, into)
                 case ConditionalEffect(condition, inside):
-                    if self._settled(condition, state, binding) is None:
+                    if self._static_truth(condition, state, binding) is None:
                         read = self.reading((substitute(condition, binding),), state).keys
                         into.groups.append(read)
                     self._read_by_effects(inside, state, binding, into)
@@ -255,6 +239,23 @@ class ReadWriteAnalysis:
                         into.groups.append(read)
                 case _:
                     pass
+
+
+@dataclass(frozen=True, slots=True)
+class _StaticWorld:
+    """View of a state in which everything that actions can change is undefined."""
+
+    state: PddlState
+    changing: frozenset[str]
+
+    def holds(self, predicate: Predicate) -> bool | None:
+        return None if predicate.name in self.changing else self.state.holds(predicate)
+
+    def value(self, fluent: Fluent) -> None:
+        return None
+
+    def objects(self, types: tuple[str, ...]) -> Iterable[str]:
+        return self.state.objects(types)
 
 
 def _parts(formula: And | Or | Quantified, state: PddlState, binding: Binding) -> Iterator[tuple[Formula, Binding]]:
