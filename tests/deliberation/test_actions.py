@@ -107,7 +107,7 @@ def test_steps_that_are_no_plan_action_have_no_progress():
     assert progress_of(lab.intention) is None
 
 
-def test_progress_that_stays_is_told_once_and_never_leaves_its_range():
+def test_unchanged_progress_is_reported_once_and_within_range():
     class creep(PlanAction):
         values = iter([-3, 0.5, 0.5, 7])
 
@@ -169,7 +169,7 @@ def test_an_exception_in_begin_or_advance_fails_it():
 
 
 @pytest.mark.parametrize("made", [None, "far", math.nan])
-def test_what_is_no_progress_fails_it(made):
+def test_invalid_progress_fails_the_action(made):
     class babble(PlanAction):
         def advance(self):
             return made
@@ -230,7 +230,7 @@ def test_one_that_is_given_up_may_take_its_time_to_stop():
     assert lab.ends[-1] == "stopped"
 
 
-def test_a_stop_that_raises_holds_nobody_up():
+def test_an_exception_in_stop_does_not_block_the_plan():
     class mad(carry):
         def stop(self):
             raise ValueError("never")

@@ -20,7 +20,7 @@ KINDS = (
 )  # fmt: skip
 
 
-def test_what_is_desired_is_planned_carried_out_and_fulfilled():
+def test_a_desire_is_planned_executed_and_fulfilled():
     office = Office()
     assert office.want(job("a")) == [""]
     assert office.pursued == "a"
@@ -46,7 +46,7 @@ def test_desires_have_their_turns_by_priority_then_deadline_then_arrival():
     assert [how for _, how, _ in office.ends] == ["fulfilled"] * 4
 
 
-def test_what_holds_already_is_fulfilled_without_a_plan():
+def test_a_desire_that_holds_already_needs_no_plan():
     office = Office()
     office.believe("done a")
     office.want(job("a"))
@@ -54,7 +54,7 @@ def test_what_holds_already_is_fulfilled_without_a_plan():
     assert office.clerk.asked == []
 
 
-def test_what_comes_to_hold_meanwhile_is_fulfilled_at_once_and_its_plan_stopped():
+def test_a_desire_fulfilled_externally_stops_its_plan():
     office = Office()
     office.want(job("a"), job("b"))
     office.until(2)
@@ -102,7 +102,7 @@ def test_numbers_and_negations_can_be_desired():
     assert office.ends == [("x", "fulfilled", "")]
 
 
-def test_a_desire_may_be_dropped_with_its_plan_and_its_listeners_hear_of_it():
+def test_dropping_a_desire_stops_its_plan_and_calls_listeners():
     office = Office()
     office.want(job("a"))
     office.until(1)
@@ -143,7 +143,7 @@ def test_a_name_is_taken_once_and_the_same_again_has_one_more_listener():
         (job("x", rollback_belief_del=(p("nothing", "*"),)), "there is no predicate 'nothing'"),
     ],
 )
-def test_what_does_not_fit_the_domain_is_refused_at_once_with_the_reason(desire, reason):
+def test_a_desire_that_does_not_fit_the_domain_is_refused(desire, reason):
     office = Office()
     (refusal,) = office.want(desire, cause="somebody")
     assert reason in refusal
@@ -206,7 +206,7 @@ def test_a_desire_is_not_taken_up_while_its_context_does_not_hold():
     assert office.pursued == "a"
 
 
-def test_a_plan_is_aborted_when_the_context_ends_and_what_it_says_is_rolled_back():
+def test_a_plan_is_aborted_and_rolled_back_when_the_context_ends():
     office = Office()
     office.believe("quiet", "told")
     office.want(
@@ -271,7 +271,7 @@ def test_several_steps_that_fail_at_once_are_one_failed_execution():
     assert next(iter(office.deliberator.desires)).failed_execution == 1
 
 
-def test_a_plan_that_is_done_but_does_not_do_what_was_wanted_is_a_failed_one():
+def test_a_completed_plan_that_misses_the_goal_has_failed():
     office = Office(exec_plan_tries=2)
     office.want(job("a", context=dnf([("F", p("told"))])))
     office.until(5.9)
@@ -351,7 +351,7 @@ def test_a_desire_that_is_asked_for_again_has_the_new_priority_and_deadline():
     assert len(office.found("desire", "a")) == 2, "the same again is nothing new"
 
 
-def test_who_is_pursued_may_get_more_time_and_what_prepares_it_follows():
+def test_a_pursued_desire_may_be_revised_with_its_preparations():
     office = Office()
     office.behaviour["(do a)"] = Behaviour(lasts_s=20.0)
     office.want(job("a", deadline=7.0))
@@ -366,7 +366,7 @@ def test_who_is_pursued_may_get_more_time_and_what_prepares_it_follows():
 
 
 @pytest.mark.parametrize("deadline", [float("inf"), float("nan"), 1e300])
-def test_a_deadline_that_is_none_is_refused_and_stops_nobody(deadline):
+def test_an_invalid_deadline_is_refused_without_side_effects(deadline):
     office = Office()
     (reason,) = office.want(job("a", deadline=deadline))
     assert "is out of range" in reason
@@ -379,7 +379,7 @@ def test_a_deadline_that_is_none_is_refused_and_stops_nobody(deadline):
 # What nobody knows
 
 
-def test_what_is_not_so_of_an_unknown_object_is_no_success():
+def test_a_negation_about_an_unknown_object_is_no_success():
     office = Office(comp_plan_tries=2)
     office.want(job("typo", value=(), conditions=(FactCondition(check="F", condition_to_check=p("done", "aa")),)))
     office.until(5)
@@ -412,7 +412,7 @@ def test_a_plan_whose_desire_comes_true_early_is_stopped_without_its_rollback():
     assert p("told") in office.facts.facts()
 
 
-def test_the_chain_of_causes_is_told_in_sentences():
+def test_the_chain_of_causes_is_described_in_sentences():
     office = Office()
     state = job("do_{x}", value=(p("done", "{x}"),))
     rule = ReactiveRule("busy", dnf([("GR", n("level", "{x}", value=2))]), (RuleEffect(operation="ADD", desire=state),))
@@ -443,7 +443,7 @@ def test_every_kind_of_record_has_its_sentence():
     assert sentence(record) == "it dropped its desire tidy: aborted 8 times"
 
 
-def test_listeners_and_observers_that_raise_stop_nobody():
+def test_exceptions_in_listeners_and_observers_do_not_stop_the_agent():
     class Broken(Watcher):
         def beliefs_changed(self):
             raise ValueError("no screen")
@@ -461,7 +461,7 @@ def test_listeners_and_observers_that_raise_stop_nobody():
     assert {record.detail["reason"] for record in office.found("failure")} == {"ValueError", "ZeroDivisionError"}
 
 
-def test_observers_hear_of_changes_only():
+def test_observers_are_called_for_changes_only():
     watcher = Watcher()
     office = Office(observer=watcher)
     beliefs, desires = watcher.beliefs, watcher.desires
@@ -474,7 +474,7 @@ def test_observers_hear_of_changes_only():
     assert watcher.infos[-1].target is None
 
 
-def test_every_decision_has_its_cause_back_to_who_asked_for_it():
+def test_every_decision_has_a_chain_of_causes_to_its_origin():
     office = Office()
     office.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
     office.want(job("a"), cause="letter-7")
@@ -490,7 +490,7 @@ def test_every_decision_has_its_cause_back_to_who_asked_for_it():
     assert kinds[-1] == "desire"
 
 
-def test_what_is_decided_does_not_depend_on_how_long_planning_took():
+def test_decisions_do_not_depend_on_planning_time():
     traces = []
     for seconds in (0.1, 3.0):
         office = Office()

@@ -56,7 +56,7 @@ def test_a_planner_that_returns_nothing_is_said_to():
     assert office.found("planning")[0].detail["verdict"] == "failed"
 
 
-def test_what_is_proved_impossible_is_asked_again_much_later_or_when_something_else_is_believed():
+def test_an_impossible_problem_is_planned_again_after_a_change_or_much_later():
     office = Office(comp_plan_tries=3)
     office.clerk.script = lambda problem: PlannerAnswer(PlannerVerdict.IMPOSSIBLE)
     office.want(job("a"))
@@ -87,7 +87,7 @@ def test_executions_that_fail_at_once_are_tried_again_after_a_pause():
     assert office.ends == [("a", "fulfilled", "")]
 
 
-def test_a_plan_that_needs_what_nobody_carries_out_ends_its_desire_at_once_with_the_reason():
+def test_a_plan_with_an_unhandled_action_drops_its_desire():
     office = Office()
     office.run(lambda: office.engine.remove_plan(next(iter(office.engine.triggers["+!prepare/0"].plans)).plan))
     office.want(job("x", value=(p("ready"), p("lit"))), job("b"))
@@ -136,7 +136,7 @@ def test_a_planner_that_never_answers_is_given_up_and_asked_again():
     assert office.pursued == "a"
 
 
-def test_a_plan_longer_than_the_deadline_is_not_accepted_whoever_made_it():
+def test_a_plan_longer_than_the_deadline_is_never_accepted():
     office = Office(comp_plan_tries=2)
     office.clerk.script = lambda problem: PlannerAnswer(PlannerVerdict.SOLVED, parse_plan("1.0: (do a) [6]"))
     office.want(job("a", deadline=6.5))
@@ -218,7 +218,7 @@ def test_a_precondition_that_ends_meanwhile_makes_the_plan_useless_but_counts_fo
     assert office.pursued == "a"
 
 
-def test_somebody_more_urgent_is_planned_for_first_and_the_question_withdrawn():
+def test_a_more_urgent_desire_replaces_the_plan_request():
     office = Office(slow=True)
     office.want(job("a"))
     office.want(job("b", 0.9), job("c", 0.1))

@@ -54,7 +54,7 @@ def test_equals_interrupt_only_with_a_strictly_shorter_deadline():
     assert office.pursued == "d"
 
 
-def test_who_has_no_plan_interrupts_nobody():
+def test_a_desire_without_a_plan_preempts_none():
     office = Office(reschedule_policy="PREEMPT", comp_plan_tries=3)
     office.clerk.script = lambda problem: (
         PlannerAnswer(PlannerVerdict.IMPOSSIBLE) if "(done b)" in str(problem.goal) else None
@@ -66,7 +66,7 @@ def test_who_has_no_plan_interrupts_nobody():
     assert [end[:2] for end in office.ends] == [("a", "fulfilled"), ("b", "dropped")]
 
 
-def test_who_becomes_able_later_interrupts_then():
+def test_a_desire_preempts_once_its_precondition_holds():
     office = Office(reschedule_policy="PREEMPT")
     office.want(job("a", 0.1), job("b", 0.9, precondition=dnf([("T", p("ready"))])))
     office.until(2)
@@ -74,7 +74,7 @@ def test_who_becomes_able_later_interrupts_then():
     assert office.pursued == "b"
 
 
-def test_the_other_begins_only_when_what_runs_has_stopped():
+def test_the_preempting_plan_starts_after_all_actions_have_stopped():
     office = Office(reschedule_policy="PREEMPT")
     office.behaviour["(do a)"] = Behaviour(stop_s=1.5)
     office.want(job("a", 0.1))
@@ -103,7 +103,7 @@ def only_after_the_other(problem):
     return PlannerAnswer(PlannerVerdict.GAVE_UP, message="no") if wants_b and not done else None
 
 
-def test_the_plan_of_who_interrupts_starts_from_what_an_abort_leaves_behind():
+def test_the_preempting_plan_starts_from_the_state_after_the_abort():
     office = Office(reschedule_policy="PREEMPT", comp_plan_tries=100)
     office.clerk.script = only_after_the_other
     office.want(job("a", 0.1))
@@ -114,7 +114,7 @@ def test_the_plan_of_who_interrupts_starts_from_what_an_abort_leaves_behind():
     assert office.begun() == [(0.0, "(do a)")]
 
 
-def test_who_has_interrupted_in_vain_waits_until_the_other_has_ended():
+def test_a_fruitless_preemption_is_not_repeated_until_the_other_desire_ends():
     office = Office(reschedule_policy="PREEMPT", comp_plan_tries=100)
     asked = iter([True, False])
     office.clerk.script = lambda problem: (
@@ -127,7 +127,7 @@ def test_who_has_interrupted_in_vain_waits_until_the_other_has_ended():
     assert office.begun() == [(0.0, "(do a)"), (1.0, "(do a)"), (7.0, "(do b)")]
 
 
-def test_who_has_interrupted_in_vain_may_do_so_again_when_what_it_reads_has_changed():
+def test_a_fruitless_preemption_may_be_repeated_after_a_change_of_its_facts():
     office = Office(reschedule_policy="PREEMPT", comp_plan_tries=100)
     asked = iter([True, False])
     office.clerk.script = lambda problem: (
@@ -143,7 +143,7 @@ def test_who_has_interrupted_in_vain_may_do_so_again_when_what_it_reads_has_chan
     assert office.begun() == [(0.0, "(do a)"), (1.0, "(do a)"), (3.0, "(do b)")]
 
 
-def test_a_failed_plan_is_not_mended_while_somebody_comes_first():
+def test_a_failed_plan_is_not_repaired_while_a_higher_rank_is_planned_for():
     office = Office(reschedule_policy="PREEMPT", slow=True)
     office.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
     office.want(job("a", 0.1))

@@ -26,7 +26,7 @@ def about(desires: DesireBase, fact: Fact) -> list[str]:
     return list(dict.fromkeys(state.name for state in desires.about(fact)))
 
 
-def test_higher_priorities_come_first_then_earlier_deadlines_then_who_was_first(desires):
+def test_rank_is_priority_then_deadline_then_arrival(desires):
     for one in (
         desire("late", deadline=90),
         desire("first"),
@@ -44,7 +44,7 @@ def test_of_one_name_there_is_one(desires):
     assert [state.desire.priority for state in desires] == [0.5]
 
 
-def test_who_is_removed_is_gone_and_may_come_again(desires):
+def test_a_removed_desire_can_be_added_again(desires):
     state = desires.add(desire("a"))
     assert desires.remove(state)
     assert not desires.remove(state)

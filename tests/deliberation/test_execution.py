@@ -70,7 +70,7 @@ def test_times_count_from_the_start_of_the_plan():
     assert info.estimated_deadline == 6
 
 
-def test_what_has_begun_may_have_waited_for_steps_that_are_no_more():
+def test_a_running_step_may_have_waited_for_removed_steps():
     move, pick, _ = chain()
     assert execution(pick).info("r", 0).actions_exec_info[0].wait_action_indexes == ()
     assert execution(move, pick).info("r", 0).actions_exec_info[1].wait_action_indexes == (0,)

@@ -98,7 +98,7 @@ def test_facts_come_in_order_whatever_the_order_they_came_in(facts):
 # Changes
 
 
-def test_what_is_believed_already_is_no_change(facts, told):
+def test_a_known_fact_is_no_change(facts, told):
     assert facts.add(p("loaded"))
     assert not facts.add(p("loaded"), source="carrier_a")
     assert told == [("(loaded)", True)]
@@ -115,7 +115,7 @@ def test_a_new_value_of_a_fluent_is_one_change(engine, facts, told):
     assert len(told) == 1
 
 
-def test_rules_of_the_engine_hear_of_both_ends_of_a_new_value(engine, facts):
+def test_engine_rules_get_both_events_of_a_new_value(engine, facts):
     engine.add_text("+stacked(B, N) <- +seen(N). -stacked(B, N) <- +gone(N).")
     facts.add(n("stacked", "start", value=1))
     facts.add(n("stacked", "start", value=2))
@@ -137,7 +137,7 @@ def test_a_value_that_a_rule_takes_away_is_gone(engine, facts, told):
     assert facts.value(Fluent("stacked", ("start",))) is None
 
 
-def test_removing_tells_what_was_there(facts, told):
+def test_removal_returns_the_removed_facts(facts, told):
     facts.add(p("clear", "start"))
     facts.add(n("load", value=3))
     assert facts.remove(p("clear", "base_9")) == ()
@@ -146,7 +146,7 @@ def test_removing_tells_what_was_there(facts, told):
     assert told[-2:] == [("(clear start)", False), ("(load) = 3", False)]
 
 
-def test_what_matches_a_pattern_is_removed_and_nothing_else(facts):
+def test_only_facts_that_match_a_pattern_are_removed(facts):
     for fact in [p("in", "box_a1", "base_a"), p("in", "box_a2", "base_a"), p("in", "box_b1", "base_b")]:
         facts.add(fact)
     assert facts.remove(p("in", "box_a?", "*")) == (p("in", "box_a1", "base_a"), p("in", "box_a2", "base_a"))
@@ -173,7 +173,7 @@ def test_beliefs_from_before_are_taken_in(engine):
     assert not failures(engine)
 
 
-def test_causes_chain_from_the_change_to_what_follows(engine, facts):
+def test_causes_chain_from_a_change_to_its_consequences(engine, facts):
     causes = []
     facts.watch(lambda fact, held, cause: causes.append(cause))
     facts.add(p("clear", "box_a"), cause="frame-7")
@@ -211,14 +211,14 @@ def test_an_instance_that_was_made_gets_a_narrower_type_when_one_is_asked_for(en
     assert facts.objects(("thing",)) == ("base_1", "box_a", "start")
 
 
-def test_a_type_that_was_told_stays(facts):
+def test_a_declared_type_stays(facts):
     facts.add(i("box_a", "thing"))
     assert facts.unfit(p("on", "box_a", "start", "start")) == "(on box_a start start): box_a is a thing, not a box"
     assert not facts.add(i("box_a", "object"))
     assert facts.kinds("box_a") == ("thing",)
 
 
-def test_with_an_instance_goes_what_is_said_of_it(engine, facts, told):
+def test_facts_about_a_removed_instance_are_removed(engine, facts, told):
     for fact in [p("in", "box_a", "start"), p("clear", "box_a"), p("clear", "start"), n("load", value=1)]:
         facts.add(fact)
     told.clear()
@@ -248,7 +248,7 @@ def test_with_an_instance_goes_what_is_said_of_it(engine, facts, told):
         (i("Box", "box"), "'Box' is no name: it needs a small letter, then small letters, digits, _ and -"),
     ],
 )  # fmt: skip
-def test_facts_that_do_not_fit_are_told_apart(facts, fact, reason):
+def test_misfits_have_different_reasons(facts, fact, reason):
     assert facts.unknown(fact) == reason
 
 
@@ -259,7 +259,7 @@ def test_an_instance_that_is_known_needs_no_type(facts, told):
     assert told == []
 
 
-def test_what_a_condition_speaks_of_has_to_be_known(facts):
+def test_conditions_require_known_objects(facts):
     for check, fact, reason in [
         ("EX", i("stat"), "there is no object 'stat'; did you mean 'start'?"),
         ("T", p("clear", "stat"), "(clear stat): there is no object 'stat'; did you mean 'start'?"),
@@ -307,7 +307,7 @@ def test_a_domain_whose_names_would_be_the_same_belief_is_refused(engine):
 # Conditions and problems
 
 
-def test_conditions_are_checked_against_what_is_believed(facts):
+def test_conditions_are_checked_against_beliefs(facts):
     facts.add(i("box_a", "box"))
     facts.add(p("in", "box_a", "start"))
     facts.add(n("stacked", "start", value=2))
@@ -366,7 +366,7 @@ def test_a_goal_is_written_as_a_formula(facts):
     )
 
 
-def test_a_problem_is_what_is_believed_now(facts):
+def test_a_problem_contains_the_current_beliefs(facts):
     facts.add(p("in", "box_a", "start"))
     facts.add(n("stacked", "start", value=1))
     problem = facts.problem(Predicate("loaded"))
@@ -380,7 +380,7 @@ def test_a_problem_is_what_is_believed_now(facts):
 # Watching
 
 
-def test_watchers_that_change_facts_are_told_in_order(facts):
+def test_watchers_that_change_facts_are_called_in_order(facts):
     first, second = [], []
 
     def react(fact, held, cause):
@@ -395,7 +395,7 @@ def test_watchers_that_change_facts_are_told_in_order(facts):
     assert first == ["(loaded)"] * 2
 
 
-def test_a_watcher_that_raises_stops_nobody(engine, facts):
+def test_an_exception_in_a_watcher_stops_no_other(engine, facts):
     def fail(fact, held, cause):
         raise ValueError("no idea")
 
@@ -421,7 +421,7 @@ TOWER = read_domain("""
 """)
 
 
-def test_what_the_domain_derives_holds_and_is_told_but_is_no_belief(engine):
+def test_derived_predicates_hold_and_are_reported_but_are_no_beliefs(engine):
     facts = FactBase(engine, TOWER)
     told = []
     facts.watch(lambda fact, held, cause: told.append((str(fact), held)))
@@ -438,7 +438,7 @@ def test_what_the_domain_derives_holds_and_is_told_but_is_no_belief(engine):
     assert not facts.holds(Predicate("above", ("a", "c")))
 
 
-def test_what_the_domain_derives_is_not_believed_by_itself(engine):
+def test_derived_predicates_cannot_be_believed(engine):
     facts = FactBase(engine, TOWER)
     assert not facts.add(p("above", "a", "b"))
     say(engine, "above(a, b).")

@@ -251,7 +251,7 @@ def test_instances_come_first_and_may_stand_anywhere(write):
         ('{set: belief, operation: ADD, value: {name: clear, pddl_type: 2, params: ["b*"]}}', "not 'b*'"),
     ],
 )
-def test_effects_that_can_never_be_are_told_with_file_and_line(write, effect, what):
+def test_impossible_effects_are_errors_with_file_and_line(write, effect, what):
     path = write(f"- condition: {{clauses: []}}\n  reactive_rules:\n    - {effect}\n")
     with pytest.raises(PlanningError) as error:
         load_rules(path, YARD)
@@ -260,7 +260,7 @@ def test_effects_that_can_never_be_are_told_with_file_and_line(write, effect, wh
 
 
 @pytest.mark.parametrize("deadline", [".inf", ".nan", "1e300", "-1"])
-def test_a_deadline_out_of_range_is_told_with_file_and_line(write, deadline):
+def test_a_deadline_out_of_range_is_an_error_with_file_and_line(write, deadline):
     path = write(f"- name: a\n  value: [{{name: loaded, pddl_type: 2}}]\n  deadline: {deadline}\n")
     with pytest.raises(PlanningError, match=r"the deadline .* is out of range") as error:
         load_desires(path, YARD)
@@ -281,7 +281,7 @@ def test_names_are_lower_case_and_variables_are_not(write):
     assert rule == ReactiveRule("Tidy", dnf([("T", p("clear", "{X}"))]), (RuleEffect(operation="ADD", desire=desire),))
 
 
-def test_desires_may_ask_for_what_is_not_so_and_for_numbers(write):
+def test_desires_may_have_negations_and_numbers(write):
     text = """
 - name: empty
   value: [{name: load, pddl_type: 3, value: 2}]
@@ -409,7 +409,7 @@ RULE_MISTAKES = [
         for mistake in mistakes
     ],
 )  # fmt: skip
-def test_mistakes_are_told_with_file_and_line(write, load, text, line, what, remedy):
+def test_mistakes_are_errors_with_file_and_line(write, load, text, line, what, remedy):
     path = write(text)
     with pytest.raises(PlanningError) as caught:
         load(path, YARD)
@@ -417,7 +417,7 @@ def test_mistakes_are_told_with_file_and_line(write, load, text, line, what, rem
     assert (remedy or "") in (caught.value.remedy or "")
 
 
-def test_a_file_that_is_not_there_is_told(tmp_path):
+def test_a_missing_file_is_an_error(tmp_path):
     with pytest.raises(PlanningError, match="cannot read it"):
         load_beliefs(tmp_path / "nothing.yaml", YARD)
     (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe\x00")
@@ -436,7 +436,7 @@ def test_a_file_that_is_not_there_is_told(tmp_path):
         "[" * 5000,
     ],
 )
-def test_what_yaml_cannot_hold_is_told_soon(write, text):
+def test_invalid_yaml_is_an_error(write, text):
     with pytest.raises(PlanningError):
         load_beliefs(write(text), YARD)
 

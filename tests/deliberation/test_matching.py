@@ -44,7 +44,7 @@ def test_variables_join_across_conditions():
     assert matches(both, facts)[0].binding == {"box": "box_b", "place": "base_2", "who": "carrier_a"}
 
 
-def test_a_variable_that_only_stands_in_what_is_not_so_is_each_object_of_its_type():
+def test_a_variable_only_in_negations_is_each_object_of_its_type():
     facts = index(p("in", "box_a", "base_1"), p("clear", "box_b"))
     free = dnf([("F", p("carrier_in_base", "carrier_a", "{bay}"))])
     assert bindings(matches(free, facts)) == ["base_1", "base_2", "start"]
@@ -52,7 +52,7 @@ def test_a_variable_that_only_stands_in_what_is_not_so_is_each_object_of_its_typ
     assert bindings(matches(empty, facts)) == ["base_2", "start"]
 
 
-def test_what_is_not_so_with_wildcards_means_that_nothing_matches():
+def test_a_negation_with_wildcards_means_that_nothing_matches():
     facts = index(p("in", "box_a", "base_1"))
     assert matches(dnf([("F", p("in", "box_?", "*"))]), facts) == []
     assert matches(dnf([("F", p("in", "carrier_*", "*"))]), facts) == [Match()]
@@ -113,7 +113,7 @@ def test_conditions_that_may_hold_are_not_complained_of():
         assert unfit_condition(FactCondition(check=check, condition_to_check=fact), index()) is None  # type: ignore[arg-type]
 
 
-def test_what_fits_a_pattern_is_found_in_order():
+def test_matching_facts_are_found_in_order():
     facts = index(p("in", "box_b", "base_1"), p("in", "box_a", "base_1"), p("in", "box_a", "base_2"))
     assert fitting(p("in", "*", "base_1"), facts) == [p("in", "box_a", "base_1"), p("in", "box_b", "base_1")]
     assert fitting(i("box_*"), facts) == [i("box_a", "box"), i("box_b", "box")]

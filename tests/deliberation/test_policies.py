@@ -52,7 +52,7 @@ def test_others_are_refused_with_the_reason(group, operation, desire, reason):
     assert BOOK.may(request(group, operation, desire=desire)) == Permission(False, reason)
 
 
-def test_an_agent_without_policies_lets_nobody():
+def test_an_agent_without_policies_refuses_all_groups():
     assert Policies().may(request("grippers", "add", desire=True)).reason.endswith("nobody may")
 
 

@@ -78,7 +78,7 @@ def test_a_match_that_is_gone_and_comes_again_is_new(facts, book):
     assert fired(book) == ["ADD belief (loaded)"]
 
 
-def test_what_is_back_before_anybody_looked_is_nothing_new(facts, book):
+def test_a_fact_restored_before_the_next_reaction_is_not_new(facts, book):
     facts.add(p("loaded"))
     book.add(rule(dnf([("T", p("loaded"))]), add(p("clear", "base_a"))))
     assert len(fired(book)) == 1
@@ -103,7 +103,7 @@ def test_a_rule_about_other_facts_does_not_fire_for_a_value(facts, book):
     assert fired(book) == []
 
 
-def test_what_is_not_so_lets_a_rule_fire_for_each_instance_and_for_new_ones(facts, book):
+def test_a_negation_fires_for_each_instance_and_new_ones(facts, book):
     free = dnf([("F", p("in", "box_*", "{b}")), ("F", p("carrier_in_base", "*", "{b}")), ("EX", i("{b}", "base"))])
     book.add(rule(free, add(p("clear", "{b}"))))
     assert fired(book) == [f"ADD belief (clear {name})" for name in ("base_a", "base_b", "start")]
@@ -170,7 +170,7 @@ def test_a_variable_of_an_effect_alone_is_each_instance_of_its_type(facts, book)
     assert fired(book) == ["ADD belief (carrier_in_base carrier_a base_c)"]
 
 
-def test_rules_that_come_later_fire_for_what_holds_already(facts, book):
+def test_a_new_rule_fires_for_current_facts(facts, book):
     facts.add(p("loaded"))
     assert fired(book) == []
     book.add(rule(dnf([("T", p("loaded"))]), add(p("clear", "base_a"))))
@@ -304,7 +304,7 @@ CONDITIONS = st.lists(CLAUSES, min_size=1, max_size=2)
 
 @given(st.lists(CONDITIONS, min_size=1, max_size=3), st.lists(st.tuples(FACTS, FACTS), max_size=6))
 @settings(max_examples=300, deadline=None)
-def test_what_fires_are_the_matches_that_were_not_there_before(conditions, turns):
+def test_only_new_matches_fire(conditions, turns):
     base = FactBase(Engine("any", ManualClock()), YARD)
     for name, kind in [("box_a", "box"), ("base_1", "base"), ("carrier_a", "carrier")]:
         base.add(i(name, kind))

@@ -28,17 +28,17 @@ def test_the_highest_priority_has_its_turn_first():
     assert turn(ranked(job("a", 0.4), job("b", 0.6), job("c", 0.5))) == "b"
 
 
-def test_among_equals_the_earliest_deadline_comes_first_and_then_who_was_first():
+def test_equal_priorities_are_ordered_by_deadline_then_arrival():
     assert turn(ranked(job("a", deadline=30), job("b", deadline=20), job("c", deadline=20))) == "b"
 
 
-def test_who_is_blocked_or_has_just_failed_is_passed_over():
+def test_blocked_and_just_failed_desires_are_skipped():
     states = ranked(job("a", 0.9), job("b", 0.8), job("c", 0.1), blocked="a", not_before={"b": 5})
     assert turn(states, now=4) == "c"
     assert turn(states, now=5) == "b"
 
 
-def test_nobody_interrupts_without_preemption():
+def test_without_preemption_the_pursued_desire_continues():
     assert turn(ranked(job("a", 0.1), job("b", 1.0)), pursued="a") is None
 
 
@@ -53,12 +53,12 @@ def test_an_equal_priority_preempts_only_with_a_strictly_shorter_deadline():
     assert turn(states[1:], "b", "PREEMPT") is None
 
 
-def test_who_outranks_but_may_not_leaves_its_turn_to_the_next_who_does():
+def test_a_desire_that_may_not_preempt_leaves_its_turn_to_the_next():
     states = ranked(job("a", 0.1), job("b", 0.9), job("c", 0.5), blocked="b")
     assert turn(states, "a", "PREEMPT") == "c"
 
 
-def test_who_has_interrupted_somebody_in_vain_does_not_do_so_again():
+def test_a_fruitless_preemption_is_not_repeated():
     states = ranked(job("a", 0.1), job("b", 0.9), job("c", 0.5))
     best, middle, low = states
     best.never_preempts.append(low)
@@ -72,7 +72,7 @@ def test_who_has_interrupted_somebody_in_vain_does_not_do_so_again():
     st.lists(st.tuples(st.sampled_from([0.2, 0.5]), st.sampled_from([5.0, 9.0]), st.booleans()), max_size=6),
     st.integers(0, 5),
 )
-def test_whoever_has_a_turn_is_the_best_of_all_who_may(desires, number):
+def test_the_next_desire_is_the_best_of_all_candidates(desires, number):
     names = "abcdef"
     blocked = {names[index] for index, (_, _, blocked) in enumerate(desires) if blocked}
     states = ranked(*(job(names[index], *about[:2]) for index, about in enumerate(desires)), blocked=blocked)

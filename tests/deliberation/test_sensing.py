@@ -72,7 +72,7 @@ def test_a_percept_that_says_nothing_changes_nothing():
     assert office.facts.current(p("lit"))
 
 
-def test_the_same_percept_again_touches_no_beliefs_unless_somebody_else_has_changed_them():
+def test_a_repeated_percept_changes_beliefs_only_after_external_changes():
     office, sensor = Office(), Levels()
     join(office, sensor)
     show(office, sensor, p("lit"), n("level", "a", value=1))
@@ -84,7 +84,7 @@ def test_the_same_percept_again_touches_no_beliefs_unless_somebody_else_has_chan
     assert office.facts.current(p("lit"))
 
 
-def test_what_has_no_prototype_or_does_not_fit_is_left_out_and_stated_once():
+def test_facts_without_prototype_or_misfits_are_ignored_and_recorded_once():
     office, sensor = Office(), Levels()
     join(office, sensor)
     for _ in range(3):
@@ -97,7 +97,7 @@ def test_what_has_no_prototype_or_does_not_fit_is_left_out_and_stated_once():
     assert "is no name" in messages[1]
 
 
-def test_a_sensor_that_raises_stops_nobody():
+def test_an_exception_in_a_sensor_does_not_stop_the_agent():
     office, sensor = Office(), Levels()
     join(office, sensor)
     sensor.push(ValueError("dust"))
@@ -128,7 +128,7 @@ def test_two_sensors_with_deadlines_need_two_names():
         Eye().join(office.deliberator)
 
 
-def test_prototypes_tell_what_is_left_to_sensors():
+def test_prototypes_define_the_sensed_facts():
     class Stacks(Levels):
         prototypes = (predicate("clear", "base_[0-9]*"), predicate("in", "*", "*"), instance("*", "box"))
 
@@ -145,7 +145,7 @@ def test_prototypes_tell_what_is_left_to_sensors():
 # Silence
 
 
-def test_nothing_is_begun_before_all_sensors_have_told_something():
+def test_no_step_starts_before_the_first_percept_of_each_sensor():
     watcher = Watcher()
     office, eye, ear = Office(observer=watcher), Eye(), Ear()
     join(office, eye, ear)
@@ -174,7 +174,7 @@ def test_a_sensor_that_is_late_from_the_start_is_stated_too():
     assert watcher.statuses[-1] == ("SCHEDULING", "")
 
 
-def test_while_a_sensor_is_silent_nothing_new_is_begun_and_what_runs_goes_on():
+def test_a_sensor_timeout_holds_new_steps_but_not_running_ones():
     watcher = Watcher()
     office, eye = Office(observer=watcher), Eye()
     join(office, eye)

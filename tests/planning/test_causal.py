@@ -113,7 +113,7 @@ def test_only_the_first_that_makes_it_true_counts():
     ]
 
 
-def test_who_spoils_it_waits_for_all_who_need_it():
+def test_a_deletion_waits_for_all_readers():
     assert waits("0: (switch)\n1: (read)\n2: (read)\n3: (off)")[3] == {(1, "start"), (2, "start")}
 
 
@@ -127,7 +127,7 @@ def test_sums_commute_but_not_with_comparisons_and_assignments():
     ]
 
 
-def test_what_is_added_to_a_value_keeps_to_one_side_of_what_assigns_it():
+def test_increases_stay_on_one_side_of_an_assignment():
     assert waits("0: (pay)\n1: (pay)\n2: (reset)\n3: (pay)") == [
         set(),
         set(),
@@ -136,7 +136,7 @@ def test_what_is_added_to_a_value_keeps_to_one_side_of_what_assigns_it():
     ]
 
 
-def test_who_changes_an_amount_waits_for_who_reads_it():
+def test_a_change_of_an_amount_waits_for_its_readers():
     assert waits("0: (copy)\n1: (refuel)\n2: (copy)") == [set(), {(0, "start")}, {(1, "start")}]
 
 
@@ -158,7 +158,7 @@ def test_new_steps_wait_for_the_ends_of_running_ones_only_where_they_need_them()
     assert validate_plan(domain, state.problem(problem.goal), plan, running=(0, 1)) == ()
 
 
-def test_what_a_running_step_needs_is_not_taken_away():
+def test_invariants_of_a_running_step_are_protected():
     domain, problem = cellar()
     state = PddlState.of(problem, domain)
     for action in (ground(domain.actions["strike"], ["m1"]), ground(domain.actions["mend"], ["f1"])):
@@ -171,7 +171,7 @@ def test_what_a_running_step_needs_is_not_taken_away():
     assert order.before_start[2] == {(strike, "end")}
 
 
-def test_an_end_that_comes_too_early_lets_nobody_start_too_early():
+def test_an_early_end_starts_no_step_too_early():
     domain = read_domain("""(define (domain d) (:predicates (p) (q) (r))
       (:durative-action first :duration (= ?duration 9) :effect (and (at end (not (p))) (at end (q))))
       (:durative-action second :duration (= ?duration 1) :condition (at start (p)) :effect (at start (r)))
@@ -183,7 +183,7 @@ def test_an_end_that_comes_too_early_lets_nobody_start_too_early():
     assert order.before_start[2] == {(0, "end"), (1, "start")}
 
 
-def test_what_changes_while_a_step_lasts_keeps_its_order_and_holds_up_nobody_else():
+def test_changes_during_a_step_keep_their_order_without_delaying_others():
     domain = read_domain("""(define (domain d) (:predicates (p) (q))
       (:durative-action hold :duration (= ?duration 9) :condition (over all (or (p) (q))))
       (:action give :effect (q))
@@ -194,7 +194,7 @@ def test_what_changes_while_a_step_lasts_keeps_its_order_and_holds_up_nobody_els
     assert not any(order.before_end)
 
 
-def test_derived_predicates_are_read_by_way_of_what_they_follow_from():
+def test_derived_predicates_are_read_by_their_bases():
     domain = read_domain("""(define (domain d) (:types box) (:predicates (on ?x - box) (top ?x - box) (done))
       (:derived (top ?x - box) (not (on ?x)))
       (:action drop :parameters (?x - box) :effect (on ?x))

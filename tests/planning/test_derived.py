@@ -48,7 +48,7 @@ def test_it_is_derived_anew_after_a_change():
     assert not blocks.holds(Predicate("clear", ("d",)))
 
 
-def test_it_knows_what_a_predicate_follows_from():
+def test_the_bases_of_a_derived_predicate_are_known():
     blocks = state()
     light = blocks.derivation.bases(Predicate("light", ("b",)), blocks)
     names = ("a", "b", "c", "d", "e")

@@ -121,7 +121,7 @@ def test_a_problem_that_kairos_would_die_of_or_only_warn_about_is_refused(change
     assert solve(replace(problem(), **change)).verdict is PlannerVerdict.REFUSED
 
 
-def test_what_kairos_cannot_read_is_refused_with_its_words():
+def test_input_that_kairos_rejects_is_refused_with_its_message():
     broken = replace(domain(), text=DOMAIN.replace("(has ?r - robot ?t - thing)", "(has ?r - robot ?t - thang)"))
     answer = Kairos().solve(broken, problem(), LONG)
     assert answer.verdict is PlannerVerdict.REFUSED
@@ -172,7 +172,7 @@ def test_a_plan_may_take_exactly_the_time_there_is():
     assert solve(problem(), replace(LONG, makespan_s=14.0)).verdict is PlannerVerdict.SOLVED
 
 
-def test_what_keeps_steps_apart_does_not_make_a_plan_late(tmp_path):
+def test_separations_do_not_make_a_plan_late(tmp_path):
     steps = ["(go rob hall kitchen)", "(take rob cup kitchen)", "(go rob kitchen hall)", "(put rob cup hall)"]
     times = [0.001, 5.002, 7.003, 12.004]
     timed = ",".join(
@@ -215,7 +215,7 @@ def test_a_hard_problem_is_given_up_when_its_memory_is_used(planner):
     assert answer.message == "kairos found no plan in 60 MB"
 
 
-def test_who_does_not_want_to_know_any_more_has_the_answer_long_before_the_time_is_up(planner, tmp_path):
+def test_a_cancelled_call_ends_long_before_the_timeout(planner, tmp_path):
     cancelled, began, others = threading.Event(), time.monotonic(), children()
     threading.Timer(0.3, cancelled.set).start()
     assert planner.solve(*hard(), LONG, cancelled).verdict is PlannerVerdict.CANCELLED
@@ -224,7 +224,7 @@ def test_who_does_not_want_to_know_any_more_has_the_answer_long_before_the_time_
     assert list(tmp_path.iterdir()) == []
 
 
-def test_who_never_wanted_to_know_is_not_kept_waiting(planner):
+def test_a_call_cancelled_before_its_start_ends_at_once(planner):
     cancelled = threading.Event()
     cancelled.set()
     assert planner.solve(*hard(), LONG, cancelled).verdict is PlannerVerdict.CANCELLED
@@ -233,7 +233,7 @@ def test_who_never_wanted_to_know_is_not_kept_waiting(planner):
 # Processes that go wrong
 
 
-def test_a_child_that_somebody_kills_is_a_failure_and_no_exception(planner):
+def test_a_killed_child_is_a_failure_and_no_exception(planner):
     others = children()
     found: list[PlannerAnswer] = []
     asking = threading.Thread(target=lambda: found.append(planner.solve(*hard(), LONG)))
@@ -256,7 +256,7 @@ def test_a_child_that_somebody_kills_is_a_failure_and_no_exception(planner):
         ("echo nothing", "kairos ended with code 0"),
     ],
 )
-def test_a_child_that_dies_or_says_nothing_is_a_failure_with_its_last_words(tmp_path, script, message):
+def test_a_crashed_child_is_a_failure_with_its_error_output(tmp_path, script, message):
     answer = speaking(tmp_path, script).solve(domain(), problem(), LONG)
     assert (answer.verdict, answer.message) == (PlannerVerdict.FAILED, message)
 
@@ -289,7 +289,7 @@ def test_a_program_that_is_gone_is_a_failure(tmp_path):
     assert "gone" in answer.message
 
 
-def test_without_kairos_the_error_says_what_to_do(monkeypatch):
+def test_without_kairos_the_error_has_a_remedy(monkeypatch):
     monkeypatch.setattr(kairos_module, "files", lambda _: None)
     monkeypatch.setenv("PATH", "")
     kairos_module._command.cache_clear()

@@ -102,7 +102,7 @@ def test_how_it_can_go_wrong(tmp_path, script, verdict, message):
     assert (answer.verdict, answer.message) == (verdict, message)
 
 
-def test_it_ends_when_nobody_wants_to_know_any_more(tmp_path):
+def test_it_ends_when_cancelled(tmp_path):
     cancelled = threading.Event()
     threading.Timer(0.2, cancelled.set).start()
     answer = popf(tmp_path, "sleep 1000").solve(domain(), problem(), LONG, cancelled)
@@ -110,7 +110,7 @@ def test_it_ends_when_nobody_wants_to_know_any_more(tmp_path):
     assert answer.seconds < LONG.timeout_s / 2
 
 
-def test_without_it_the_error_says_what_to_do(monkeypatch):
+def test_without_popf_the_error_has_a_remedy(monkeypatch):
     monkeypatch.setenv("PATH", "")
     with pytest.raises(InstallationError, match="put popf on the PATH"):
         Popf()

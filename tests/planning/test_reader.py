@@ -198,7 +198,7 @@ def test_bounds_of_durations(duration, bounds):
     assert (str(found.least), str(found.most)) == bounds
 
 
-def test_what_begins_a_problem():
+def test_a_problem_has_its_initial_state():
     found = problem(
         """(:objects b1 - box l1 - lid c1 - box) (:requirements :strips)
         (:init (p b1) (p b1) (at l1) (not (p l1)) (= (n) -2.5) (= n -2.5) (= (m c1) 1e2))

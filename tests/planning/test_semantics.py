@@ -62,7 +62,7 @@ def true(condition: str, x: str = "b1") -> bool:
         "(> (n) (+ 0.5 0.5 0.5 1))",
     ],
 )
-def test_what_holds(condition):
+def test_true_formulas_hold(condition):
     assert true(condition)
 
 
@@ -83,7 +83,7 @@ def test_what_holds(condition):
         "(and (p ?x) (< (m c1) 100))",
     ],
 )
-def test_what_does_not_hold(condition):
+def test_false_formulas_do_not_hold(condition):
     assert not true(condition)
 
 
@@ -113,7 +113,7 @@ def changed(effect: str, x: str = "b1", duration: float | None = None) -> list[s
         ("(assign (unset) 1)", ["(unset) = 1"]),
     ],
 )
-def test_what_effects_change(effect, result):
+def test_effects_give_the_expected_changes(effect, result):
     assert changed(effect) == result
 
 
@@ -131,7 +131,7 @@ def test_effects_that_have_no_value_are_errors(effect, message):
         changed(effect)
 
 
-def test_the_duration_is_part_of_what_is_calculated():
+def test_the_duration_is_part_of_expressions():
     domain = read_domain("""(define (domain d) (:functions (battery)) (:durative-action go :duration (= ?duration 3)
       :effect (at end (decrease (battery) (* 2 ?duration)))))""")
     state = PddlState(domain, {}, (), {Fluent("battery"): 10.0})

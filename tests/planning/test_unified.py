@@ -122,12 +122,12 @@ def test_a_plan_that_does_not_do_it_is_invalid(stand_in):
         ("missing", PlannerVerdict.FAILED, "unified-planning has no engine 'missing' here: pip install up-missing"),
     ],
 )
-def test_what_engines_say_becomes_a_verdict(stand_in, engine, verdict, message):
+def test_engine_statuses_become_verdicts(stand_in, engine, verdict, message):
     answer = Unified(engine).solve(domain(), problem(), LONG)
     assert (answer.verdict, answer.message) == (verdict, f"up:{engine}: {message}")
 
 
-def test_what_its_reader_does_not_take_is_refused(stand_in):
+def test_input_that_its_reader_rejects_is_refused(stand_in):
     known = domain()
     answer = Unified("SOLVED_OPTIMALLY").solve(replace(known, text=f"{known.text}; unreadable"), problem(), LONG)
     assert answer.verdict is PlannerVerdict.REFUSED
@@ -147,7 +147,7 @@ def test_an_engine_that_takes_too_long_is_killed(stand_in):
     assert answer.message == "up:sleeper found no plan in 1 s"
 
 
-def test_it_ends_when_nobody_wants_to_know_any_more(stand_in):
+def test_it_ends_when_cancelled(stand_in):
     cancelled = threading.Event()
     threading.Timer(0.5, cancelled.set).start()
     assert Unified("sleeper").solve(domain(), problem(), LONG, cancelled).verdict is PlannerVerdict.CANCELLED
@@ -160,7 +160,7 @@ def test_a_plan_that_is_too_long_is_all_there_is(stand_in):
     assert answer.message == told
 
 
-def test_without_the_library_the_error_says_what_to_do(monkeypatch):
+def test_without_the_library_the_error_has_a_remedy(monkeypatch):
     monkeypatch.setattr(unified_module, "find_spec", lambda _: None)
     with pytest.raises(InstallationError, match=r"pip install 'socialbot\[up\]'"):
         Unified("aries")

@@ -36,7 +36,7 @@ def test_a_missing_step_shows_where_it_is_missed():
     )
 
 
-def test_what_a_step_needs_all_the_time_is_looked_at_from_its_start_to_its_end():
+def test_invariants_are_checked_from_start_to_end():
     assert messages(without(0))[:1] == [
         "13.003 s: (put crane_a box_2 carrier_a bay) cannot go on: (here carrier_a bay) does not hold"
     ]
@@ -46,12 +46,12 @@ def test_what_a_step_needs_all_the_time_is_looked_at_from_its_start_to_its_end()
     )
 
 
-def test_what_is_needed_only_between_may_come_at_the_start_and_go_at_the_end():
+def test_invariants_may_begin_at_the_start_and_end_at_the_end():
     text = "0: (move crane_a bay stack) [5]\n5: (pick crane_a box_2 box_1 stack) [3]\n8: (move crane_a stack bay) [5]"
     assert [one for one in messages(text) if "goal" not in one] == []
 
 
-def test_what_is_needed_at_the_start_cannot_come_at_that_moment():
+def test_start_conditions_cannot_become_true_at_the_start():
     text = "0: (move crane_a bay stack) [5]\n5: (move crane_a stack bay) [5]"
     assert messages(text)[0] == (
         "5.000 s: (move crane_a bay stack) cannot end at the moment that (move crane_a stack bay) starts: "
@@ -128,7 +128,7 @@ def test_durations_and_effects_are_calculated():
     assert "lasts 4 s, more than 3 s" in messages("0: (wait) [4]", numbers)[0]
 
 
-def test_what_has_no_value_is_a_fault():
+def test_an_undefined_value_is_a_fault():
     assert messages("0: (guess) [2]", numbers)[0] == "0.000 s: (guess): its duration has no value"
     assert "(unset): it has no value yet" in messages("0: (spoil)", numbers)[0]
 

@@ -47,7 +47,7 @@ def test_constants_and_a_goal_that_is_missing_are_left_out():
 
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32), st.booleans())
-def test_what_is_written_is_read_as_it_was(seed, with_metric):
+def test_written_problems_are_read_unchanged(seed, with_metric):
     chance = random.Random(seed)
     domain = read_domain(domain_text(chance))
     goal = formula(chance, 4).replace("?x", "b")

@@ -82,7 +82,7 @@ def test_methods_are_tried_in_order_until_one_leads_to_the_end():
     assert answer.tree.nodes[1].method == "in_the_kitchen"
 
 
-def test_the_tree_can_be_drawn_and_told_as_json():
+def test_the_tree_can_be_drawn_and_exported_as_json():
     tree = TaskPlanner(household()).plan(HERE, [("m_rest",), ("m_fetch", "cup")]).tree
     assert tree is not None
     assert str(tree) == textwrap.dedent("""\
@@ -118,7 +118,7 @@ def test_a_blacklisted_action_is_not_planned():
     assert answer.message == "no plan: after 0 actions a_go(kitchen) is blacklisted"
 
 
-def test_arguments_may_be_anything_also_what_cannot_be_hashed():
+def test_arguments_may_be_unhashable():
     answer = TaskPlanner(household()).plan(HERE, [("a_say", ["x"])], blacklist=[("a_say", ["y"])])
     assert answer.plan[0].item == ("a_say", ["x"])
     assert TaskPlanner(household()).plan(HERE, [("a_say", ["y"])], blacklist=[("a_say", ["y"])]).plan == ()
@@ -135,7 +135,7 @@ def test_arguments_may_be_anything_also_what_cannot_be_hashed():
         ([()], TaskFault.MALFORMED, "is no task"),
     ],
 )
-def test_what_cannot_be_asked_is_an_error_and_never_an_empty_plan(tasks, fault, message):
+def test_an_invalid_request_is_an_error_and_no_empty_plan(tasks, fault, message):
     answer = TaskPlanner(household()).plan(HERE, tasks)
     assert (answer.verdict, answer.fault, answer.tree) == (TaskVerdict.ERROR, fault, None)
     assert message in answer.message
@@ -176,7 +176,7 @@ def no_state(state):
         (no_list, TaskFault.MALFORMED, "no_list returned {('m_rest',)}, which is no list"),
     ],
 )
-def test_what_a_method_does_wrong_is_an_error_with_its_place(method, fault, message):
+def test_a_wrong_method_is_an_error_with_its_position(method, fault, message):
     answer = with_method(method).plan(HERE, [("a_say", "hello"), ("m_odd",)])
     assert (answer.verdict, answer.fault) == (TaskVerdict.ERROR, fault)
     assert message in answer.message
@@ -184,7 +184,7 @@ def test_what_a_method_does_wrong_is_an_error_with_its_place(method, fault, mess
     assert answer.message.startswith(f"{__file__}:{line}: ")
 
 
-def test_what_an_action_does_wrong_is_an_error():
+def test_a_wrong_action_is_an_error():
     domain = household()
     domain.declare_actions(no_state, raising)
     planner = TaskPlanner(domain)

@@ -84,7 +84,7 @@ def test_a_task_that_failed_is_done_in_another_way_and_the_rest_stays():
         """)
 
 
-def test_what_comes_later_is_planned_for_the_world_as_it_is_now():
+def test_later_tasks_are_planned_for_the_current_state():
     first = day()
     again = PLANNER.replan(TaskState(raining=True, bus=False), tree(first), node(first, "a_walk(park)"))
     assert texts(again) == ["a_drive(park)", "a_pay(park)", "a_drive(home)", "a_pay(home)", "a_eat()"]
@@ -104,7 +104,7 @@ def test_the_way_that_failed_is_taken_again_only_if_there_is_no_other():
     assert never.message == "no plan: after 0 actions a_push() is blacklisted"
 
 
-def test_what_is_blacklisted_drives_planning_up_the_tree():
+def test_blacklisted_actions_move_the_repair_up_the_tree():
     first = day()
     again = PLANNER.replan(
         DAY, tree(first), node(first, "a_walk(park)"), blacklist=[("a_walk", "park"), ("a_pay", "park")]

@@ -19,7 +19,7 @@ def when(text: str) -> Dnf:
 # A new plan while steps run
 
 
-def test_projected_is_what_comes_of_the_steps_that_run():
+def test_the_projection_contains_the_effects_of_running_steps():
     stage = Stage()
     stage.execute(BOTH, wanted="holding r1 b3; holding r2 b1")
     stage.until(1)
@@ -31,7 +31,7 @@ def test_projected_is_what_comes_of_the_steps_that_run():
 
 
 @pytest.mark.parametrize("seen", [False, True])
-def test_projected_counts_what_sensors_will_see_once(seen):
+def test_the_projection_counts_sensed_effects_once(seen):
     stage = Stage(watched={"lit", "paint"}, beliefs=f"{'instance b1 box'}; paint = 3")
     stage.execute("0: (shine) [10]\n0.001: (spray b1) [4]", wanted="painted b1")
     assert [str(predicate) for predicate in stage.plan_executor.projected().facts] == []
@@ -74,7 +74,7 @@ def test_a_better_plan_may_take_the_place_of_one_that_runs():
     assert stage.ends == [("succeeded", "")]
 
 
-def test_a_new_plan_begins_when_what_failed_has_stopped():
+def test_a_new_plan_starts_after_failed_actions_have_stopped():
     stage = Stage()
     stage.behaviour["(pick r1 b1 home)"] = Behaviour(stop_s=2)
     stage.execute("0: (pick r1 b1 home) [3]", wanted="holding r1 b1")
@@ -154,7 +154,7 @@ def test_an_abort_stops_all_takes_back_and_rolls_back():
     assert [info.status for info in stage.infos if info.target][-1] == "ABORT"
 
 
-def test_an_action_that_never_stops_holds_nobody_up_for_ever():
+def test_an_action_that_never_stops_does_not_block_the_plan():
     stage = Stage()
     stage.behaviour["(pick r1 b1 home)"] = Behaviour(stop_s=None)
     stage.execute("0: (pick r1 b1 home) [3]", wanted="holding r1 b1")
@@ -183,7 +183,7 @@ def test_no_plan_is_executed_while_another_one_is_stopped():
         stage.plan_executor.execute(parse_plan(FETCH), desire(), "")
 
 
-def test_whoever_waits_for_an_abort_may_execute_another_plan():
+def test_an_abort_callback_may_execute_another_plan():
     stage = Stage()
     stage.execute("0: (pick r1 b1 home) [3]", wanted="holding r1 b1")
     stage.until(1)
@@ -258,7 +258,7 @@ def test_a_new_plan_does_not_give_a_desire_more_time():
 # Holding
 
 
-def test_while_it_is_held_nothing_begins_and_what_runs_goes_on():
+def test_during_a_hold_no_step_starts_and_running_ones_continue():
     stage = Stage()
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.until(2)
@@ -286,7 +286,7 @@ def test_the_patience_of_a_step_does_not_end_while_it_is_held():
     assert stage.ends == [("succeeded", "")]
 
 
-def test_an_effect_that_nobody_can_see_is_waited_for_while_it_is_held():
+def test_unsensed_effects_are_waited_for_during_a_hold():
     stage = Stage(watched={"at"})
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.forget("at r1 home")

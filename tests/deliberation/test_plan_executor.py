@@ -15,7 +15,7 @@ from tests.deliberation.stage import BOTH, FETCH, WORKSHOP, Behaviour, Stage, de
 # Order and effects
 
 
-def test_steps_run_side_by_side_and_each_begins_when_what_it_waits_for_has_ended():
+def test_steps_run_in_parallel_and_start_after_their_predecessors():
     stage = Stage()
     stage.behaviour["(move r1 home shop)"] = Behaviour(lasts_s=7)
     stage.behaviour["(move r2 yard home)"] = Behaviour(lasts_s=2)
@@ -46,7 +46,7 @@ def test_effects_are_believed_as_a_step_begins_and_as_it_ends():
     assert not stage.holds("in b1 home")
 
 
-def test_what_has_to_be_inside_of_a_step_is():
+def test_a_step_inside_another_one_stays_inside():
     stage = Stage()
     stage.execute("0: (shine) [10]\n0.001: (spray b1) [4]\n4.002: (spray b2) [4]", wanted="painted b1; painted b2")
     stage.until(30)
@@ -55,7 +55,7 @@ def test_what_has_to_be_inside_of_a_step_is():
     assert not stage.holds("lit")
 
 
-def test_an_end_that_comes_too_early_waits_for_what_has_to_come_before_it():
+def test_an_early_end_waits_for_its_predecessors():
     stage = Stage(options=DeliberationOptions(tolerance_s=0))
     plan = "0: (shine) [10]\n0.001: (spray b1) [4]"
     stage.behaviour["(shine)"] = Behaviour(lasts_s=1)
@@ -98,7 +98,7 @@ def test_an_empty_plan_succeeds_at_once():
         ("0: (move r1 home shop) [5]", "the goal is not reached"),
     ],
 )
-def test_a_plan_that_does_not_fit_what_is_believed_fails_before_anything_begins(plan, reason):
+def test_a_plan_that_does_not_fit_beliefs_fails_before_its_start(plan, reason):
     stage = Stage()
     stage.execute(plan, wanted="at r1 yard")
     stage.until(10)
@@ -258,7 +258,7 @@ def test_an_action_that_fails_leaves_things_as_they_were(lasts_s):
     assert stage.outcomes[0].step.action == "pick"
 
 
-def test_an_action_that_nobody_can_carry_out_fails():
+def test_an_action_without_handler_fails():
     stage = Stage()
     without_plans(stage, "+!ring/0")
     stage.believe("lit")
@@ -267,7 +267,7 @@ def test_an_action_that_nobody_can_carry_out_fails():
     assert "no plan" in stage.ends[0][1]
 
 
-def test_what_somebody_else_changed_meanwhile_is_not_taken_back():
+def test_external_changes_are_not_rolled_back():
     stage = Stage()
     stage.behaviour["(pick r1 b1 home)"] = Behaviour(fails="it slipped")
     stage.execute("0: (pick r1 b1 home) [3]", wanted="holding r1 b1")
@@ -320,7 +320,7 @@ def test_an_object_that_has_gone_fails_the_step_and_does_not_come_back():
     assert "r1" not in stage.facts.objects()
 
 
-def test_nobody_does_the_same_twice_at_once():
+def test_equal_steps_do_not_run_at_once():
     stage = Stage()
     stage.believe("lit")
     stage.execute("0: (spray b1) [4]\n4.1: (spray b1) [4]\n4.2: (spray b2) [4]", wanted="painted b1")
@@ -337,7 +337,7 @@ def without_plans(stage: Stage, key: str) -> None:
         stage.engine.remove_plan(ready.plan)
 
 
-def test_a_plan_action_carries_it_out_and_tells_how_far_it_is():
+def test_a_plan_action_executes_a_step_and_reports_progress():
     class fill(PlanAction):
         rate_hz = 1.0
 
@@ -366,7 +366,7 @@ def test_a_plan_in_agentspeak_carries_it_out():
     assert "moved(r1, shop)" in {str(held.belief) for held in stage.engine.beliefs}
 
 
-def test_somebody_who_drops_the_intention_fails_the_step():
+def test_a_dropped_intention_fails_the_step():
     stage = Stage()
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.until(1)

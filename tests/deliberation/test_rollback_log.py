@@ -29,7 +29,7 @@ def test_all_that_an_owner_has_changed_is_taken_back():
     assert stage.facts.facts() == before
 
 
-def test_what_was_so_before_is_not_taken_back():
+def test_unchanged_facts_are_not_rolled_back():
     stage, rollback_log = start()
     stage.facts.add(fact("open home"))
     rollback_log.apply("a", [Add(OPEN), Delete(Predicate("lit"))], "")
@@ -46,7 +46,7 @@ def test_a_number_that_had_no_value_has_none_again():
     assert stage.facts.value(PAINT) is None
 
 
-def test_what_stands_for_good_is_not_taken_back():
+def test_closed_changes_are_not_rolled_back():
     stage, rollback_log = start()
     rollback_log.apply("a", [Add(OPEN)], "")
     rollback_log.close("a")
@@ -54,7 +54,7 @@ def test_what_stands_for_good_is_not_taken_back():
     assert stage.holds("open home")
 
 
-def test_what_another_has_changed_since_is_left_alone():
+def test_later_changes_of_another_owner_are_kept():
     stage, rollback_log = start()
     rollback_log.apply("a", [SetValue(PAINT, 7.0), Add(OPEN)], "")
     rollback_log.apply("b", [SetValue(PAINT, 8.0), Delete(OPEN)], "")
@@ -66,7 +66,7 @@ def test_what_another_has_changed_since_is_left_alone():
     assert stage.holds("open home")
 
 
-def test_what_the_same_change_would_have_brought_about_again_is_left_to_the_first():
+def test_a_repeated_change_belongs_to_the_first_owner():
     stage, rollback_log = start()
     rollback_log.apply("a", [Add(OPEN)], "")
     rollback_log.apply("b", [Add(OPEN)], "")
@@ -74,7 +74,7 @@ def test_what_the_same_change_would_have_brought_about_again_is_left_to_the_firs
     assert stage.holds("open home")
 
 
-def test_what_comes_from_elsewhere_is_left_alone():
+def test_external_changes_are_kept():
     stage, rollback_log = start()
     rollback_log.apply("a", [Add(OPEN), SetValue(LOAD, 1.0)], "")
     stage.forget("open home")

@@ -48,7 +48,7 @@ DOMAIN = """(define (domain d) (:types box) (:constants a b - box)
         ("none", "deletes b", None),
     ],
 )
-def test_what_cannot_be_at_once(one, other, clash):
+def test_interfering_events_cannot_be_simultaneous(one, other, clash):
     domain = read_domain(DOMAIN)
     state = PddlState.of(read_problem("(define (problem x) (:domain d) (:init (next a b) (= (n) 1)))", domain), domain)
     footprints = ReadWriteAnalysis(domain)

@@ -49,7 +49,7 @@ def post() -> Post:
     return Post()
 
 
-def test_a_request_says_who_asks_whom_for_what_and_is_on_the_trace(post):
+def test_a_request_names_sender_receiver_and_operation_on_the_trace(post):
     asked = post.letters.ask("cart", "add", belief=p("loaded", "cart"), cause="crane-7")
     ((_, request),) = post.sent
     assert (request.sender, request.group, request.receiver) == ("crane", "cranes", "cart")
@@ -90,7 +90,7 @@ def test_an_answer_that_never_comes_is_a_timeout_with_the_reason(post):
     assert (record.what, record.cause) == ("cart: timeout", asked.request.id)
 
 
-def test_a_refusal_is_told_with_its_reason(post):
+def test_a_refusal_is_recorded_with_its_reason(post):
     asked = post.letters.ask("cart", "add", desire=job("a"))
     post.reply(asked, accepted=False, state="refused", reason="group 'cranes' may not add desires")
     assert (asked.state, asked.accepted) == ("refused", False)
@@ -98,7 +98,7 @@ def test_a_refusal_is_told_with_its_reason(post):
 
 
 @pytest.mark.parametrize("end", ["fulfilled", "dropped"])
-def test_what_becomes_of_a_monitored_desire_is_told_later(post, end):
+def test_the_end_of_a_monitored_desire_comes_later(post, end):
     asked = post.letters.ask("cart", "add", desire=job("a"), monitor=True)
     post.reply(asked, priority=0.4)
     assert (asked.state, asked.priority) == ("done", 0.4)
@@ -107,7 +107,7 @@ def test_what_becomes_of_a_monitored_desire_is_told_later(post, end):
     assert (asked.state, asked.reason) == (end, "why")
 
 
-def test_what_is_monitored_is_asked_for_again_until_its_end_is_known(post):
+def test_a_monitored_request_is_repeated_until_its_end(post):
     asked = post.letters.ask("cart", "add", desire=job("a"), monitor=True)
     post.reply(asked)
     post.until(12)
@@ -120,13 +120,13 @@ def test_what_is_monitored_is_asked_for_again_until_its_end_is_known(post):
     assert len(post.found("reply")) == 2
 
 
-def test_what_is_not_monitored_is_not_asked_for_again(post):
+def test_an_unmonitored_request_is_not_repeated(post):
     post.reply(post.letters.ask("cart", "add", desire=job("a")))
     post.until(30)
     assert len(post.sent) == 1
 
 
-def test_who_is_forgotten_is_heard_no_more_and_nobody_complains(post):
+def test_replies_to_a_forgotten_request_are_ignored_silently(post):
     asked = post.letters.ask("cart", "add", desire=job("a"), monitor=True)
     post.reply(asked)
     post.letters.forget(asked)
@@ -143,7 +143,7 @@ def test_an_answer_that_comes_twice_counts_once(post):
     assert (post.letters.refused, post.found("refused"), len(post.found("reply"))) == (0, [], 1)
 
 
-def test_an_answer_that_nobody_waits_for_is_refused_and_stated(post):
+def test_an_unexpected_reply_is_refused_and_recorded(post):
     asked = post.letters.ask("cart", "check", belief=p("x"))
     assert not post.reply(asked, sender="somebody", found=True)
     assert not post.reply(asked, id="crane-0-99")

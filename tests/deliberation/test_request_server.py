@@ -57,7 +57,7 @@ def test_beliefs_are_checked_added_and_deleted(desk):
     assert not desk.ask("check", p("lit")).found
 
 
-def test_a_belief_is_remembered_with_who_told_it_and_the_id_of_the_request(desk):
+def test_a_belief_keeps_its_sender_and_the_request_id(desk):
     reply = desk.ask("add", p("lit"))
     (asked,) = desk.office.found("asked")
     (belief,) = desk.office.found("belief", "lit")
@@ -79,7 +79,7 @@ def test_a_belief_is_remembered_with_who_told_it_and_the_id_of_the_request(desk)
         ("add", job("a", value=()), "friends", "it wants nothing"),
     ],
 )
-def test_what_may_not_be_or_makes_no_sense_is_refused_with_the_reason_on_the_trace(desk, operation, about, group, why):
+def test_forbidden_and_invalid_requests_are_refused_on_the_trace(desk, operation, about, group, why):
     reply = desk.ask(operation, about, group)
     assert (reply.accepted, reply.state) == (False, "refused")
     assert why in reply.reason
@@ -169,7 +169,7 @@ def test_a_desire_that_is_asked_for_anew_has_the_new_priority_and_deadline(desk)
     assert desk.office.wants == ["a", "c"]
 
 
-def test_a_desire_over_an_unknown_object_is_not_fulfilled_by_what_is_not_so_of_it(desk):
+def test_a_negated_condition_about_an_unknown_object_is_not_fulfilled(desk):
     typo = job("typo", value=(), conditions=(FactCondition(check="F", condition_to_check=p("done", "aa")),))
     assert desk.ask("add", typo, monitor=True).state == "done"
     desk.office.until(20)
@@ -177,7 +177,7 @@ def test_a_desire_over_an_unknown_object_is_not_fulfilled_by_what_is_not_so_of_i
     assert "there is no object 'aa'" in desk.replies[-1].reason
 
 
-def test_whether_a_deleted_belief_was_held_is_told(desk):
+def test_a_deletion_reports_whether_the_belief_was_held(desk):
     desk.office.believe("lit")
     assert desk.ask("del", p("lit")).found
     reply = desk.ask("del", p("lit"))
@@ -189,7 +189,7 @@ def test_a_deadline_out_of_range_is_refused(desk, deadline):
     assert "the deadline" in desk.ask("add", job("a", deadline=deadline)).reason
 
 
-def test_a_monitored_desire_is_told_about_when_it_ends(desk):
+def test_the_end_of_a_monitored_desire_is_reported(desk):
     desk.ask("add", job("a"), monitor=True)
     desk.ask("add", job("b"))
     desk.office.until(20)
@@ -198,7 +198,7 @@ def test_a_monitored_desire_is_told_about_when_it_ends(desk):
     assert [reply.state for reply in desk.replies if reply.id == "r-2"] == ["done"]
 
 
-def test_a_monitored_desire_that_fails_is_told_about_with_the_reason():
+def test_the_failure_of_a_monitored_desire_is_reported_with_its_reason():
     desk = Desk(comp_plan_tries=1)
     desk.ask("add", job("a", deadline=1.0), monitor=True)
     desk.office.until(20)
@@ -207,7 +207,7 @@ def test_a_monitored_desire_that_fails_is_told_about_with_the_reason():
     assert "longer than the 1 s there are" in ended.reason
 
 
-def test_what_holds_already_is_fulfilled_at_once(desk):
+def test_a_desire_that_holds_already_is_fulfilled_at_once(desk):
     desk.office.believe("done a")
     reply = desk.ask("add", job("a"), monitor=True)
     assert (reply.state, reply.accepted, reply.found) == ("fulfilled", True, True)
@@ -220,7 +220,7 @@ def test_another_desire_of_the_same_name_is_refused(desk):
     assert (reply.accepted, reply.reason) == (False, "there is another desire called a")
 
 
-def test_an_answer_that_cannot_be_sent_stops_nobody():
+def test_an_unsent_answer_does_not_stop_the_agent():
     desk = Desk()
     desk.reception = RequestServer(desk.office.deliberator, ALL, lambda reply: 1 / 0)
     desk.ask("add", job("a"), monitor=True)

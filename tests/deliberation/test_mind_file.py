@@ -46,7 +46,7 @@ def test_without_a_file_nothing_is_recalled(path):
     assert office.facts.facts() == ()
 
 
-def test_what_has_failed_before_is_counted_on(path):
+def test_failures_are_restored(path):
     office = Office(exec_plan_tries=3)
     office.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
     office.want(job("a"))
@@ -60,7 +60,7 @@ def test_what_has_failed_before_is_counted_on(path):
     assert later.found("desire_dropped", "a")
 
 
-def test_what_a_step_had_begun_is_taken_back_and_the_desire_rolled_back(path):
+def test_start_effects_and_desires_are_rolled_back_in_the_file(path):
     office = Office()
     office.believe("told", "quiet")
     office.want(job("a", rollback_belief_add=(p("lit"),), rollback_belief_del=(p("to*"), p("told"))))
@@ -99,7 +99,7 @@ def test_a_damaged_file_is_an_error_that_names_it(path, content):
     assert "delete the file" in str(error.value.remedy)
 
 
-def test_a_rollback_forgets_first_in_what_is_kept_too():
+def test_the_saved_rollback_deletes_before_it_adds():
     stage = Stage()
     stage.execute(
         "0: (move r2 yard shop) [5]",

@@ -24,7 +24,7 @@ def test_nothing_is_desired_by_itself_without_autosub():
     assert office.wants == ["a"]
 
 
-def test_each_clause_of_a_precondition_is_desired_a_little_more_than_what_it_is_for():
+def test_preparations_have_a_slightly_higher_priority():
     office = Office(autosub_prec=True, slow=True)
     office.want(job("a", 0.5, 33.0, precondition=READY_OR_QUIET))
     first, second, parent = (state.desire for state in office.deliberator.desires)
@@ -34,7 +34,7 @@ def test_each_clause_of_a_precondition_is_desired_a_little_more_than_what_it_is_
     assert office.found("desire", first.name)[0].cause == office.found("desire", parent.name)[0].id
 
 
-def test_what_no_plan_can_prepare_is_stated_once():
+def test_an_unachievable_preparation_is_recorded_once():
     office = Office(autosub_prec=True)
     office.want(job("a", precondition=dnf([("F", p("done", "*"))])), job("b", 0.1))
     office.believe("done c")
@@ -114,7 +114,7 @@ def test_desires_that_are_their_own_parents_end_like_others():
     assert office.wants == []
 
 
-def test_a_context_is_prepared_too_and_what_no_plan_can_bring_about_is_not():
+def test_a_context_is_prepared_unless_unachievable():
     office = Office(autosub_context=True)
     context = dnf([("T", p("lit"))], [("EX", i("z", "job"))], [("F", p("done", "*"))], [("T", p("begun", "{x}"))])
     office.believe("done d")

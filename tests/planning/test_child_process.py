@@ -42,7 +42,7 @@ def gone(pid: int) -> bool:
     return False
 
 
-def test_what_a_child_says_and_how_it_ends_is_told(tmp_path):
+def test_output_and_exit_of_a_child_are_reported(tmp_path):
     ended = shell("echo yes; echo no >&2; pwd; exit 3", tmp_path)
     assert (ended.how, ended.code, ended.errors) == ("by itself", 3, "no\n")
     assert ended.output == f"yes\n{tmp_path}\n"
@@ -84,7 +84,7 @@ def test_the_time_in_which_it_works_or_sleeps_passes(tmp_path):
     assert 0.2 < ended.seconds < 0.5
 
 
-def test_what_a_child_leaves_behind_ends_with_it_and_nobody_waits_for_that(tmp_path):
+def test_children_of_a_child_are_killed_with_it(tmp_path):
     begin = time.monotonic()
     ended = shell("sleep 1000 & echo $! > pid", tmp_path)
     assert ended.how == "by itself"
@@ -96,7 +96,7 @@ def test_one_that_closes_its_output_is_still_waited_for(tmp_path):
     assert shell("exec >&- 2>&-; sleep 0.2; exit 7", tmp_path).code == 7
 
 
-def test_it_ends_within_a_tenth_of_a_second_when_nobody_wants_it_any_more(tmp_path):
+def test_a_cancelled_child_ends_within_a_tenth_of_a_second(tmp_path):
     delays = []
     for _ in range(3):  # the machine may be busy with something else
         cancelled, times = threading.Event(), []
@@ -127,7 +127,7 @@ def test_the_guard_does_not_begin_when_its_parent_has_ended(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a child that its parent has died")
-def test_a_child_dies_with_its_parent_however_that_ends(tmp_path):
+def test_a_child_is_killed_with_its_parent(tmp_path):
     code = f"""if True:
         import threading
         from pathlib import Path

@@ -12,7 +12,7 @@ from socialbot.deliberation.options import DeliberationOptions
 from tests.deliberation.stage import BOTH, FETCH, Behaviour, Stage
 
 
-def test_it_is_told_how_the_plan_fares():
+def test_the_state_of_the_plan_is_reported():
     stage = Stage()
     stage.behaviour["(move r1 home shop)"] = Behaviour(lasts_s=9)
     stage.execute(FETCH, wanted="holding r1 b3")
@@ -28,7 +28,7 @@ def test_it_is_told_how_the_plan_fares():
     assert stage.infos[-2].estimated_deadline == 12
 
 
-def test_it_is_told_five_times_a_second_while_a_plan_runs_and_never_else():
+def test_reports_come_five_times_a_second_during_a_plan_only():
     stage = Stage()
     stage.execute("0: (move r1 home shop) [5]", wanted="at r1 shop")
     stage.until(4.9)
@@ -41,7 +41,7 @@ def test_it_is_told_five_times_a_second_while_a_plan_runs_and_never_else():
     assert stage.engine.next_wakeup() is None
 
 
-def test_a_step_says_what_it_waits_for():
+def test_a_step_reports_its_predecessors():
     stage = Stage()
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.forget("in b3 shop")
