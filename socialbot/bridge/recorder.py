@@ -17,7 +17,7 @@ from typing import Any
 from socialbot.bags.codec import STRING
 from socialbot.bags.writer import BagWriter
 from socialbot.bridge import environment
-from socialbot.bridge.topics import HIDDEN, AdaptingSubscription
+from socialbot.bridge.topics import HIDDEN, AdaptiveSubscription
 from socialbot.bridge.transport import message_class, open_transport, refusal_reason
 from socialbot.core.clock import Clock, WallClock
 from socialbot.core.errors import InstallationError, MessageError
@@ -103,7 +103,7 @@ class _TopicRecorder:
         self._topics = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
         self._clock = clock
         self._known: set[tuple[str, str]] = set()
-        self._subscriptions: list[AdaptingSubscription] = []
+        self._subscriptions: list[AdaptiveSubscription] = []
 
     def refusals(self) -> dict[str, str]:
         """The topics that are missing or incomplete, with the reason."""
@@ -141,7 +141,7 @@ class _TopicRecorder:
 
         sealed = self._transport.sealed and type_name == STRING
         take = self._verified(topic, write) if sealed else write
-        subscription = AdaptingSubscription(self._node, topic, kind, take, raw=not sealed)
+        subscription = AdaptiveSubscription(self._node, topic, kind, take, raw=not sealed)
         subscription.adapt()
         self._subscriptions.append(subscription)
         log.info("recording %s (%s)", topic, type_name)

@@ -29,29 +29,25 @@ from socialbot.core.registry import message_types
 from socialbot.core.yaml import load_yaml
 from socialbot.graph.node import Delivery, WireForm
 
-LONGEST = 64
-"""Arrays and lists with more items than this are cut."""
+MAX_ITEMS = 64
+"""Longer arrays and lists are replaced by their size."""
 
 _PLAIN = re.compile(r"[A-Za-z_/][\w/.+-]*(?: [\w/.+-]+)*", re.ASCII)
 _WORDS_OF_YAML = frozenset({"true", "false", "null", "yes", "no", "on", "off"})
 
 
 def message_text(message: Any, *, raw: bool = False) -> str:
-    """``message``, an rclpy message, as YAML: field by field, indented.
-
-    JSON in a String is shown as what it says, and of long arrays only the size is told, unless ``raw``.
-    """
+    """An rclpy message as YAML. Unless ``raw``, JSON is decoded, and long arrays are replaced by their size."""
     return "\n".join(_lines(_plain(message, raw=raw)))
 
 
 class _Cut(str):
-    """A word about something too long to show."""
+    """The text in place of a long array."""
 
     __slots__ = ()
 
 
 def _plain(value: Any, *, raw: bool) -> Any:
-    """``value`` as mappings, lists and scalars."""
     if hasattr(value, "get_fields_and_field_types"):
         decoded = None if raw else _decoded(value)
         if decoded is not None:
@@ -61,14 +57,13 @@ def _plain(value: Any, *, raw: bool) -> Any:
         return value[0]
     if isinstance(value, str) or (not isinstance(value, Sequence) and not hasattr(value, "dtype")):
         return value
-    if len(value) > LONGEST and not raw:
+    if len(value) > MAX_ITEMS and not raw:
         return _Cut(f"<{len(value)} {_kind(value)}>")
     items: Iterable[Any] = value.tolist() if isinstance(value, np.ndarray) else value
     return [_plain(item, raw=raw) for item in items]
 
 
 def _decoded(message: Any) -> Any:
-    """The content of a String that holds a JSON object, or None."""
     text = getattr(message, "data", None)
     if not isinstance(text, str) or not text.startswith("{"):
         return None
@@ -108,11 +103,10 @@ def _entry(name: str, value: Any) -> Iterator[str]:
 
 
 def _short(values: list[Any]) -> bool:
-    """Whether ``values`` fit in one line: numbers do, and so do a few words."""
     if any(isinstance(value, (list, Mapping)) for value in values):
         return False
     return (
-        all(not isinstance(value, str) for value in values) or sum(len(_scalar(value)) for value in values) <= LONGEST
+        all(not isinstance(value, str) for value in values) or sum(len(_scalar(value)) for value in values) <= MAX_ITEMS
     )
 
 
@@ -133,18 +127,17 @@ def _scalar(value: Any) -> str:
         return value
     if value.isprintable() and '"' in value:
         return "'" + value.replace("'", "''") + "'"
-    # What is not printable could do anything to a terminal.
+    # Escape control characters, which could change the terminal.
     return json.dumps(value, ensure_ascii=not value.isprintable())
 
 
 HIDDEN = ("/parameter_events", "/rosout")
-"""Topics of every ROS node, which tell nothing about a graph; so do those with a name like ``/_name``."""
+"""Topics of every ROS node. Names like ``/_name`` are hidden, too."""
 
-LOOK_AGAIN_S = 0.05
-ADAPT_S = 0.5
-"""How often the subscription is compared with what the publishers offer."""
+POLL_S = 0.05
+ADAPT_PERIOD_S = 0.5
 QUIET_S = 1.0
-SETTLE_LIMIT_S = 3.0
+SETTLE_TIMEOUT_S = 3.0
 DEPTH = 100
 
 Ended = Callable[[], bool]
@@ -152,7 +145,7 @@ Ended = Callable[[], bool]
 
 @dataclass(frozen=True, order=True)
 class TopicInfo:
-    """A topic: its name, its types, and how many nodes publish and subscribe to it."""
+    """A topic: its name, types, and numbers of publishers and subscribers."""
 
     name: str
     types: tuple[str, ...]
@@ -161,13 +154,13 @@ class TopicInfo:
 
     @property
     def hidden(self) -> bool:
-        """Whether only ROS itself has to do with it."""
+        """Whether only ROS itself uses the topic."""
         return self.name in HIDDEN or "/_" in self.name
 
 
 @contextmanager
-def onlooker() -> Iterator[Any]:
-    """An rclpy node that takes as little part in the graph as it can. Raises InstallationError without ROS."""
+def observer_node() -> Iterator[Any]:
+    """A hidden rclpy node without parameter services. Raises InstallationError without ROS."""
     environment.require_ros()
     from rclpy.node import Node
 
@@ -182,7 +175,7 @@ def onlooker() -> Iterator[Any]:
 
 
 def list_topics(ros: Any) -> tuple[TopicInfo, ...]:
-    """The topics that the onlooker ``ros`` sees at this moment, by name, without its own part in them."""
+    """The topics that ``ros`` has discovered, by name, without its own endpoints."""
     seen = (
         TopicInfo(name, tuple(types), len(_publishers(ros, name)), len(_subscribers(ros, name)))
         for name, types in ros.get_topic_names_and_types()
@@ -191,14 +184,14 @@ def list_topics(ros: Any) -> tuple[TopicInfo, ...]:
 
 
 def settled_topics(ros: Any, ended: Ended = lambda: False) -> tuple[TopicInfo, ...]:
-    """The topics once nothing has changed for ``QUIET_S``, or after ``SETTLE_LIMIT_S``."""
+    """The topics when they have not changed for ``QUIET_S``, or after ``SETTLE_TIMEOUT_S``."""
     begun = changed = time.monotonic()
     topics = list_topics(ros)
-    while time.monotonic() - begun < SETTLE_LIMIT_S and not ended():
-        # A graph in which nobody is seen at all may be one that is still to be discovered.
+    while time.monotonic() - begun < SETTLE_TIMEOUT_S and not ended():
+        # An empty list may mean that discovery has not finished.
         if topics and time.monotonic() - changed >= QUIET_S:
             break
-        time.sleep(LOOK_AGAIN_S)
+        time.sleep(POLL_S)
         before, topics = topics, list_topics(ros)
         if topics != before:
             changed = time.monotonic()
@@ -206,9 +199,10 @@ def settled_topics(ros: Any, ended: Ended = lambda: False) -> tuple[TopicInfo, .
 
 
 def await_publisher(ros: Any, name: str, *, timeout_s: float, ended: Ended = lambda: False) -> str | None:
-    """Waits until somebody publishes the topic ``name``; returns its type, or None when ``ended`` came first.
+    """Wait for a publisher of the topic ``name``; returns its type, or None when ``ended`` came first.
 
-    Raises GraphError when nobody does so within ``timeout_s``.
+    Raises:
+        GraphError: There is no publisher within ``timeout_s``.
     """
     deadline = time.monotonic() + timeout_s
     while not (publishers := _publishers(ros, name)):
@@ -216,17 +210,20 @@ def await_publisher(ros: Any, name: str, *, timeout_s: float, ended: Ended = lam
             return None
         if time.monotonic() >= deadline:
             raise _nobody(name, list_topics(ros))
-        time.sleep(LOOK_AGAIN_S)
+        time.sleep(POLL_S)
     return publishers[0].topic_type
 
 
 def messages(
     ros: Any, name: str, *, timeout_s: float, raw: bool = False, ended: Ended = lambda: False
 ) -> Generator[Any | None, None, None]:
-    """Each message of the topic ``name`` as it comes, until ``ended``; as bytes when ``raw``.
+    """Yield the messages of the topic ``name`` until ``ended``; as bytes if ``raw``.
 
-    While none comes it yields None now and then, for callers that also keep time. Raises GraphError when nobody
-    publishes the topic within ``timeout_s``, InstallationError when its type is not installed.
+    Yields None at least every ``POLL_S`` seconds, for callers that watch the time.
+
+    Raises:
+        GraphError: There is no publisher within ``timeout_s``.
+        InstallationError: The type of the topic is not installed.
     """
     from rclpy.executors import SingleThreadedExecutor
 
@@ -234,8 +231,8 @@ def messages(
     if type_name is None:
         return
     arrived: deque[Any] = deque()
-    # rclpy refuses a built-in function such as `arrived.append` for a callback.
-    subscription = AdaptingSubscription(
+    # rclpy does not accept a built-in function such as `arrived.append` as a callback.
+    subscription = AdaptiveSubscription(
         ros, name, message_class(type_name), lambda message: arrived.append(message), raw=raw
     )
     executor = SingleThreadedExecutor(context=ros.context)
@@ -243,14 +240,14 @@ def messages(
     try:
         while not ended():
             subscription.adapt()
-            executor.spin_once(timeout_sec=LOOK_AGAIN_S)
+            executor.spin_once(timeout_sec=POLL_S)
             yield arrived.popleft() if arrived else None
     finally:
         executor.shutdown()
 
 
-class AdaptingSubscription:
-    """A subscription that asks for no more than all the publishers offer, also when new ones come."""
+class AdaptiveSubscription:
+    """A subscription whose quality of service matches all publishers, including new ones."""
 
     def __init__(self, ros: Any, name: str, kind: Any, take: Callable[[Any], None], *, raw: bool) -> None:
         self._ros = ros
@@ -264,16 +261,16 @@ class AdaptingSubscription:
 
     @property
     def latched(self) -> bool:
-        """Whether the publishers keep their last message for who comes late."""
+        """Whether all publishers are transient local."""
         from rclpy.qos import DurabilityPolicy
 
         return self._qos is not None and self._qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
     def adapt(self) -> None:
-        """Subscribes anew where the publishers now ask for it."""
+        """Subscribe again if the publishers have changed."""
         from rclpy.event_handler import SubscriptionEventCallbacks
 
-        if time.monotonic() - self._adapted < ADAPT_S:
+        if time.monotonic() - self._adapted < ADAPT_PERIOD_S:
             return
         self._adapted = time.monotonic()
         publishers = _publishers(self._ros, self._name)
@@ -295,7 +292,7 @@ class AdaptingSubscription:
 
 @dataclass(frozen=True)
 class TopicRate:
-    """How often messages came: mean rate, periods (s), bytes a second, and over how many messages this was taken."""
+    """The rate of a topic: mean rate, periods (s), bytes per second, and the number of messages measured."""
 
     hz: float
     min_s: float
@@ -306,7 +303,7 @@ class TopicRate:
 
 
 class RateMeter:
-    """The times (s) and sizes (bytes) of the last ``window`` messages."""
+    """Measures the rate over the last ``window`` messages."""
 
     def __init__(self, window: int) -> None:
         self._last: deque[tuple[float, int]] = deque(maxlen=window)
@@ -316,7 +313,7 @@ class RateMeter:
         self._last.append((time_s, size))
 
     def rate(self) -> TopicRate | None:
-        """The rate over the window; None before there are two messages in it."""
+        """The rate over the window; None with fewer than two messages."""
         times = [time_s for time_s, _ in self._last]
         if len(times) < 2 or times[-1] <= times[0]:
             return None
@@ -346,26 +343,26 @@ def _nobody(name: str, topics: Collection[TopicInfo]) -> GraphError:
     published = [topic.name for topic in topics if topic.publishers and not topic.hidden]
     if not published:
         return GraphError(
-            f"nobody publishes {name}, nor anything else",
+            f"no publisher of {name}, nor of any other topic",
             where=domain,
-            remedy="start a graph; or, if one runs, set ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE as it has them",
+            remedy="start a graph; if one runs, use its ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE",
         )
-    return GraphError(f"nobody publishes {name}", where=domain, remedy=suggestion(name, published))
+    return GraphError(f"no publisher of {name}", where=domain, remedy=suggestion(name, published))
 
 
-LOOK_AGAIN_S = 0.05
+POLL_S = 0.05
 STEADY_S = 0.5
-"""So long all who are known to listen have to be connected: others may be known only a moment later."""
-ALL_CONNECTED_S = 3.0
-"""After so long it is sent to those who are connected: what has been killed stays known for a while."""
-ACKNOWLEDGED_S = 5.0
+"""The time for which all discovered subscribers must be connected; others may be discovered a moment later."""
+CONNECT_TIMEOUT_S = 3.0
+"""The time after which missing subscribers are ignored: a killed process stays discovered for a while."""
+ACKNOWLEDGE_TIMEOUT_S = 5.0
 
 
 def parse_message(schema: str, text: str, *, stamp: int) -> Structured:
-    """The message of a ``schema``, such as DesireItem, whose fields the YAML or JSON ``text`` gives.
+    """Parse a message of a ``schema``, such as DesireItem, from YAML or JSON. ``stamp`` (ns) is the default stamp.
 
-    ``stamp`` (ns) is used where it gives none. Raises MessageError when there is no such schema, or the text does not
-    fit it.
+    Raises:
+        MessageError: The schema is unknown, or the text does not fit it.
     """
     kinds = {kind.__name__: kind for kind in message_types()}
     if schema not in kinds:
@@ -373,7 +370,7 @@ def parse_message(schema: str, text: str, *, stamp: int) -> Structured:
     try:
         fields = load_yaml(YAML(typ="safe", pure=True), text)
     except YAMLError as error:
-        raise MessageError(f"no valid YAML: {error}", where=schema) from error
+        raise MessageError(f"not valid YAML: {error}", where=schema) from error
     if not isinstance(fields, dict):
         raise MessageError(f"expected names with values, got {text!r}", where=schema)
     kind = kinds[schema]
@@ -383,65 +380,66 @@ def parse_message(schema: str, text: str, *, stamp: int) -> Structured:
             raise MessageError(f"no field {name!r}", where=schema, remedy=suggestion(str(name), known))
     try:
         message = msgspec.convert({"stamp": stamp, **fields, "schema": kind.__struct_config__.tag}, kind)
-        msgspec.json.encode(message)  # texts may hold what UTF-8 has no bytes for
+        msgspec.json.encode(message)  # the text may hold lone surrogates
     except (msgspec.ValidationError, UnicodeError) as error:
         raise MessageError(str(error), where=schema, remedy=f"see docs/schemas/{schema}.json") from error
     return message
 
 
-def send(ros: Any, name: str, message: Structured, *, timeout_s: float, ended: Ended = lambda: False) -> None:
-    """Sends ``message`` on the topic ``name`` to all who listen, in the form they want, and waits until it has arrived.
+def publish_once(ros: Any, name: str, message: Structured, *, timeout_s: float, ended: Ended = lambda: False) -> None:
+    """Publish ``message`` once, in the form that the subscribers of the topic ``name`` use, and wait until it arrived.
 
-    Raises GraphError when nobody listens to the topic within ``timeout_s``, or takes another type, NodeError when it
-    does not arrive, SecurityError when the keys cannot be used.
+    Raises:
+        GraphError: There is no subscriber within ``timeout_s``, or it uses another type.
+        NodeError: The message was not acknowledged.
+        SecurityError: The keys are unusable.
     """
     from rclpy.duration import Duration
 
     kind = type(message)
     deadline = time.monotonic() + timeout_s
-    while (form := _form_wanted(ros, name, kind)) is None:
+    while (form := _subscribed_form(ros, name, kind)) is None:
         if ended():
             return
         if time.monotonic() >= deadline:
-            raise _not_wanted(ros, name, ros_type(kind))
-        time.sleep(LOOK_AGAIN_S)
+            raise _no_subscriber(ros, name, ros_type(kind))
+        time.sleep(POLL_S)
     own = open_transport(form=form)
     publisher = ros.create_publisher(own.message_class(kind), name, publisher_qos(Delivery.EVERY))
     sender = own.sender(publisher)
-    _await_all(ros, publisher, name, ros_type(kind, form), ended)
+    _await_subscribers(ros, publisher, name, ros_type(kind, form), ended)
     if not publisher.get_subscription_count():
-        raise _not_wanted(ros, name, ros_type(kind))
+        raise _no_subscriber(ros, name, ros_type(kind))
     sender.publish(message)
-    if not publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_S)):
-        raise NodeError(f"it has not arrived after {ACKNOWLEDGED_S:.0f} s", where=name)
+    if not publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT_S)):
+        raise NodeError(f"the message was not acknowledged after {ACKNOWLEDGE_TIMEOUT_S:.0f} s", where=name)
 
 
-def _form_wanted(ros: Any, name: str, kind: type[Structured]) -> WireForm | None:
-    """In which form those who listen take messages of this ``kind``; None while nobody takes them."""
+def _subscribed_form(ros: Any, name: str, kind: type[Structured]) -> WireForm | None:
     taken = {each.topic_type for each in ros.get_subscriptions_info_by_topic(name)}
     return next((form for form in get_args(WireForm) if ros_type(kind, form) in taken), None)
 
 
-def _await_all(ros: Any, publisher: Any, name: str, type_name: str, ended: Ended) -> None:
-    """Waits until ``publisher`` is connected to all who are known to listen, and has been for a moment."""
+def _await_subscribers(ros: Any, publisher: Any, name: str, type_name: str, ended: Ended) -> None:
+    """Wait until ``publisher`` has been connected to all discovered subscribers for ``STEADY_S``."""
     begun = steady_since = time.monotonic()
     connected = publisher.get_subscription_count()
-    while time.monotonic() - begun < ALL_CONNECTED_S and not ended():
+    while time.monotonic() - begun < CONNECT_TIMEOUT_S and not ended():
         before, connected = connected, publisher.get_subscription_count()
         known = sum(each.topic_type == type_name for each in ros.get_subscriptions_info_by_topic(name))
         if connected != before or connected < known:
             steady_since = time.monotonic()
         if time.monotonic() - steady_since >= STEADY_S:
             return
-        time.sleep(LOOK_AGAIN_S)
+        time.sleep(POLL_S)
 
 
-def _not_wanted(ros: Any, name: str, type_name: str) -> GraphError:
+def _no_subscriber(ros: Any, name: str, type_name: str) -> GraphError:
     topics = [topic for topic in list_topics(ros) if topic.subscribers and not topic.hidden]
     other = next((", ".join(topic.types) for topic in topics if topic.name == name), "")
     where = f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
     if other:
-        return GraphError(f"{name} is for {other}, not {type_name}", where=where)
+        return GraphError(f"the type of {name} is {other}, not {type_name}", where=where)
     return GraphError(
-        f"nobody listens to {name}", where=where, remedy=suggestion(name, [topic.name for topic in topics])
+        f"no subscriber of {name}", where=where, remedy=suggestion(name, [topic.name for topic in topics])
     )

@@ -32,9 +32,9 @@ def list_topics(
     show_all: Annotated[bool, typer.Option("--all", "-a", help="Also /rosout and other topics of ROS itself.")] = False,
 ) -> None:
     """Show the topics, their types, and how many nodes publish and subscribe to each."""
-    from socialbot.bridge.topics import onlooker, settled_topics
+    from socialbot.bridge.topics import observer_node, settled_topics
 
-    with Ending().on_signals() as ending, onlooker() as ros:
+    with Ending().on_signals() as ending, observer_node() as ros:
         topics = [each for each in settled_topics(ros, lambda: ending.asked) if show_all or not each.hidden]
     table = Table(box=None, pad_edge=False, header_style="dim")
     table.add_column("topic", overflow="fold", style="bold")
@@ -56,7 +56,7 @@ def echo(
     timeout: TimeoutOption = 10.0,
 ) -> None:
     """Print each message of a topic, until Ctrl-C."""
-    from socialbot.bridge.topics import message_text, messages, onlooker
+    from socialbot.bridge.topics import message_text, messages, observer_node
     from socialbot.bridge.transport import message_class, open_transport
 
     shown = 0
@@ -64,7 +64,7 @@ def echo(
     deadline = _Deadline(duration)
     with (
         Ending().on_signals() as ending,
-        onlooker() as ros,
+        observer_node() as ros,
         closing(messages(ros, _absolute(name), timeout_s=timeout, ended=lambda: ending.asked)) as coming,
     ):
         for message in coming:
@@ -85,14 +85,14 @@ def hz(
     timeout: TimeoutOption = 10.0,
 ) -> None:
     """Show how often messages come on a topic, and how much; a line a second, until Ctrl-C."""
-    from socialbot.bridge.topics import messages, onlooker
+    from socialbot.bridge.topics import messages, observer_node
 
     arrivals = RateMeter(window)
     new = 0
     deadline, report = _Deadline(duration), _Deadline(REPORT_S)
     with (
         Ending().on_signals() as ending,
-        onlooker() as ros,
+        observer_node() as ros,
         closing(messages(ros, _absolute(name), timeout_s=timeout, raw=True, ended=lambda: ending.asked)) as coming,
     ):
         for message in coming:
@@ -118,11 +118,11 @@ def pub(
 
     socialbot topic pub /gripper_a/del_desire DesireItem '{desire: {name: sort_boxes}}'
     """
-    from socialbot.bridge.topics import onlooker, parse_message, send
+    from socialbot.bridge.topics import observer_node, parse_message, publish_once
 
     message = parse_message(schema, fields, stamp=time.time_ns())
-    with Ending().on_signals() as ending, onlooker() as ros:
-        send(ros, _absolute(name), message, timeout_s=timeout, ended=lambda: ending.asked)
+    with Ending().on_signals() as ending, observer_node() as ros:
+        publish_once(ros, _absolute(name), message, timeout_s=timeout, ended=lambda: ending.asked)
 
 
 def _opened(receiver: Receiver, message: Any) -> Any | None:

@@ -1,3 +1,5 @@
+"""Read and write bags."""
+
 from __future__ import annotations
 
 import re
@@ -11,7 +13,9 @@ import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from socialbot.bags.codec import encode
-from socialbot.bags.reader import BagWriter, open_bag
+from socialbot.bags.reader import open_bag
+from socialbot.bags.writer import STORAGES, BagWriter
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError
 from socialbot.core.messages import CameraInfo, CompressedImage, PersonDetections, Utterance
 from tests.bags.making_bags import (
@@ -284,3 +288,30 @@ def test_metadata_that_counts_in_no_numbers_is_done_without(tmp_path: Path, numb
     with open_bag(path) as bag:
         assert "damaged" in bag.damage[0]
     check_pictures(path)
+
+
+SAID, ECHO = "/speech/say", "/speech/echo"
+
+
+def say(bag: BagWriter, topic: str, number: int) -> None:
+    bag.write(topic, Utterance(stamp=number, id=f"u{number}", text="hello"), number * SECOND)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_what_was_flushed_is_there_although_the_bag_is_not_closed(tmp_path: Path, storage: str) -> None:
+    with BagWriter(tmp_path / "bag", storage=storage) as bag:
+        bag.flush()
+        for number in (1, 2, 3):
+            say(bag, SAID, number)
+        bag.flush()
+        bag.flush()
+        say(bag, ECHO, 4)
+        bag.flush()
+        say(bag, SAID, 5)
+        shutil.copytree(tmp_path / "bag", tmp_path / "killed")
+    with open_bag(tmp_path / "killed") as killed:
+        found = [(topic, at) for topic, at, *_ in killed.raw_messages({SAID: SAID, ECHO: ECHO})]
+    assert found == [(SAID, SECOND), (SAID, 2 * SECOND), (SAID, 3 * SECOND), (ECHO, 4 * SECOND)]
+    with open_bag(tmp_path / "bag") as whole:
+        assert not whole.damage
+        assert {topic.name: topic.count for topic in whole.topics} == {SAID: 4, ECHO: 1}

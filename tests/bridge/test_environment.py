@@ -1,12 +1,21 @@
+"""Environment of ROS: profiles, ROS arguments and stale shared memory."""
+
 from __future__ import annotations
 
+import fcntl
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
 from socialbot.bridge import environment
-from socialbot.bridge.environment import Across, prepare
+from socialbot.bridge import environment as stale_memory
+from socialbot.bridge.environment import YOUNG_S, Across, prepare, remove_stale, split_ros_args, stale_locks
 from socialbot.bridge.ros_checks import segment_size
 from socialbot.core.errors import GraphError
 
@@ -111,3 +120,101 @@ def test_both_profiles_have_the_same_shared_memory() -> None:
 def test_domains_that_are_none(domain: str) -> None:
     with pytest.raises(GraphError, match="not a ROS domain"):
         environment.check_domain({"ROS_DOMAIN_ID": domain})
+
+
+OURS = ["--graph", "waldo", "head"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "ours", "ros"),
+    [
+        (OURS, OURS, []),
+        ([*OURS, "--ros-args"], OURS, ["--ros-args"]),
+        ([*OURS, "--ros-args", "-p", "a:=1"], OURS, ["--ros-args", "-p", "a:=1"]),
+        (["--ros-args", "-p", "a:=1", "--", *OURS], OURS, ["--ros-args", "-p", "a:=1", "--"]),
+        (
+            ["--ros-args", "-p", "a:=1", "--", "head", "--ros-args", "-p", "b:=2"],
+            ["head"],
+            ["--ros-args", "-p", "a:=1", "--", "--ros-args", "-p", "b:=2"],
+        ),
+        (["head", "--", "-p"], ["head", "--", "-p"], []),
+    ],
+)
+def test_what_is_for_ros_goes_from_its_word_to_the_dashes_or_the_end(arguments, ours, ros):
+    assert split_ros_args(arguments) == (ours, ros)
+
+
+def run_node(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "socialbot", "node", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "200"})
+
+
+@pytest.mark.slow
+@pytest.mark.ros
+def test_a_value_from_ros_that_does_not_fit_is_one_message():
+    done = run_node("head", "--ros-args", "-r", "__node:=head", "-p", "dead_band_rad:=ten")
+    assert done.returncode == 4
+    assert "head.dead_band_rad" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.ros
+def test_arguments_that_ros_cannot_use_are_one_message(tmp_path: Path):
+    done = run_node("head", "--ros-args", "--params-file", str(tmp_path / "none.yaml"))
+    assert done.returncode == 4
+    assert "error: --ros-args: ROS rejects the arguments" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+DEAD, ALIVE, YOUNG = "0123456789abcdef", "fedcba9876543210", "00000000deadbeef"
+
+
+def segment(folder: Path, name: str, age_s: float = YOUNG_S + 60) -> Path:
+    (folder / f"fastrtps_{name}").write_bytes(bytes(5000))
+    lock = folder / f"fastrtps_{name}_el"
+    lock.touch()
+    then = time.time() - age_s
+    os.utime(lock, (then, then))
+    return lock
+
+
+def test_what_the_dead_have_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    segment(tmp_path, DEAD)
+    segment(tmp_path, YOUNG, age_s=0.0)
+    port = segment(tmp_path, "port7411")
+    notes = tmp_path / "notes_el"
+    notes.touch()
+    with segment(tmp_path, ALIVE).open("rb") as alive:
+        fcntl.flock(alive, fcntl.LOCK_EX)
+        assert remove_stale(tmp_path) == 1
+        assert remove_stale(tmp_path) == 0
+    assert port.exists()
+    assert notes.exists()
+    assert {path.name for path in tmp_path.glob("fastrtps_*")} == {
+        f"fastrtps_{name}{end}" for name in (YOUNG, ALIVE, "port7411") for end in ("", "_el")
+    }
+
+
+def test_a_lock_without_its_segment_is_removed_as_well(tmp_path: Path) -> None:
+    segment(tmp_path, DEAD)
+    (tmp_path / f"fastrtps_{DEAD}").unlink()
+    assert remove_stale(tmp_path) == 1
+    assert list(stale_locks(tmp_path)) == []
+
+
+def test_where_there_is_no_shared_memory_nothing_is_stale(tmp_path: Path) -> None:
+    assert remove_stale(tmp_path / "none") == 0
+
+
+@pytest.mark.parametrize("look", [remove_stale, lambda folder: list(stale_locks(folder))])
+def test_locks_that_somebody_may_be_about_to_take_are_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, look: Callable[[Path], object]
+) -> None:
+    tried: list[str] = []
+    monkeypatch.setattr(stale_memory, "is_free", lambda path: bool(tried.append(path.name)))
+    for name in ("port7400", "port7411", DEAD):
+        segment(tmp_path, name)
+    segment(tmp_path, YOUNG, age_s=0.0)
+    look(tmp_path)
+    assert tried == [f"fastrtps_{DEAD}_el"]

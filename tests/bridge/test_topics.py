@@ -24,8 +24,8 @@ from socialbot.bridge.topics import (
     TopicRate,
     message_text,
     messages,
-    onlooker,
-    send,
+    observer_node,
+    publish_once,
     settled_topics,
 )
 from socialbot.cli.topic import rate_line, topic
@@ -245,12 +245,12 @@ class TestCommands:
         assert "MB/s" in last
 
     def test_a_misspelt_topic_is_an_error_with_a_suggestion(self):
-        with pytest.raises(GraphError, match="nobody publishes /speech/sy") as caught:
+        with pytest.raises(GraphError, match="no publisher of /speech/sy") as caught:
             run("echo", "/speech/sy", "--timeout", "1")
         assert "did you mean '/speech/say'?" in str(caught.value)
 
     def test_a_topic_that_is_only_wanted_is_not_there(self):
-        with pytest.raises(GraphError, match="nobody publishes /wanted"):
+        with pytest.raises(GraphError, match="no publisher of /wanted"):
             run("hz", "/wanted", "--timeout", "0.5")
 
     def test_pub_sends_one_message_that_arrives(self):
@@ -277,7 +277,7 @@ class TestCommands:
 
         heard: list[str] = []
         word = Utterance(stamp=7, id="u1", text="Good morning")
-        with spinning_node("first") as first, onlooker() as sender:
+        with spinning_node("first") as first, observer_node() as sender:
             first.create_subscription(String, "/to_all", lambda _: heard.append("first"), 10)
             publisher_of = sender.create_publisher
 
@@ -289,11 +289,11 @@ class TestCommands:
 
             with spinning_node("late") as late:
                 monkeypatch.setattr(sender, "create_publisher", with_a_late_one)
-                send(sender, "/to_all", word, timeout_s=5.0)
+                publish_once(sender, "/to_all", word, timeout_s=5.0)
                 assert eventually(lambda: sorted(heard) == ["first", "late"])
 
     def test_pub_does_not_speak_into_the_void(self):
-        with pytest.raises(GraphError, match="nobody listens to /wantet") as caught:
+        with pytest.raises(GraphError, match="no subscriber of /wantet") as caught:
             run("pub", "/wantet", "Utterance", "{id: u1, text: a}", "--timeout", "1")
         assert "did you mean '/wanted'?" in str(caught.value)
 
@@ -327,7 +327,7 @@ class TestMessages:
         from socialbot.bridge.environment import spinning_node
 
         deadline = time.monotonic() + 8
-        with spinning_node("driver") as driver, onlooker() as ros:
+        with spinning_node("driver") as driver, observer_node() as ros:
             publisher, said = driver.create_publisher(String, "/mixed", 10), "reliable"
             with closing(messages(ros, "/mixed", timeout_s=5.0)) as heard:
                 for message in heard:

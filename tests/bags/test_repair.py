@@ -1,14 +1,33 @@
-"""When the messages of a bag were sent, though clocks are off, and jump."""
+"""Repair of damaged bags: truncated MCAP files, and wrong clocks."""
 
 from __future__ import annotations
 
 import logging
+import struct
+import tracemalloc
 from pathlib import Path
 
 import pytest
 
+from socialbot.bags.repair import MAGIC, salvage
 from socialbot.core.clock import SECOND
 from tests.bags.making_bags import RAW, START, contents, make_with_rosbags, picture, times
+
+CHUNK = 6
+
+
+def test_a_length_that_lies_takes_no_memory(tmp_path: Path) -> None:
+    times, size, checksum, name_length = bytes(16), bytes(8), bytes(4), b"\xff\xff\xff\xff"
+    chunk = times + size + checksum + name_length + b"zstd" + bytes(8)
+    file = tmp_path / "lies.mcap"
+    file.write_bytes(MAGIC + struct.pack("<BQ", CHUNK, len(chunk)) + chunk)
+    tracemalloc.start()
+    try:
+        assert salvage(file) is None
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1 << 20
 
 
 def stamps_of(path: Path, stamps: list[int]) -> list[int]:

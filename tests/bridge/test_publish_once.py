@@ -1,3 +1,5 @@
+"""Parse and publish single messages."""
+
 from __future__ import annotations
 
 import pytest
@@ -25,7 +27,7 @@ def test_fields_come_as_yaml_or_json_and_the_stamp_from_the_sender():
         ("Belief", "{}", "missing required field `belief`"),
         ("Belief", "{belief: {name: 3}}", r"Expected `str`, got `int` - at `\$.belief.name`"),
         ("DesireItem", "{desire: {name: a, priority: 1.5}}", r"\$.desire.priority"),
-        ("Belief", "{belief: [", "no valid YAML"),
+        ("Belief", "{belief: [", "not valid YAML"),
         ("Belief", "a", "expected names with values"),
     ],
 )
@@ -39,8 +41,8 @@ def test_what_does_not_fit_its_schema_is_refused_before_it_is_sent(schema, field
     [
         ('{"belief": {"name": "\\ud800"}}', "surrogates"),
         ("{[a]: b}", "no field"),
-        ("{{a: b}: c}", "no valid YAML"),
-        ("9" * 5000, "no valid YAML"),
+        ("{{a: b}: c}", "not valid YAML"),
+        ("9" * 5000, "not valid YAML"),
         ("{" * 5000, "nested more than"),
     ],
 )

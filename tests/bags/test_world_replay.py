@@ -1,3 +1,5 @@
+"""Replay of the world side of a bag, in response to commands."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
@@ -8,14 +10,15 @@ import pytest
 
 from socialbot.agents.hospital.demo import hospital
 from socialbot.agents.hospital.ward.messages import ActionCancel, ActionCommand, ActionResult
-from socialbot.agents.warehouse.messages import MoveCommand
+from socialbot.agents.warehouse.messages import GripperStatus, MoveCommand
 from socialbot.bags.reader import open_bag
 from socialbot.bags.topic_mapping import feeding
 from socialbot.bags.world_replay import Commands, InlineStage, WorldScript, commands, play
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.messages import Message
+from socialbot.core.messages import Message, TraceRecord
 from socialbot.core.process import Ending
+from socialbot.graph.files import load_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
 from tests.agents.hospital.runs import carried_out
@@ -153,3 +156,14 @@ def test_what_comes_late_moves_all_that_follows(tmp_path):
         assert said(script.say(nanoseconds(4.0))) == []
         assert script.due == nanoseconds(4.5)
         assert said(script.say(nanoseconds(4.5))) == [("now-1", 4.5)]
+
+
+def test_commands_are_what_agents_told_the_world(tmp_path):
+    record = TraceRecord(stamp=SECOND, id="1", source="carrier_a", kind="step", what="go")
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write("/carrier_a/cmd_target", MoveCommand(stamp=SECOND, target="base"), SECOND)
+        bag.write("/gripper_a/gripper_status", GripperStatus(stamp=SECOND, status="open"), SECOND)
+        bag.write("/carrier_a/trace", record, SECOND)
+    with open_bag(tmp_path / "bag") as opened:
+        agents = load_graph("warehouse").without_sources()
+        assert commands(opened, agents) == {"/carrier_a/cmd_target": MoveCommand}

@@ -1,0 +1,440 @@
+"""Keys, freshness and seals."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import stat
+
+import msgspec
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from socialbot.bridge.security import (
+    MAX_STREAMS,
+    REASONS,
+    SCHEMA,
+    Freshness,
+    FreshnessVerdict,
+    Keys,
+    Opener,
+    Sealed,
+    SealError,
+    SecurityError,
+    Stream,
+    fingerprint,
+    load_keys,
+    load_private_key,
+    new_key,
+    private_names,
+    read,
+)
+from socialbot.cli.key import key
+from socialbot.core.clock import SECOND
+
+
+@pytest.fixture
+def folder(tmp_path):
+    new_key("robot", tmp_path / "keys")
+    return tmp_path / "keys"
+
+
+def complaint(folder, name="") -> str:
+    with pytest.raises(SecurityError) as caught:
+        load_keys(folder, name)
+    return str(caught.value)
+
+
+def test_a_new_key_is_ones_own_and_is_believed(folder):
+    keys = load_keys(folder)
+    assert (keys.name, set(keys.trusted)) == ("robot", {"robot"})
+    keys.trusted["robot"].verify(keys.private.sign(b"word"), b"word")
+
+
+def test_only_its_owner_can_read_the_private_file_and_git_leaves_it_out(folder):
+    assert stat.S_IMODE((folder / "robot.key").stat().st_mode) == 0o600
+    assert (folder / ".gitignore").read_text() == "*.key\n"
+    assert "PrivateKey" not in repr(load_keys(folder))
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o660, 0o644])
+def test_a_private_key_that_others_can_read_or_change_is_refused(folder, mode):
+    (folder / "robot.key").chmod(mode)
+    text = complaint(folder)
+    assert "other users can read or change this private key" in text
+    assert f"chmod 600 {folder / 'robot.key'}" in text
+
+
+@pytest.mark.parametrize("name", [".", "robot.pub"])
+def test_what_anybody_may_change_is_refused(folder, name):
+    (folder / name).chmod(0o757 if name == "." else 0o646)
+    assert "anybody can" in complaint(folder)
+
+
+def test_of_several_private_keys_one_has_to_be_named(folder):
+    new_key("workstation", folder)
+    assert "several private keys: robot, workstation" in complaint(folder)
+    assert load_keys(folder, "workstation").name == "workstation"
+    assert private_names(folder) == ["robot", "workstation"]
+
+
+def test_a_folder_with_public_keys_only_cannot_speak(folder):
+    (folder / "robot.key").unlink()
+    assert "no private key" in complaint(folder)
+
+
+def test_a_private_key_of_another_pair_is_refused(folder, tmp_path):
+    new_key("robot", tmp_path / "other")
+    shutil.copy(tmp_path / "other" / "robot.pub", folder)
+    assert "are not a pair" in complaint(folder)
+    (folder / "robot.pub").unlink()
+    assert "there is no robot.pub" in complaint(folder, "robot")
+
+
+def test_an_existing_key_is_never_overwritten(folder):
+    before = (folder / "robot.key").read_bytes()
+    (folder / "robot.pub").unlink()
+    with pytest.raises(SecurityError, match="cannot create the key 'robot'"):
+        new_key("robot", folder)
+    assert (folder / "robot.key").read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["", "../robot", "a/b", ".robot", "-robot", "r" * 65, "robot\n", "róbot"])
+def test_names_cannot_lead_out_of_the_folder(folder, name):
+    with pytest.raises(SecurityError, match="is not a valid key name"):
+        new_key(name, folder)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"",
+        b"rubbish",
+        b"-----BEGIN PRIVATE KEY-----\nAAAA\n-----END PRIVATE KEY-----\n",
+        # The length of a part is wrong, of which OpenSSL complains in a way of its own.
+        b"-----BEGIN PRIVATE KEY-----\nMC4CAQAwBQYDK2VvBCIEIAABAgMEBQYHCAkKCwwNDg8QERITFBUWFxgZGhscHR4f\n"
+        b"-----END PRIVATE KEY-----\n",
+    ],
+)
+def test_damaged_keys_are_refused(folder, text):
+    (folder / "robot.pub").write_bytes(text)
+    assert "the file holds no usable key" in complaint(folder)
+    (folder / "robot.key").write_bytes(text)
+    with pytest.raises(SecurityError, match="the file holds no usable key"):
+        load_private_key(folder / "robot.key")
+
+
+def test_keys_of_another_kind_are_refused(folder):
+    from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, generate_private_key
+    from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+
+    public = generate_private_key(SECP256R1()).public_key()
+    (folder / "robot.pub").write_bytes(public.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo))
+    assert "not a public Ed25519 key" in complaint(folder)
+
+
+def test_a_missing_folder_is_told(tmp_path):
+    assert "no such folder" in complaint(tmp_path / "none", "robot")
+
+
+class TestCommands:
+    def run(self, *arguments: object) -> str:
+        result = CliRunner().invoke(key, [str(one) for one in arguments], catch_exceptions=False)
+        assert result.exit_code == 0
+        return result.output
+
+    def test_new_list_and_check_tell_the_same_fingerprint(self, folder):
+        made = self.run("new", "workstation", "--folder", folder)
+        shown = fingerprint(load_keys(folder, "robot").trusted["workstation"])
+        assert shown in made
+        assert shown in self.run("list", "--folder", folder)
+        assert "speaks as robot, believes workstation" in self.run("check", "robot", "--folder", folder)
+
+    def test_the_folder_is_that_of_the_variable(self, folder, monkeypatch):
+        monkeypatch.setenv("SOCIALBOT_KEYS", f"{folder}:robot")
+        assert "robot" in self.run("list")
+        monkeypatch.delenv("SOCIALBOT_KEYS")
+        monkeypatch.chdir(folder.parent)
+        assert "speaks as robot" in self.run("check")
+
+    def test_check_fails_where_the_keys_cannot_be_used(self, folder):
+        os.chmod(folder / "robot.key", 0o644)
+        with pytest.raises(SecurityError):
+            self.run("check", "--folder", folder)
+
+
+NEW, RENEWED, LATE, EARLY, REPLAYED = FreshnessVerdict
+
+
+class Clocks:
+    """A wall clock that can be set, and one that only goes on."""
+
+    def __init__(self) -> None:
+        self.wall = 1_800_000_000 * SECOND
+        self.steady = 7 * SECOND
+
+    def go_on(self, seconds: float) -> None:
+        self.wall += round(seconds * SECOND)
+        self.steady += round(seconds * SECOND)
+
+    def receiver(self, *, joins_late: bool = False) -> Freshness:
+        return Freshness(2.0, joins_late=joins_late, wall=lambda: self.wall, steady=lambda: self.steady)
+
+
+@pytest.fixture
+def clocks() -> Clocks:
+    return Clocks()
+
+
+def test_a_stream_only_goes_on(clocks):
+    receiver = clocks.receiver()
+    clocks.go_on(5)
+    times = [clocks.wall + step for step in (1, 3, 2, 3, 4)]
+    assert [receiver.judge("a", "s", number, time) for number, time in zip((1, 3, 2, 3, 4), times, strict=True)] == [
+        NEW, NEW, REPLAYED, REPLAYED, NEW,
+    ]  # fmt: skip
+
+
+def test_senders_and_streams_are_told_apart(clocks):
+    receiver = clocks.receiver()
+    clocks.go_on(5)
+    for sender, stream in (("a", "s"), ("a", "t"), ("b", "s")):
+        assert receiver.judge(sender, stream, 1, clocks.wall) is NEW
+        assert receiver.judge(sender, stream, 1, clocks.wall) is REPLAYED
+
+
+@pytest.mark.parametrize(("age_s", "verdict"), [(-2.1, EARLY), (-1.9, NEW), (0.0, NEW), (1.9, NEW), (2.1, LATE)])
+def test_the_window_is_for_clocks_that_differ_and_for_the_way(clocks, age_s, verdict):
+    receiver = clocks.receiver()
+    clocks.go_on(5)
+    assert receiver.judge("a", "s", 1, clocks.wall - round(age_s * SECOND)) is verdict
+
+
+def test_a_receiver_that_has_begun_anew_believes_nothing_older_than_itself(clocks):
+    first = clocks.receiver()
+    clocks.go_on(5)
+    said = clocks.wall
+    assert first.judge("a", "s", 9, said) is NEW
+    clocks.go_on(0.5)
+    again = clocks.receiver()
+    clocks.go_on(0.5)
+    assert again.judge("a", "s", 9, said) is LATE
+    assert again.judge("a", "s", 10, clocks.wall) is NEW
+
+
+def test_who_joins_late_hears_the_last_state_but_none_from_before_the_window(clocks):
+    said = clocks.wall
+    clocks.go_on(1.5)
+    assert clocks.receiver(joins_late=True).judge("a", "s", 4, said) is NEW
+    clocks.go_on(1.0)
+    receiver = clocks.receiver(joins_late=True)
+    assert receiver.judge("a", "s", 4, said) is LATE
+    assert receiver.judge("a", "s", 4, clocks.wall) is NEW
+    assert receiver.judge("a", "s", 4, clocks.wall + 1) is RENEWED
+
+
+def test_an_old_state_fails_after_a_newer_one(clocks):
+    receiver = clocks.receiver(joins_late=True)
+    old = clocks.wall
+    assert receiver.judge("a", "s", 1, old) is NEW
+    assert receiver.judge("a", "s", 2, old + 5) is NEW
+    assert receiver.judge("a", "s", 1, old) is REPLAYED
+    assert receiver.judge("a", "s", 1, old + 6) is REPLAYED
+
+
+def test_a_refused_message_leaves_no_mark(clocks):
+    receiver = clocks.receiver()
+    clocks.go_on(5)
+    assert receiver.judge("a", "s", 10**6, clocks.wall + 10 * SECOND) is EARLY
+    assert receiver.judge("a", "s", 1, clocks.wall) is NEW
+
+
+def test_a_wall_clock_that_is_set_right_does_no_harm(clocks):
+    receiver = clocks.receiver()
+    clocks.go_on(5)
+    clocks.wall -= 3600 * SECOND
+    assert receiver.judge("a", "s", 1, clocks.wall - SECOND) is NEW
+    clocks.wall += 7200 * SECOND
+    assert receiver.judge("a", "s", 2, clocks.wall - SECOND) is NEW
+
+
+def test_memory_is_bounded_and_what_is_forgotten_is_late(clocks):
+    receiver = clocks.receiver()
+    clocks.go_on(5)
+    first = clocks.wall
+    for number in range(20 * MAX_STREAMS):
+        assert receiver.judge("a", f"s{number}", 1, clocks.wall) is NEW
+        clocks.go_on(0.05)
+    assert receiver.stream_count <= MAX_STREAMS
+    assert receiver.judge("a", "s0", 1, first) is LATE
+
+
+@pytest.mark.parametrize("seconds", [-3600, -1, 1, 3600])
+def test_a_computer_whose_clock_is_set_goes_on_to_believe_itself(clocks, seconds):
+    """Sender and receiver are on it; what is latched is sealed anew all the while."""
+    receiver = clocks.receiver()
+    clocks.go_on(5)
+    assert receiver.judge("a", "s", 1, clocks.wall) is NEW
+    said = clocks.wall
+    clocks.wall += seconds * SECOND
+    for _ in range(5):
+        clocks.go_on(0.4)
+        assert receiver.judge("a", "s", 1, clocks.wall) is RENEWED
+        assert receiver.judge("a", "s", 1, clocks.wall) is REPLAYED
+    for number in range(2, 7):
+        clocks.go_on(0.4)
+        assert receiver.judge("a", "s", number, clocks.wall) is NEW
+        assert receiver.judge("a", "s", number, clocks.wall) is REPLAYED
+        assert receiver.judge("a", "s", 1, said) is REPLAYED
+
+
+PRIVATE = {name: Ed25519PrivateKey.generate() for name in ("robot", "workstation", "stranger")}
+TRUSTED = {name: PRIVATE[name].public_key() for name in ("robot", "workstation")}
+REALM, TOPIC = "ROS domain 42", "/speech/say"
+NOW = 1_800_000_000 * SECOND
+
+
+def keys(name: str, private: str = "") -> Keys:
+    return Keys(name, PRIVATE[private or name], TRUSTED)
+
+
+def stream(name: str = "robot", private: str = "", *, realm: str = REALM, topic: str = TOPIC, at: int = NOW) -> Stream:
+    return Stream(keys(name, private), realm, topic, wall=lambda: at)
+
+
+def opener(topic: str = TOPIC) -> Opener:
+    return Opener(keys("workstation"), REALM, topic, Freshness(2.0, joins_late=True, wall=lambda: NOW, steady=int))
+
+
+def reason(text: str, by: Opener | None = None) -> str:
+    with pytest.raises(SealError) as caught:
+        (by or opener()).open(text)
+    assert caught.value.reason in REASONS
+    assert caught.value.what.startswith(caught.value.reason)
+    return caught.value.reason
+
+
+@given(st.lists(st.text(st.characters(exclude_categories=["Cs"])), min_size=1, max_size=4))
+def test_what_was_sealed_is_opened_as_it_was(texts):
+    sender, receiver = stream(), opener()
+    assert [receiver.open(sender.seal(text)) for text in texts] == texts
+
+
+def test_every_change_of_a_sealed_message_is_noticed():
+    sealed = msgspec.to_builtins(read(stream().seal('{"text":"left"}')))
+    changes = {
+        "sender": "workstation",
+        "stream": "0" * 16,
+        "number": 2,
+        "time": NOW + 1,
+        "topic": "/head/command",
+        "payload": '{"text":"right"}',
+        "signature": "A" * 86 + "==",
+    }
+    assert set(changes) == {field.name for field in msgspec.structs.fields(Sealed)}
+    for name, value in changes.items():
+        assert reason(msgspec.json.encode({**sealed, name: value}).decode()) == "forged"
+
+
+@given(st.data())
+def test_no_text_with_a_changed_character_says_something_else(data):
+    text = stream().seal('{"text":"left"}')
+    place = data.draw(st.integers(0, len(text) - 1))
+    character = data.draw(st.characters(exclude_categories=["Cs"]).filter(lambda one: one != text[place]))
+    with contextlib.suppress(SealError):
+        assert opener().open(text[:place] + character + text[place + 1 :]) == '{"text":"left"}'
+
+
+def test_a_seal_counts_for_its_topic_and_realm_only():
+    assert reason(stream(topic="/speech/other").seal("a")) == "moved"
+    assert reason(stream(realm="ROS domain 7").seal("a")) == "forged"
+
+
+def test_a_stranger_with_a_key_of_their_own_is_not_believed():
+    assert reason(stream("stranger").seal("a")) == "unknown sender"
+    assert reason(stream("robot", "stranger").seal("a")) == "forged"
+
+
+def test_one_sender_cannot_pass_for_another():
+    assert reason(stream("robot", "workstation").seal("a")) == "forged"
+
+
+@pytest.mark.parametrize(
+    "text", ["", "Hello", "{}", '{"schema":"socialbot/Utterance/1"}', "[" * 100_000, "\ud800", "7"]
+)
+def test_plain_text_is_unsealed(text):
+    assert reason(text) == "unsealed"
+
+
+@pytest.mark.parametrize(
+    "rest",
+    [
+        "}",
+        ',"sender":3}',
+        ',"sender":"robot","stream":"s","number":-1,"time":1,"topic":"/t","payload":"","signature":""}',
+        f',"sender":"robot","stream":"s","number":{2**70},"time":1,"topic":"/t","payload":"","signature":""}}',
+        ',"sender":"robot","stream":"s","number":1,"time":1,"topic":"/t","payload":{},"signature":""}',
+        ',"sender":"robot","stream":"s","number":1,"time":1,"topic":"/t","payload":"","signature":"?"}',
+        ',"sender":"robot","stream":"s","number":1,"time":1,"topic":"/t","payload":"","signature":"","more":'
+        + "[" * 9999,
+        ',"sender":"' + "r" * 300 + '","stream":"s","number":1,"time":1,"topic":"/t","payload":"","signature":""}',
+    ],
+)
+def test_a_seal_that_is_none_is_unreadable(rest):
+    assert reason(f'{{"schema":"{SCHEMA}"{rest}') == "unreadable"
+
+
+def test_a_signature_of_wrong_length_is_forged():
+    rest = '"sender":"robot","stream":"s","number":1,"time":1,"topic":"/t","payload":"","signature":""'
+    assert reason(f'{{"schema":"{SCHEMA}",{rest}}}') == "forged"
+
+
+def test_a_message_is_believed_once():
+    sender, receiver = stream(), opener()
+    first, second = sender.seal("a"), sender.seal("b")
+    assert receiver.open(first) == "a"
+    assert reason(first, receiver) == "replayed"
+    assert receiver.open(second) == "b"
+    assert reason(first, receiver) == "replayed"
+
+
+def test_late_and_early_messages_are_refused_with_what_the_clocks_differ():
+    assert reason(stream(at=NOW - 3 * SECOND).seal("a")) == "late"
+    with pytest.raises(SealError, match=r"3.000 s ahead of our clock\n  remedy: set the clocks") as caught:
+        opener().open(stream(at=NOW + 3 * SECOND).seal("a"))
+    assert caught.value.reason == "early"
+
+
+def test_what_is_sealed_anew_is_heard_by_who_has_not_heard_it():
+    sender, receiver = stream(), opener()
+    first = sender.seal("a")
+    again = sender.seal("a", anew=True)
+    assert (receiver.open(first), receiver.open(again)) == ("a", None)
+    assert opener().open(again) == "a"
+    assert reason(again, receiver) == "replayed"
+
+
+def test_a_refusal_shows_little_of_what_a_stranger_says():
+    for text in ("x" * 10**6, stream().seal("a").replace("robot", "r" * 200)):
+        with pytest.raises(SealError) as caught:
+            opener().open(text)
+        assert len(str(caught.value)) < 200
+
+
+def test_messages_of_one_stream_are_sealed_in_order_when_the_clock_is_set_back():
+    times = iter([NOW, NOW - SECOND, NOW - SECOND])
+    sender = Stream(keys("robot"), REALM, TOPIC, wall=lambda: next(times))
+    receiver = opener()
+    assert [receiver.open(sender.seal(text)) for text in "abc"] == ["a", "b", "c"]
+
+
+def test_who_starts_again_after_the_clock_was_set_back_believes_who_has_not():
+    times = iter([NOW, NOW - 3600 * SECOND])
+    sender = Stream(keys("robot"), REALM, TOPIC, wall=lambda: next(times))
+    sender.seal("a")
+    fresh = Freshness(2.0, joins_late=True, wall=lambda: NOW - 3600 * SECOND, steady=int)
+    assert Opener(keys("workstation"), REALM, TOPIC, fresh).open(sender.seal("b")) == "b"
