@@ -42,7 +42,7 @@ from socialbot.core.messages import CompressedImage, PersonDetection, PersonDete
 from socialbot.graph.files import parse_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.runs.record import RunRecord
-from socialbot.runtime.replay import observed_topics
+from socialbot.runtime.run import observed_topics
 
 AS_REQUIRED, NOT_AS_REQUIRED = 0, 10
 START = 1_700_000_000 * SECOND

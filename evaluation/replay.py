@@ -32,7 +32,9 @@ from socialbot.core.errors import BagError
 from socialbot.core.messages import ActionRequest, CompressedImage, Image
 from socialbot.graph.files import load_graph
 from socialbot.runs.record import RunRecord
-from socialbot.runtime.replay import Replay, Runner, replay
+from socialbot.runtime.bag_source import BagSource, find_truth
+from socialbot.runtime.run import Runner
+from socialbot.runtime.run import run as run_graph
 from socialbot.vision.detector import Detector
 from socialbot.vision.detectors import DETECTORS, DetectorSettings
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
@@ -128,7 +130,7 @@ def command_cpu_s(bag: Path, folder: Path) -> float:
 
 def _replay(bag: Bag, runner: Runner, folder: Path) -> RunRecord:
     with RunRecord(folder) as record:
-        replay(Replay(bag=bag, graph=load_graph("waldo"), runner=runner), record, lambda *_: None)
+        run_graph(load_graph("waldo"), BagSource(bag, truth=find_truth(bag)), record, runner=runner)
     return record
 
 

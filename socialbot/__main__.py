@@ -1,4 +1,4 @@
-"""``python -m socialbot`` and ``socialbot`` are the command line; ``ros2 run socialbot node`` is a part of it."""
+"""The command line as a program: ``python -m socialbot``, ``socialbot`` and ``ros2 run socialbot node``."""
 
 import sys
 
@@ -6,7 +6,7 @@ from socialbot.core.process import end_well_on_signals, keep_freed_memory
 
 
 def run() -> None:
-    """Runs the command line. Signals that come while it is still being imported end it well, too."""
+    """Run the command line. Signals end it cleanly from the start, also during imports."""
     end_well_on_signals()
     keep_freed_memory()
     from socialbot.cli.main import main
@@ -15,9 +15,17 @@ def run() -> None:
 
 
 def run_node() -> None:
-    """Runs ``socialbot node`` with the arguments of the process."""
+    """Run ``socialbot node`` with the arguments of the process."""
     sys.argv.insert(1, "node")
     run()
+
+
+def prepare(command: str) -> None:
+    """Import what `run` needs for a ``command``, so that a fork of this process starts it sooner."""
+    from socialbot.cli.main import command as command_line
+
+    command_line().make_context("socialbot", [command])  # parsing imports the parser
+    command_line().commands[command].make_context(command, [], resilient_parsing=True)
 
 
 if __name__ == "__main__":

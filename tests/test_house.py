@@ -193,7 +193,7 @@ WITHOUT_ROS = BEGIN + textwrap.dedent(f"""
 
 
 def test_without_ros_the_inline_runner_the_replay_and_the_cli_are_there():
-    python(WITHOUT_ROS + "import socialbot.graph.inline, socialbot.runtime.replay, socialbot.cli.main")
+    python(WITHOUT_ROS + "import socialbot.graph.inline, socialbot.runtime.bag_source, socialbot.cli.main")
 
 
 def test_without_ros_waldo_runs_inline():

@@ -12,10 +12,9 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.logging import launch_config
 from launch_ros.actions import Node
 
-from socialbot.cli.main import with_changes
-from socialbot.graph.files import load_graph
+from socialbot.graph.files import load_graph, with_changes
 from socialbot.runtime.deployment import load_deployment
-from socialbot.runtime.launching import graph_processes, machine_processes
+from socialbot.runtime.machine import graph_processes, machine_processes
 
 ARGUMENTS = {
     "graph": ("waldo", "a graph that comes with socialbot, or a graph file"),

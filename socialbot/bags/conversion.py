@@ -20,7 +20,6 @@ from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, Clock, WallClock, nanoseconds
 from socialbot.core.errors import BagError, MessageError, ParameterError, SocialbotError
 from socialbot.core.messages import CameraInfo, CompressedImage, Structured
-from socialbot.core.progress import Advance, unseen
 from socialbot.graph.node import WireForm
 
 log = logging.getLogger("socialbot.bags")
@@ -103,7 +102,7 @@ def import_bag(
     width: int | None = None,
     clock: Clock | None = None,
     stopped: Callable[[], bool] = lambda: False,
-    advance: Advance = unseen,
+    advance: Callable[[int], None] = lambda done: None,
 ) -> Imported:
     """Write images and, once a second, their CameraInfo to the new bag ``out``.
 

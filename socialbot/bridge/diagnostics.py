@@ -74,6 +74,10 @@ class DiagnosticsPublisher:
         array.header.stamp = self._ros.get_clock().now().to_msg()
         self._publisher.publish(array)
 
+    def publish_dead(self, nodes: Mapping[str, Mapping[str, str]]) -> None:
+        """Publish the values of nodes without a process: ``state``, ``restarts`` and ``last_error``."""
+        self.publish([_dead_status(name, values) for name, values in nodes.items()])
+
     def _seal(self, status: Any) -> None:
         if self._stream is not None:
             text = msgspec.json.encode((status.name, values_of(status))).decode()
@@ -326,6 +330,19 @@ class DiagnosticsReporter:
             hardware_id=machine(),
             values=[_key_value(key, value) for key, value in values.items()],
         )
+
+
+def _dead_status(name: str, values: Mapping[str, str]) -> Any:
+    from diagnostic_msgs.msg import DiagnosticStatus
+
+    state, error = values["state"], values["last_error"]
+    return DiagnosticStatus(
+        level=DiagnosticStatus.STALE if state == "ended" else DiagnosticStatus.ERROR,
+        name=name,
+        message=f"{state}: the process {error}" if error else state,
+        hardware_id=machine(),
+        values=[_key_value(key, value) for key, value in {"machine": machine(), **values}.items()],
+    )
 
 
 def restarts() -> int:

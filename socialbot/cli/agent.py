@@ -15,7 +15,7 @@ from socialbot.core.errors import ParameterError
 
 if TYPE_CHECKING:
     from socialbot.bdi import Engine
-    from socialbot.cli.agent_shell import Shell
+    from socialbot.cli._agent_shell import Shell
     from socialbot.core.clock import Clock
 
 agent = typer.Typer(help="Runs an agent by itself, to try it out.", no_args_is_help=True)
@@ -39,7 +39,7 @@ def shell(
     ] = "simulated",
 ) -> None:
     """Talk to an agent: beliefs, goals, questions, plans; look into its mind. Type help there."""
-    from socialbot.cli.agent_shell import Shell
+    from socialbot.cli._agent_shell import Shell
     from socialbot.core.clock import ManualClock, WallClock
 
     logging.getLogger("socialbot.bdi").addHandler(logging.NullHandler())  # the shell shows failures itself

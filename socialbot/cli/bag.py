@@ -13,24 +13,29 @@ from rich.markup import escape
 from rich.table import Table
 
 from socialbot.bags import codec
+from socialbot.cli._options import BagArgument, ParentOption
+from socialbot.cli._progress import bar
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.core.process import Ending
-from socialbot.core.progress import bar
 
 if TYPE_CHECKING:
     from socialbot.bags.reader import Bag, BagTopic
 
 
+bag = typer.Typer(help="Inspect, make, record, convert and play bags.", no_args_is_help=True)
+
+
+@bag.command()
 def play(
-    bag: Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap, .db3 or ROS 1 .bag.")],
+    path: BagArgument,
     graph: Annotated[str | None, typer.Option(help="Feed this graph: wait for it, and use its topics.")] = None,
     image_topic: Annotated[str | None, typer.Option(help="The pictures to feed the graph with.")] = None,
     rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="1 is as recorded.")] = 1.0,
     pace: Annotated[bool, typer.Option(help="Wait for the graph's answer to each picture.")] = True,
     report: Annotated[Path | None, typer.Option(hidden=True, help="Write here, as JSON, how it went.")] = None,
-    parent: Annotated[int | None, typer.Option(hidden=True)] = None,
+    parent: ParentOption = None,
 ) -> None:
     """Play a bag into ROS, with /clock. Without --graph: every topic, under its own name."""
     import msgspec
@@ -40,7 +45,7 @@ def play(
     from socialbot.bridge.player import PlaybackOptions, play_bag
     from socialbot.graph.files import load_graph
 
-    with open_bag(bag) as opened:
+    with open_bag(path) as opened:
         if graph is None:
             topics = {topic.name: topic.name for topic in opened.topics if topic.count}
             playing = PlaybackOptions(rate=rate, tail_s=0.0)
@@ -54,14 +59,12 @@ def play(
     typer.echo(f"played {played.sent} messages, {played.unanswered} pictures were not answered in time")
 
 
-bag = typer.Typer(help="Looks into bags, makes and records them.", no_args_is_help=True)
-
 _YEAR_2000 = 946_684_800 * SECOND
 
 
 @bag.command()
 def info(
-    path: Annotated[Path, typer.Argument(metavar="BAG", help="A bag folder, or an .mcap, .db3 or ROS 1 .bag file.")],
+    path: BagArgument,
     quick: Annotated[bool, typer.Option("--quick", help="Do not read every message to look for damage.")] = False,
 ) -> None:
     """Tells what is in a bag, and whether it is whole."""
@@ -143,7 +146,7 @@ def record(
 
 @bag.command()
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="BAG", help="A bag folder, or an .mcap, .db3 or ROS 1 .bag file.")],
+    source: BagArgument,
     out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
     wire: Annotated[
         Literal["json", "typed"], typer.Option(help="json: text in std_msgs/String; typed: socialbot_msgs.")

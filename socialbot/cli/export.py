@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.console import Console
 
-from socialbot.cli.completion import run_folders
+from socialbot.cli._options import run_folders
+from socialbot.cli._runs import opened_run
 from socialbot.core.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -26,13 +27,11 @@ def export(
     kind: Annotated[Format | None, typer.Option("--format", help="Default: as the name of the file says.")] = None,
 ) -> None:
     """Write a run as a file for Foxglove (.mcap) or Rerun (.rrd): pictures, people, minds, what was done and why."""
-    from socialbot.cli.why import opened
-
     kind = kind or SUFFIXES.get(out.suffix)
     if kind is None:
         remedy = "end it in .mcap or .rrd, or give --format foxglove or --format rerun"
         raise ParameterError("the name does not say for which tool", where=str(out), remedy=remedy)
-    console, recorded = Console(highlight=False), opened(run)
+    console, recorded = Console(highlight=False), opened_run(run)
     with ExitStack() as stack, console.status(f"writing {out}"):
         bag = _bag(recorded, stack)
         if kind == "foxglove":

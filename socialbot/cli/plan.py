@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from socialbot.cli._progress import waiting
 from socialbot.core.errors import PlanningError
-from socialbot.core.progress import waiting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

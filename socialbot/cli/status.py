@@ -17,7 +17,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from socialbot.cli.completion import graph_names
+from socialbot.cli._options import graph_names
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import Health, Message
 from socialbot.core.process import Ending

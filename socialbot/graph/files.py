@@ -18,6 +18,7 @@ from __future__ import annotations
 import importlib
 import io
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -25,7 +26,7 @@ from types import ModuleType
 from ruamel.yaml import YAML
 
 from socialbot.core import paths, registry
-from socialbot.core.errors import GraphError, suggestion
+from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.yaml import Section, plain, read_page
 from socialbot.graph.node import Graph, Node, NodeConfig
 
@@ -149,3 +150,35 @@ def _placement(name: str, section: Section, where: str) -> NodeConfig:
         remap={str(port): remap.text(port) for port in remap.page},
         where=where,
     )
+
+
+def with_changes(graph: Graph, changes: Sequence[str]) -> Graph:
+    """Return ``graph`` with ``NODE.PARAMETER=VALUE`` and ``wire=FORM`` applied; files named there may be read.
+
+    Raises:
+        ParameterError: A change is malformed, or names an unknown parameter.
+        GraphError: A change names an unknown node.
+    """
+    parameters: dict[str, dict[str, object]] = {}
+    for change in changes:
+        target, equals, text = change.partition("=")
+        node, dot, name = target.partition(".")
+        if target == "wire":
+            graph = replace(graph, wire=text)  # type: ignore[arg-type]
+            continue
+        if not equals or not dot:
+            raise ParameterError(f"cannot read {change!r}", where="--set", remedy="write NODE.PARAMETER=VALUE")
+        declared = graph.placement(node).type.parameters()
+        if name not in declared:
+            raise ParameterError(f"no parameter {name!r}", where=node, remedy=suggestion(name, declared))
+        parameters.setdefault(node, {})[name] = _value(text, type(declared[name].default), target)
+        if "/" in text:
+            paths.allow(Path(text))
+    return graph.with_parameters(parameters)
+
+
+def _value(text: str, kind: type, where: str) -> object:
+    try:
+        return {"true": True, "false": False}[text.lower()] if kind is bool else kind(text)
+    except (ValueError, KeyError) as error:
+        raise ParameterError(f"{text!r} is not of type {kind.__name__}", where=where) from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,6 @@ from socialbot.bags.reader import Bag
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image, TraceRecord, Utterance
-from socialbot.core.progress import Advance, unseen
 from socialbot.runs.record import RunRecord
 from socialbot.vision.annotate import draw
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
@@ -26,7 +26,12 @@ DEFAULT_RATE_HZ = 10.0
 
 
 def write_video(
-    bag: Bag, image_topic: str, record: RunRecord, truth: GroundTruth | None, path: Path, advance: Advance = unseen
+    bag: Bag,
+    image_topic: str,
+    record: RunRecord,
+    truth: GroundTruth | None,
+    path: Path,
+    advance: Callable[[int], None] = lambda done: None,
 ) -> Path:
     """Writes an .mp4 of all pictures of ``image_topic``; those that cannot be converted are left out.
 

@@ -46,10 +46,9 @@ def main() -> None:
     line = socket.socket(fileno=int(sys.argv[1]))
     for module in sys.argv[2:]:
         importlib.import_module(module)
-    from socialbot.__main__ import run
-    from socialbot.cli.main import command
+    from socialbot.__main__ import prepare, run
 
-    command().make_context("socialbot", ["node"])  # what reads arguments is imported by reading some
+    prepare("node")
     if threading.active_count() > 1 or "rclpy" in sys.modules:
         sys.exit("there are threads, which forks would lose")
     gc.collect()

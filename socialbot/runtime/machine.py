@@ -1,4 +1,4 @@
-"""Run the nodes of one machine of a deployment, and watch its network."""
+"""One machine of a deployment: its nodes, its services and its network."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Collection, Mapping
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import psutil
-from rich.console import Console
 
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import MACHINE_VARIABLE
 from socialbot.bridge.environment import KEYS_VARIABLE
+from socialbot.core import paths
 from socialbot.graph.node import Graph
-from socialbot.runs.record import RunTrace
 from socialbot.runtime.deployment import Deployment, is_own
 from socialbot.runtime.discovery_server import DiscoveryServer
-from socialbot.runtime.live import Surroundings, run_live
+from socialbot.runtime.launch import node_arguments, write_graph
+from socialbot.runtime.live_source import LiveSource, RunServices, with_state_files
 
 
 def enter(deployment: Deployment, machine: str) -> None:
-    """Makes this process one of ``machine``: its ROS domain, the way to the others, its key and its name.
+    """Make this process part of ``machine``: its ROS domain, discovery, key and name.
 
     Call it before rclpy starts. Raises GraphError for an unknown machine.
     """
@@ -40,26 +40,26 @@ def enter(deployment: Deployment, machine: str) -> None:
         os.environ[KEYS_VARIABLE] = f"{deployment.keys}:{machine}"
 
 
-LOOK_AGAIN_S = 0.5
+POLL_S = 0.5
 
 UNCERTAIN_S = 5.0
-"""Who starts looks for networks within this time."""
+"""Time within which a process that starts looks for networks."""
 
 log = logging.getLogger("socialbot.network")
 
 
 class Network:
-    """Looks whether ``address`` is there, from a thread of its own, as to look a name up may take long.
+    """Watches whether ``address`` is up on this machine, in a thread, since name look-ups may take long.
 
-    Use it as a context manager. It says so when the address is not there at first.
+    Use it as a context manager. It logs when the address is down at first.
     """
 
     def __init__(self, address: str) -> None:
         self._address = address
         self._wanted: frozenset[str] = frozenset()
         self._missed: tuple[float, float] | None = None
-        self._one_at_a_time = threading.Lock()
-        self._away = False
+        self._lock = threading.Lock()
+        self._down = False
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="network", daemon=True)
 
@@ -71,42 +71,42 @@ class Network:
         self._closed.set()
 
     def missed(self) -> tuple[float, float] | None:
-        """When it has come since this was asked last: who started between these times (monotonic s) has missed it."""
-        with self._one_at_a_time:
+        """Return once after the network came up: processes started between these times (monotonic s) missed it."""
+        with self._lock:
             missed, self._missed = self._missed, None
         return missed
 
     def _watch(self) -> None:
         seen = -math.inf
-        self._away = not self._is_up()
-        if self._away:
-            log.warning("%s is not up on this machine: others cannot be reached without", self._address)
-        while not self._closed.wait(LOOK_AGAIN_S):
+        self._down = not self._is_up()
+        if self._down:
+            log.warning("%s is down on this machine: other machines are unreachable", self._address)
+        while not self._closed.wait(POLL_S):
             is_up, now = self._is_up(), time.monotonic()
-            if is_up and self._away:
+            if is_up and self._down:
                 log.warning("%s is up now", self._address)
-                with self._one_at_a_time:  # who asks seldom is told of all times together
+                with self._lock:  # join with an interval that nobody has asked for yet
                     self._missed = (self._missed[0] if self._missed else seen - UNCERTAIN_S, now)
             if is_up:
                 seen = now
-            self._away = not is_up
+            self._down = not is_up
 
     def _is_up(self) -> bool:
-        """Whether the address is one of this machine's, and its network is up."""
+        """Whether the address is one of this machine's and its network is up."""
         try:
             own = own_addresses()
         except OSError as error:  # such as too many open files
-            log.debug("this machine's addresses are not known now: %s", error)
-            return not self._away
-        if self._wanted.isdisjoint(own):  # what a name stands for may not be known yet, or may have changed
+            log.debug("cannot read the addresses of this machine: %s", error)
+            return not self._down
+        if self._wanted.isdisjoint(own):  # the name may resolve to other addresses now
             self._wanted = addresses_of(self._address) or self._wanted
-        if self._wanted and not beyond(self._wanted):  # its own name: any network by which others may come counts
+        if self._wanted and not beyond(self._wanted):  # its own host name: any network that other machines reach counts
             return bool(own & self._wanted or beyond(own))
         return not self._wanted.isdisjoint(own)
 
 
 def addresses_of(name: str) -> frozenset[str]:
-    """The IPv4 addresses that ``name`` stands for, as far as that is known now."""
+    """Return the IPv4 addresses that ``name`` resolves to; none if it does not."""
     try:
         found = socket.getaddrinfo(name, None, socket.AF_INET, socket.SOCK_DGRAM)
     except OSError:
@@ -115,7 +115,7 @@ def addresses_of(name: str) -> frozenset[str]:
 
 
 def own_addresses() -> frozenset[str]:
-    """The IPv4 addresses of this machine whose networks are up: they run, as a cable is plugged in, or Wi-Fi joined."""
+    """Return the IPv4 addresses of this machine whose networks run: a cable is plugged in, or Wi-Fi joined."""
     states = psutil.net_if_stats()
     return frozenset(
         each.address
@@ -126,7 +126,7 @@ def own_addresses() -> frozenset[str]:
 
 
 def beyond(addresses: frozenset[str]) -> frozenset[str]:
-    """Those that do not just reach this machine, as that does which its own name often stands for (127.0.1.1)."""
+    """Return the addresses that are no loopback; a host name often resolves to 127.0.1.1."""
     return frozenset(address for address in addresses if not ipaddress.IPv4Address(address).is_loopback)
 
 
@@ -134,22 +134,40 @@ def _is_running(states: Any) -> bool:
     return states is not None and "running" in states.flags.split(",")
 
 
-def run_machine(
-    deployment: Deployment,
-    machine: str,
-    record: RunTrace,
-    console: Console,
-    graph: Graph | None = None,
-    minds: Path | None = None,
-) -> None:
-    """Runs the nodes of ``machine`` until SIGINT, SIGTERM or ``socialbot down``; what dies is started again.
+@dataclass(frozen=True)
+class NodeProcess:
+    """A process of one node: its name, the arguments of ``socialbot node`` and more environment variables."""
 
-    Others may start before or after. What its nodes say and hear is recorded and shown. ``graph`` is that of the
-    deployment, with changes; ``minds`` is a folder for minds instead of the deployment's. The discovery server runs
-    along where it belongs on this machine. Raises GraphError for an unknown machine, and what
-    `socialbot.runtime.live.run_live` does.
+    name: str
+    arguments: tuple[str, ...]
+    variables: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class MachineServices(RunServices):
+    """Services of ``machine`` in a deployment: its network, and the discovery server if it runs there."""
+
+    deployment: Deployment
+    machine: str
+    logs: Path
+    network: Network
+
+    def running(self) -> AbstractContextManager[object]:
+        return discovery(self.deployment, self.machine, self.logs)
+
+    def missed(self) -> tuple[float, float] | None:
+        return self.network.missed()
+
+
+@contextmanager
+def machine_source(
+    deployment: Deployment, machine: str, logs: Path, state_folder: Path | None = None
+) -> Iterator[LiveSource]:
+    """Make this process part of ``machine``; return the source of its nodes, and watch its network meanwhile.
+
+    Other machines may start before or after. ``state_folder`` overrides that of the deployment. Raises GraphError for
+    an unknown machine.
     """
-    names = [placement.name for placement in deployment.half(machine)]
     enter(deployment, machine)
 
     def variables(nodes: Collection[str]) -> Mapping[str, str]:
@@ -159,37 +177,68 @@ def run_machine(
         return {environment.DATAGRAM_VARIABLE: prepared[environment.DATAGRAM_VARIABLE]}
 
     with Network(deployment.address(machine)) as network:
-        run_live(
-            graph or deployment.graph,
-            record,
-            console,
+        yield LiveSource(
+            nodes=[config.name for config in deployment.half(machine)],
+            state_folder=state_folder or deployment.minds,
             policy=deployment.restart,
-            nodes=names,
             variables=variables,
-            minds=minds or deployment.minds,
-            surroundings=OnNetwork(deployment, machine, record.folder / "log", network),
+            services=MachineServices(deployment, machine, logs, network),
         )
 
 
-@dataclass(frozen=True)
-class OnNetwork(Surroundings):
-    """The surroundings of ``machine`` in a deployment: its network, and the discovery server if that belongs there."""
-
-    deployment: Deployment
-    machine: str
-    logs: Path
-    network: Network
-
-    def there(self) -> AbstractContextManager[object]:
-        return discovery(self.deployment, self.machine, self.logs)
-
-    def missed(self) -> tuple[float, float] | None:
-        return self.network.missed()
-
-
 def discovery(deployment: Deployment, machine: str, logs: Path) -> AbstractContextManager[object]:
-    """The discovery server of the deployment for as long as the block lasts, if it belongs on this ``machine``."""
+    """Run the discovery server of the deployment within the block, if it belongs on this ``machine``."""
     server = deployment.server
     if server is None or server.machine != machine or not is_own(address := deployment.address(machine)):
         return nullcontext()
     return DiscoveryServer(address, server.port, logs / "discovery_server.log", deployment.restart)
+
+
+def graph_processes(
+    graph: Graph, folder: Path, *, state_folder: Path | None = None, sim_time: bool = False
+) -> list[NodeProcess]:
+    """Return a process for each node of ``graph``, for ``ros2 launch``; they end when the caller does.
+
+    ``folder`` takes the graph file and, without a ``state_folder``, the saved state of agents.
+    """
+    file = write_graph(with_state_files(graph, state_folder or folder / "minds"), folder.resolve())
+    prepared = dict(os.environ)
+    environment.prepare(prepared)
+    paths.allow(folder, prepared)
+    parent = ("--parent", str(os.getpid()))
+    return [
+        NodeProcess(
+            name=config.name,
+            arguments=(*node_arguments(file, [config.name], sim_time=sim_time)[1:], *parent),
+            variables=_changed(prepared),
+        )
+        for config in graph.placements
+    ]
+
+
+def machine_processes(
+    deployment: Deployment, machine: str, folder: Path, graph: Graph | None = None
+) -> list[NodeProcess]:
+    """Return a process for each node of one machine; ``graph`` overrides that of the deployment.
+
+    Raises GraphError for an unknown machine.
+    """
+    names = {config.name for config in deployment.half(machine)}
+    found = []
+    for process in graph_processes(graph or deployment.graph, folder, state_folder=deployment.minds):
+        if process.name in names:
+            prepared = dict(os.environ)
+            environment.prepare(
+                prepared,
+                domain=deployment.domain,
+                across=deployment.across(machine),
+                raw_pictures=deployment.raw_pictures(process.name),
+            )
+            if deployment.keys is not None:
+                prepared[KEYS_VARIABLE] = f"{deployment.keys}:{machine}"
+            found.append(replace(process, variables={**process.variables, **_changed(prepared)}))
+    return found
+
+
+def _changed(prepared: Mapping[str, str]) -> dict[str, str]:
+    return {name: value for name, value in prepared.items() if os.environ.get(name) != value}

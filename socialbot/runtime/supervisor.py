@@ -12,10 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-
 from socialbot.bridge import environment
-from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsPublisher, machine
+from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsPublisher
 from socialbot.bridge.environment import remove_stale
 from socialbot.core.bounded_log import Rotation
 from socialbot.core.errors import NodeError
@@ -373,34 +371,28 @@ class Supervisor:
 EVERY_S = 1.0
 
 
-class Obituaries:
-    """Publishes through the rclpy node ``ros`` how the nodes of dead processes are: at each change, each second."""
+class DeadNodeDiagnostics:
+    """Publishes the status of nodes without a process through the rclpy node ``ros``: on change and every second."""
 
     def __init__(self, ros: Any, supervisor: Supervisor) -> None:
         self._supervisor = supervisor
-        self._outlet = DiagnosticsPublisher(ros)
-        self._told: dict[str, str] = {}
-        self._told_at = 0.0
+        self._publisher = DiagnosticsPublisher(ros)
+        self._states: dict[str, str] = {}
+        self._published_at = 0.0
 
-    def tell(self) -> None:
-        """Publishes what there is to tell, if it is time."""
+    def publish(self) -> None:
+        """Publish if it is due."""
         dead = [one for one in self._supervisor.members.values() if one.process is None]
         states = {one.name: f"{one.state}: {one.last_error}" for one in dead}
         now = time.monotonic()
-        if not dead or (states == self._told and now < self._told_at + EVERY_S):
-            self._told = states
+        if not dead or (states == self._states and now < self._published_at + EVERY_S):
+            self._states = states
             return
-        self._told, self._told_at = states, now
-        self._outlet.publish([_status(one, node) for one in dead for node in one.nodes])
-
-
-def _status(member: Member, node: str) -> DiagnosticStatus:
-    state = member.state
-    values = {"machine": machine(), "state": state, "restarts": member.restarts, "last_error": member.last_error}
-    return DiagnosticStatus(
-        level=DiagnosticStatus.STALE if state == "ended" else DiagnosticStatus.ERROR,
-        name=node,
-        message=f"{state}: the process {member.last_error}" if member.last_error else state,
-        hardware_id=machine(),
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-    )
+        self._states, self._published_at = states, now
+        self._publisher.publish_dead(
+            {
+                node: {"state": one.state, "restarts": str(one.restarts), "last_error": one.last_error}
+                for one in dead
+                for node in one.nodes
+            }
+        )

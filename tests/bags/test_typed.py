@@ -14,7 +14,6 @@ from socialbot.bags import codec
 from socialbot.bags.types import PACKAGE, RosbagsTypes, definitions, fields_of, type_name, typed_messages, types_with
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.transport import RclpyTypes, message_class, open_transport
-from socialbot.cli.main import with_changes
 from socialbot.core.errors import GraphError, InstallationError, MessageError, ParameterError
 from socialbot.core.messages import (
     ActionRequest,
@@ -27,7 +26,7 @@ from socialbot.core.messages import (
 )
 from socialbot.core.registry import message_types
 from socialbot.deliberation.messages import AgentRequest, PlanExecutionInfo
-from socialbot.graph.files import dump_graph, parse_graph
+from socialbot.graph.files import dump_graph, parse_graph, with_changes
 from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output
 from tests.bags.test_codec import messages
 from tools.interfaces import PACKAGE as FOLDER

@@ -122,7 +122,7 @@ def test_the_same_half_up_twice_is_told_once(caplog: pytest.LogCaptureFixture):
 def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
     """As long as nothing is up it knows so at once; what is up it hears, though that says nothing for six seconds."""
     from socialbot.bridge.run_announcer import RunAnnouncer, RunListener
-    from socialbot.cli.deploy import LISTEN_S, Target, heard
+    from socialbot.cli.down import LISTEN_S, Target, heard
 
     everything = Target(lambda one: one.graph == "waldo")
     with two_nodes() as (up, down):
@@ -141,7 +141,7 @@ def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
 
 def test_down_gives_up_on_another_machine_that_nobody_hears():
     from socialbot.bridge.run_announcer import RunListener
-    from socialbot.cli.deploy import LISTEN_S, Target, heard
+    from socialbot.cli.down import LISTEN_S, Target, heard
 
     with two_nodes() as (_, down):
         begun = time.monotonic()

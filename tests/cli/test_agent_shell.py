@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from socialbot.bdi import Engine
 from socialbot.cli import agent as agent_command
-from socialbot.cli.agent_shell import Shell
+from socialbot.cli._agent_shell import Shell
 from socialbot.core.clock import ManualClock, WallClock
 from socialbot.core.errors import ParameterError
 from tests.bdi.lab import X, do, go, p

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.cli.completion import graph_names, paths, run_folders
+from socialbot.cli._options import graph_names, paths, run_folders
 
 
 @pytest.fixture

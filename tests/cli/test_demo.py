@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from socialbot.cli.simulate import NOT_REACHED
+from socialbot.cli.run import NOT_REACHED
 from tests.system.running import results, socialbot, socialbot_here
 
 pytest.importorskip("kairos", reason="kairos-planner is not installed")

@@ -1,26 +1,21 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
 
-from socialbot.cli import main as cli
+from socialbot.cli.main import app
 from socialbot.core.errors import SocialbotError
 from socialbot.graph.node import Graph
-from socialbot.runtime import machine as running
-from socialbot.runtime.deployment import Deployment, is_deployment
+from socialbot.runtime import run as running
+from socialbot.runtime.deployment import is_deployment
+from socialbot.runtime.live_source import LiveSource
 from tests.runtime.deployments import PAGE
 
-Run = Callable[..., Result]
 
-
-@pytest.fixture(scope="module")
-def run() -> Run:
-    if not any(command.callback and command.callback.__name__ == "systemd" for command in cli.app.registered_commands):
-        cli._add_commands()
-    return lambda *arguments: CliRunner().invoke(cli.app, [str(argument) for argument in arguments])
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 @pytest.fixture
@@ -36,19 +31,16 @@ def test_a_file_that_names_machines_is_a_deployment(file: Path, tmp_path: Path):
     assert not any(map(is_deployment, (str(file), "waldo", str(tmp_path), str(tmp_path / "none"))))
 
 
-def test_up_runs_the_half_of_a_machine(run: Run, file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    ran: list[tuple[str, Graph, Path]] = []
-
-    def note(deployment: Deployment, machine: str, record: object, console: object, graph: Graph, minds: Path) -> None:
-        ran.append((machine, graph, minds))
-
-    monkeypatch.setattr(running, "run_machine", note)
+def test_up_runs_the_half_of_a_machine(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    ran: list[tuple[Graph, LiveSource]] = []
+    monkeypatch.setattr(running, "run", lambda graph, source, *_, **__: ran.append((graph, source)))
     done = run("up", file, "--machine", "robot", "--camera", "film.avi", "--out", tmp_path / "run", "--minds", "kept")
     assert done.exit_code == 0, done.output
     assert "waldo on robot: camera, speech, head, camera_image_raw_to_workstation" in done.output
-    assert ran[0][0] == "robot"
-    assert ran[0][1].placement("camera").parameters["source"] == "film.avi"
-    assert ran[0][2] == Path("kept")
+    [(graph, source)] = ran
+    assert source.nodes == ["camera", "speech", "head", "camera_image_raw_to_workstation"]
+    assert graph.placement("camera").parameters["source"] == "film.avi"
+    assert source.state_folder == Path("kept")
 
 
 @pytest.mark.parametrize(
@@ -56,23 +48,23 @@ def test_up_runs_the_half_of_a_machine(run: Run, file: Path, tmp_path: Path, mon
     [
         (["--machine", "rowboat"], "no machine 'rowboat'"),
         ([], "robot (10.77.0.1), workstation (10.77.0.2)"),
-        (["--machine", "robot", "--composed"], "a process each"),
+        (["--machine", "robot", "--composed"], "in its own process"),
         (["--machine", "robot", "--set", "camra.loop=true"], "did you mean 'camera'?"),
     ],
 )
-def test_up_explains_what_does_not_fit(run: Run, file: Path, tmp_path: Path, arguments: list[str], words: str):
+def test_up_explains_what_does_not_fit(file: Path, tmp_path: Path, arguments: list[str], words: str):
     done = run("up", file, "--out", tmp_path / "run", *arguments)
     assert isinstance(done.exception, SocialbotError)
     assert words in str(done.exception)
     assert not (tmp_path / "run").exists()
 
 
-def test_a_graph_has_no_machines(run: Run, tmp_path: Path):
+def test_a_graph_has_no_machines(tmp_path: Path):
     done = run("up", "waldo", "--machine", "robot", "--out", tmp_path / "run")
     assert "give a deployment file" in str(done.exception)
 
 
-def test_systemd_prints_a_unit_or_writes_it(run: Run, file: Path, tmp_path: Path):
+def test_systemd_prints_a_unit_or_writes_it(file: Path, tmp_path: Path):
     printed = run("systemd", file, "--machine", "robot")
     assert printed.output.startswith("[Unit]")
     written = run("systemd", file, "--machine", "robot", "--out", tmp_path)
@@ -80,7 +72,7 @@ def test_systemd_prints_a_unit_or_writes_it(run: Run, file: Path, tmp_path: Path
     assert "systemctl enable --now socialbot-robot.service" in written.output
 
 
-def test_systemd_refuses_a_machine_or_folder_that_is_not_there(run: Run, file: Path, tmp_path: Path):
+def test_systemd_refuses_a_machine_or_folder_that_is_not_there(file: Path, tmp_path: Path):
     assert "no machine 'desk'" in str(run("systemd", file, "--machine", "desk").exception)
     nowhere = run("systemd", file, "--machine", "robot", "--out", tmp_path / "none")
     assert "cannot be written" in str(nowhere.exception)

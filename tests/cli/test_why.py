@@ -6,7 +6,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from socialbot.cli.why import diff, report, seconds_of, why
+from socialbot.cli.diff import diff
+from socialbot.cli.report import report
+from socialbot.cli.why import seconds_of, why
 from socialbot.core.errors import ParameterError, RunError, SocialbotError
 from tests.runs.runs import greeting, long_run
 

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.cli.main import with_changes
 from socialbot.core.errors import ParameterError
 from socialbot.core.paths import FOLDERS_VARIABLE, allow, within, workspace
 from socialbot.core.registry import node_types
-from socialbot.graph.files import dump_graph, load_graph, node_type
+from socialbot.graph.files import dump_graph, load_graph, node_type, with_changes
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 

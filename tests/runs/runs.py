@@ -10,7 +10,7 @@ from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.runs.record import RunRecord, RunTrace
 from socialbot.runtime.live_run import LiveRun
-from socialbot.runtime.replay import observed_topics
+from socialbot.runtime.run import observed_topics
 
 START = 1_700_000_000 * SECOND
 

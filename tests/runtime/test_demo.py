@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,9 +13,19 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Health, Message, State, TraceRecord
 from socialbot.deliberation.messages import Desire, DesireSet
 from socialbot.graph.files import load_graph
-from socialbot.runs.record import NOTHING_SHOWN, RunRecord
-from socialbot.runs.report import RunReport
-from socialbot.runtime.simulate import QUIET_S, Run, Wishes, Worlds, left_in, replayable, results_of, run, watched
+from socialbot.graph.node import Graph
+from socialbot.runs.record import NOTHING_SHOWN, Observer, RunRecord
+from socialbot.runs.report import RunReport, write_report
+from socialbot.runtime.run import RunResult, run
+from socialbot.runtime.simulated_source import (
+    QUIET_S,
+    DesiresDone,
+    SimulatedSource,
+    SimulatorsDone,
+    completion_check,
+    replay_topics,
+    simulation_topics,
+)
 
 pytest.importorskip("kairos", reason="kairos-planner is not installed")
 
@@ -24,70 +35,78 @@ def desires(seconds: float, agent: str, *names: str) -> DesireSet:
     return DesireSet(stamp=nanoseconds(seconds), agent_id=agent, value=wanted)
 
 
-def over(wishes: Wishes, seconds: float) -> bool:
-    return wishes.are_over(nanoseconds(seconds))
+def over(check: DesiresDone, seconds: float) -> bool:
+    return check.are_over(nanoseconds(seconds))
 
 
 def test_a_run_is_over_when_nobody_has_wanted_anything_for_a_while():
-    wishes = Wishes()
-    wishes.observe(desires(0.0, "a"))
-    assert not over(wishes, 100.0), "nobody has begun yet"
-    wishes.observe(desires(1.0, "a", "tea"))
-    wishes.observe(desires(2.0, "b", "rest"))
-    wishes.observe(desires(3.0, "a"))
-    assert not over(wishes, 100.0)
-    wishes.observe(desires(4.0, "b"))
-    assert not over(wishes, 3.9 + QUIET_S)
-    assert over(wishes, 4.0 + QUIET_S)
+    check = DesiresDone()
+    check.observe(desires(0.0, "a"))
+    assert not over(check, 100.0), "nobody has begun yet"
+    check.observe(desires(1.0, "a", "tea"))
+    check.observe(desires(2.0, "b", "rest"))
+    check.observe(desires(3.0, "a"))
+    assert not over(check, 100.0)
+    check.observe(desires(4.0, "b"))
+    assert not over(check, 3.9 + QUIET_S)
+    assert over(check, 4.0 + QUIET_S)
 
 
 def test_a_new_wish_lets_it_go_on():
-    wishes = Wishes()
+    check = DesiresDone()
     for seconds, names in ((0.0, ("tea",)), (1.0, ()), (2.0, ("more",)), (3.0, ())):
-        wishes.observe(desires(seconds, "a", *names))
-    assert not over(wishes, 5.0)
-    assert over(wishes, 6.0)
+        check.observe(desires(seconds, "a", *names))
+    assert not over(check, 5.0)
+    assert over(check, 6.0)
 
 
 def health(seconds: float, node: str, state: State) -> Health:
     return Health(stamp=nanoseconds(seconds), node=node, state=state)
 
 
-def test_a_run_without_wishes_is_over_a_while_after_all_worlds_have_ended():
-    worlds = Worlds(frozenset({"room", "visitors"}))
+def test_a_run_without_check_is_over_a_while_after_all_worlds_have_ended():
+    check = SimulatorsDone(frozenset({"room", "visitors"}))
     for told in (health(1.0, "room", "ok"), health(2.0, "room", "ended"), health(3.0, "mind", "ended")):
-        worlds.observe(told)
-    assert not worlds.are_over(nanoseconds(100.0))
-    worlds.observe(health(4.0, "visitors", "ended"))
-    worlds.observe(health(5.0, "room", "ended"))
-    assert not worlds.are_over(nanoseconds(3.9 + QUIET_S))
-    assert worlds.are_over(nanoseconds(4.0 + QUIET_S))
+        check.observe(told)
+    assert not check.are_over(nanoseconds(100.0))
+    check.observe(health(4.0, "visitors", "ended"))
+    check.observe(health(5.0, "room", "ended"))
+    assert not check.are_over(nanoseconds(3.9 + QUIET_S))
+    assert check.are_over(nanoseconds(4.0 + QUIET_S))
 
 
 def test_agents_without_desires_are_run_until_their_world_has_nothing_more_to_show(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     project = write_project("robot_of_the_demo", "python", tmp_path)
-    what, seen = Run(load_graph(str(project / "graph.yaml"))), []
-    assert isinstance(left_in(what.graph), Worlds)
-    ran = run(what, tmp_path / "run", lambda topic, message: seen.append((topic, message)))
+    graph, seen = load_graph(str(project / "graph.yaml")), []
+    assert isinstance(completion_check(graph), SimulatorsDone)
+    ran = simulated(graph, tmp_path / "run", lambda topic, message: seen.append((topic, message)))
     assert ran.ended == NOTHING_SHOWN
     assert ran.seconds == pytest.approx(15.0)
     assert {"/humans/bodies/detections", "/agent/trace", "/speech/status"} <= {topic for topic, _ in seen}
     assert list((tmp_path / "run" / "speech").glob("*.wav"))
 
 
+def simulated(graph: Graph, folder: Path, observe: Observer = lambda topic, message: None, **source: Any) -> RunResult:
+    with RunRecord(folder) as record:
+        return run(graph, SimulatedSource(**source), record, observe)
+
+
 @pytest.fixture(scope="module")
 def cleaned(tmp_path_factory: pytest.TempPathFactory):
     """The cleaner and the sweeper at work: what came of it, and the messages."""
     folder = tmp_path_factory.mktemp("run")
-    what = Run(load_graph("cleaner-sweeper"))
-    report, seen = RunReport(what.graph), []
+    graph = load_graph("cleaner-sweeper")
+    report, seen = RunReport(graph), []
 
     def observe(topic: str, message: Message) -> None:
         report.observe(topic, message)
         seen.append((topic, message))
 
-    return what, run(what, folder, observe, bag=folder / "bag"), report, seen, folder
+    with RunRecord(folder) as record:
+        source = SimulatedSource(bag=folder / "bag")
+        ran = run(graph, source, record, observe, summarize=lambda: report.summary().results())
+    return graph, ran, report, seen, folder
 
 
 def test_agents_run_until_they_have_what_they_want(cleaned):
@@ -97,51 +116,45 @@ def test_agents_run_until_they_have_what_they_want(cleaned):
     assert summary.requests_for_desires == 2
     assert ran.ended == "nobody wants anything more"
     assert ran.seconds == pytest.approx(summary.story.duration_s + QUIET_S, abs=0.2)
-    assert all(fate.failures == 0 for fate in ran.fates.values())
+    assert all(fate.failures == 0 for fate in ran.nodes.values())
 
 
 def test_what_is_watched_is_seen(cleaned):
-    what, _, _, seen, _ = cleaned
-    assert {topic for topic, _ in seen} <= set(watched(what.graph))
+    graph, _, _, seen, _ = cleaned
+    assert {topic for topic, _ in seen} <= set(simulation_topics(graph))
     assert any(isinstance(message, TraceRecord) for _, message in seen)
 
 
 def test_a_bag_has_traces_and_requests_and_says_which_graph_ran(cleaned):
-    what, _, _, seen, folder = cleaned
-    expected = sum(topic in replayable(what.graph) for topic, _ in seen)
+    graph, _, _, seen, folder = cleaned
+    expected = sum(topic in replay_topics(graph) for topic, _ in seen)
     with open_bag(folder / "bag") as bag:
         assert sum(topic.count for topic in bag.topics) == expected
         assert {"/cleaner/trace", "/sweeper/trace", "/agents/requests"} <= {topic.name for topic in bag.topics}
-    assert load_graph(str(folder / "bag" / "graph.yaml")) == what.graph
+    assert load_graph(str(folder / "bag" / "graph.yaml")) == graph
 
 
 def test_the_page_of_a_run_without_a_floor_is_written(cleaned):
-    what, ran, report, seen, folder = cleaned
-    with RunRecord(folder) as record:
-        record.describe(what.graph)
-        for topic, message in seen:
-            record.observe(topic, message)
-        record.write_results(results_of(what, ran, report.summary().results()))
-    page = report.write(folder, "Cleaning")
-    assert "has sweeper sweep kitchen" in page.read_text("utf-8")
+    folder = cleaned[-1]
+    page = write_report(folder, "Cleaning")
+    assert "<title>Cleaning" in page.read_text("utf-8")
     assert not (folder / "floor.svg").exists()
 
 
 def test_a_run_ends_when_its_time_is_up(tmp_path: Path):
     report = RunReport(graph := load_graph("cleaner-sweeper"))
-    ran = run(Run(graph, limit_s=7.0), tmp_path, report.observe)
+    ran = simulated(graph, tmp_path, report.observe, limit_s=7.0)
     assert (ran.ended, ran.seconds) == ("the time was up", 7.0)
     assert not report.summary().reached
 
 
 def test_a_run_can_be_paced(tmp_path: Path):
-    ran = run(Run(load_graph("cleaner"), rate=20.0, limit_s=8.0), tmp_path, lambda topic, message: None)
+    ran = simulated(load_graph("cleaner"), tmp_path, rate=20.0, limit_s=8.0)
     assert ran.wall_s >= 0.35
 
 
 def test_results_tell_how_it_was_run(cleaned):
-    what, ran, report, _, _ = cleaned
-    results = results_of(what, ran, report.summary().results())
+    results = cleaned[1].results
     assert results["graph"] == "cleaner-sweeper"
     assert results["reached"] is True
     assert results["agents"]["cleaner"] == {"plans": 1, "given_up": 0, "steps": 7, "requests": 2}
@@ -167,7 +180,7 @@ def test_six_boxes_are_the_graph_that_comes_with_socialbot():
 
 
 def test_the_world_is_recorded_with_what_it_is_told():
-    topics = replayable(load_graph("warehouse"))
+    topics = replay_topics(load_graph("warehouse"))
     assert {"/warehouse/boxes", "/carrier_a/cmd_target", "/gripper_a/trace", "/agents/replies"} <= set(topics)
     assert "/gripper_a/belief_set" not in topics
 

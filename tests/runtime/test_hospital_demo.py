@@ -13,9 +13,9 @@ from socialbot.bags.reader import open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
 from socialbot.graph.files import load_graph
-from socialbot.runs.record import RunRecord
-from socialbot.runtime.replay import Outcome, Replay, replay
-from socialbot.runtime.simulate import replayable, results_of
+from socialbot.runtime.bag_source import replay
+from socialbot.runtime.run import RunResult
+from socialbot.runtime.simulated_source import replay_topics
 from tests.agents.hospital.runs import Told, carried_out, paper_run
 from tests.runs.pages import read
 from tests.system.running import results, socialbot
@@ -23,14 +23,8 @@ from tests.system.running import results, socialbot
 BAGS = Path(__file__).parents[2] / "data" / "synthetic"
 
 
-def page_of(run: Told, folder: Path) -> str:
-    done = results_of(run.what, run.ran, run.report.summary().results())
-    with RunRecord(folder) as record:
-        record.describe(run.what.graph)
-        for message in run.messages:
-            record.observe("", message)
-        record.write_results(done)
-    return run.report.write(folder, "The hospital").read_text("utf-8")
+def page_of(run: Told) -> str:
+    return run.report.write(run.folder, "The hospital").read_text("utf-8")
 
 
 def data_of(page: str) -> dict[str, Any]:
@@ -81,8 +75,8 @@ def test_its_folder_has_trace_results_page_and_ward(shown):
     assert found["infected"] == []
 
 
-def test_its_page_tells_all_of_the_run_and_needs_nothing_else(tmp_path):
-    page = page_of(paper_run(100.0), tmp_path)
+def test_its_page_tells_all_of_the_run_and_needs_nothing_else():
+    page = page_of(paper_run(100.0))
     words = read(page)
     for told in (
         "1 of 1",
@@ -98,8 +92,8 @@ def test_its_page_tells_all_of_the_run_and_needs_nothing_else(tmp_path):
     assert page.count('class="request problem"') == 1
 
 
-def test_its_film_shows_rooms_and_robots(tmp_path):
-    film = data_of(page_of(paper_run(100.0), tmp_path))["film"]
+def test_its_film_shows_rooms_and_robots():
+    film = data_of(page_of(paper_run(100.0)))["film"]
     assert set(film["robots"]) == {"spotrobot1", "uvdrobot1", "nurse_disinfected1"}
     looks = [film["drawings"][int(face)] for _, face in film["faces"]["room1"]]
     assert any("door closed, dirty" in look for look in looks)
@@ -116,20 +110,19 @@ def test_a_mission_that_is_given_up_is_not_reached():
     assert run.ran.ended == "nobody wants anything more"
 
 
-def test_the_graph_file_runs_with_the_page_too(tmp_path):
+def test_the_graph_file_runs_with_the_page_too():
     run = carried_out(load_graph("hospital"))
     assert run.report.summary().reached
-    assert "The tasks, before and after" in page_of(run, tmp_path)
+    assert "The tasks, before and after" in page_of(run)
 
 
-def replayed(bag: Path, folder: Path, **changes: object) -> Outcome:
+def replayed(bag: Path, folder: Path, **changes: object) -> RunResult:
     graph = load_graph(str(bag / "graph.yaml")).with_parameters({"coordinator": changes})
-    with open_bag(bag) as opened, RunRecord(folder) as record:
-        return replay(Replay(opened, graph, "inline"), record, lambda topic, message: None)
+    return replay(bag, graph, folder)
 
 
 def test_a_bag_replayed_without_the_world_gives_the_same_decisions_at_the_same_times(tmp_path):
-    graph = paper_run(100.0).what.graph
+    graph = paper_run(100.0).graph
     run = carried_out(graph, bag=tmp_path / "bag")
     outcome = replayed(tmp_path / "bag", tmp_path / "run")
     assert outcome.decisions is not None
@@ -140,7 +133,7 @@ def test_a_bag_replayed_without_the_world_gives_the_same_decisions_at_the_same_t
 
 
 def test_a_bag_has_what_is_said_and_done(tmp_path):
-    topics = replayable(paper_run(0.0).what.graph)
+    topics = replay_topics(paper_run(0.0).graph)
     assert {f"/hospital/{name}" for name in ("state", "results", "commands", "messages", "missions")} <= set(topics)
     assert "/spotrobot1/mind" not in topics
 

@@ -38,7 +38,7 @@ class Cable:
 @pytest.fixture
 def cable(monkeypatch) -> Cable:
     cable = Cable()
-    monkeypatch.setattr(networks, "LOOK_AGAIN_S", 0.01)
+    monkeypatch.setattr(networks, "POLL_S", 0.01)
     monkeypatch.setattr(networks, "own_addresses", cable)
     return cable
 
@@ -66,7 +66,7 @@ def test_who_started_before_it_came_has_missed_it_and_that_is_told_once(cable, n
     assert begin < begun < end <= monotonic()
     assert network.missed() is None
     assert [record.getMessage() for record in (*caplog.get_records("setup"), *caplog.records)] == [
-        f"{ADDRESS} is not up on this machine: others cannot be reached without",
+        f"{ADDRESS} is down on this machine: other machines are unreachable",
         f"{ADDRESS} is up now",
     ]
 
@@ -84,7 +84,7 @@ def test_who_started_while_it_was_away_has_missed_it_but_not_who_started_long_be
         cable.plug(ADDRESS)
         begin, end = missed(network)
     assert before < begin < between < end
-    assert "is not up" not in caplog.text
+    assert "is down" not in caplog.text
 
 
 def test_who_started_just_before_it_went_may_have_missed_it(cable, network):

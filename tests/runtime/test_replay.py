@@ -8,10 +8,8 @@ import pytest
 
 from socialbot.bags.reader import open_bag
 from socialbot.core.errors import GraphError
-from socialbot.graph.node import Graph
-from socialbot.runs.record import RunRecord
 from socialbot.runs.report import recorded
-from socialbot.runtime.replay import Replay, find_truth, graph_of, replay
+from socialbot.runtime.bag_source import find_truth, graph_of, replay
 from tests.planning import busy
 from tests.system.running import socialbot_here
 from tests.vision.metrics.scenes import drawn_bag
@@ -22,7 +20,7 @@ BAGS = Path(__file__).parents[2] / "data" / "synthetic"
 def test_the_truth_of_a_folder_lies_beside_it_under_the_folders_whole_name(tmp_path):
     drawn_bag(tmp_path, "run", frames=3)
     with open_bag(drawn_bag(tmp_path, "run.1", frames=2)) as bag:
-        truth = find_truth(Replay(bag, Graph("g", ())))
+        truth = find_truth(bag)
     assert truth is not None
     assert len(truth.frames) == 2
 
@@ -52,8 +50,8 @@ def test_the_same_bag_gives_the_same_trace_twice_however_busy_the_machine_is(tmp
     graph = graph_of(bag).with_parameters({"gripper_a": {"planning_timeout_s": 0.5}})
     traces = []
     for name, machine in ("alone", nullcontext()), ("among others", busy.busy_machine()):
-        with machine, open_bag(bag) as opened, RunRecord(tmp_path / name) as record:
-            outcome = replay(Replay(opened, graph, "inline"), record, lambda topic, message: None)
+        with machine:
+            outcome = replay(bag, graph, tmp_path / name)
         assert outcome.decisions is not None
         assert outcome.decisions.exact, outcome.decisions.told
         traces.append((tmp_path / name / "trace.jsonl").read_bytes())

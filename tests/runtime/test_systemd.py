@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from socialbot.cli.systemd import quoted, unit
 from socialbot.core.errors import ParameterError
-from socialbot.runtime.launching import quoted, unit, unit_name
 
 
 def test_a_unit_starts_the_half_of_its_machine_beside_the_file(tmp_path: Path):
@@ -19,11 +19,10 @@ def test_a_unit_starts_the_half_of_its_machine_beside_the_file(tmp_path: Path):
     assert read["Service"]["WorkingDirectory"] == str(tmp_path)
     assert read["Service"]["User"] == "pi"
     assert read["Service"]["ExecStart"].endswith(f" -m socialbot up {tmp_path}/waldo.yaml --machine robot")
-    assert unit_name("robot") == "socialbot-robot.service"
 
 
 def test_a_name_with_a_line_break_cannot_add_to_a_unit(tmp_path: Path):
-    with pytest.raises(ParameterError, match="no unit can hold"):
+    with pytest.raises(ParameterError, match="cannot hold this path"):
         unit(tmp_path / "a\nExecStartPre=evil.yaml", "robot")
 
 
@@ -49,7 +48,7 @@ def test_whatever_an_argument_holds_systemd_takes_it_as_it_is(argument: str):
 def test_systemd_finds_no_fault(tmp_path: Path):
     folder = tmp_path / "50% of $HOME"
     folder.mkdir()
-    path = tmp_path / unit_name("robot")
+    path = tmp_path / "socialbot-robot.service"
     path.write_text(unit(folder / "waldo.yaml", "robot", user="root"))
     done = subprocess.run(["systemd-analyze", "verify", path], capture_output=True, text=True, check=False)
     assert str(path) not in done.stderr, done.stderr

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from socialbot.graph.files import load_graph
-from socialbot.runtime.live import keep_minds
+from socialbot.runtime.live_source import with_state_files
 from socialbot.runtime.processes import RestartPolicy
 from tests.system.running import eventually, running
 
@@ -43,7 +43,7 @@ def supervised(pictures: Path, folder: Path) -> Iterator[tuple[Any, Callable[[Ca
     graph = load_graph("waldo").with_parameters(
         {"camera": {"source": str(pictures), "loop": True}, "speech": {"playback": "off"}}
     )
-    with Supervisor(keep_minds(graph, folder / "minds"), folder, policy=PATIENT) as supervisor:
+    with Supervisor(with_state_files(graph, folder / "minds"), folder, policy=PATIENT) as supervisor:
 
         def until(holds: Callable[[], bool], timeout_s: float) -> float:
             begun = monotonic()

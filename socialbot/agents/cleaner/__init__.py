@@ -11,4 +11,8 @@ AGENT = AgentPackage(
         "team_cleaner": "socialbot.agents.cleaner.cleaner:TeamCleaner",
     },
     graphs={"cleaner": "graph.yaml", "cleaner-sweeper": "pair.yaml"},
+    demos={
+        "cleaner": "socialbot.agents.cleaner.demo:cleaner",
+        "cleaner-sweeper": "socialbot.agents.cleaner.demo:cleaner_sweeper",
+    },
 )

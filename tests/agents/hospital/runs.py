@@ -1,23 +1,27 @@
-"""Runs of the hospital that tests look at: what was told in them."""
+"""Runs of the hospital with their messages."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from tempfile import mkdtemp
 
 from socialbot.agents.hospital.demo import hospital
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.graph.node import Graph
+from socialbot.runs.record import RunRecord
 from socialbot.runs.report import RunReport
-from socialbot.runtime.simulate import Run, RunResult, run
+from socialbot.runtime.run import RunResult, run
+from socialbot.runtime.simulated_source import SimulatedSource
 
 
 @dataclass
 class Told:
-    """A run, the messages and records that it was told by, and what its page is made of."""
+    """A run of ``graph`` recorded in ``folder``, with its messages."""
 
-    what: Run
+    graph: Graph
+    folder: Path
     report: RunReport
     ran: RunResult = field(default_factory=RunResult)
     messages: list[Message] = field(default_factory=list)
@@ -33,14 +37,17 @@ class Told:
 
 
 def carried_out(graph: Graph, *, bag: Path | None = None) -> Told:
-    """What a run of ``graph`` tells."""
-    told = Told(Run(graph), RunReport(graph))
+    """Runs ``graph`` inline."""
+    told = Told(graph, Path(mkdtemp()), RunReport(graph))
 
     def observe(topic: str, message: Message) -> None:
         told.report.observe(topic, message)
         told.messages.append(message)
 
-    told.ran = run(told.what, Path(), observe, bag=bag)
+    with RunRecord(told.folder) as record:
+        told.ran = run(
+            graph, SimulatedSource(bag=bag), record, observe, summarize=lambda: told.report.summary().results()
+        )
     return told
 
 

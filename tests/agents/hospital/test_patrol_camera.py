@@ -26,11 +26,10 @@ from socialbot.agents.hospital.ward.messages import (
     AgentState,
     WardState,
 )
-from socialbot.cli.main import with_changes
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import Image, PersonDetection, PersonDetections, TraceRecord
-from socialbot.graph.files import load_graph
+from socialbot.graph.files import load_graph, with_changes
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.vision.metrics.truth import load_truth

@@ -1,4 +1,4 @@
-"""``socialbot up --machine``, ``socialbot systemd`` and ``socialbot down``; see docs/deploy.md."""
+"""``socialbot down``: stop runs of ``socialbot up``."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
-from socialbot.cli.completion import graph_names
-from socialbot.cli.inspect import PORT, watched
+from socialbot.cli._options import graph_names
 from socialbot.core.errors import GraphError, ParameterError
 from socialbot.core.messages import UpStatus
 from socialbot.core.process import Ending
@@ -22,66 +20,6 @@ from socialbot.graph.status import printable
 if TYPE_CHECKING:
     from socialbot.bridge.run_announcer import RunListener
     from socialbot.runtime.deployment import Deployment
-
-
-def up_machine(
-    file: str,
-    machine: str | None,
-    changes: list[str],
-    out: Path,
-    minds: Path | None = None,
-    page: typer.Context | None = None,
-    port: int = PORT,
-    *,
-    room: int,
-) -> None:
-    """Brings up the nodes of ``machine``, by default the one this runs on, until Ctrl-C.
-
-    ``changes`` are those of ``--set``; ``out`` takes the record of the run, whose journals have ``room`` (bytes) each.
-    Agents go on with what they had in ``minds``, by default in the folder that the deployment names. For a command of
-    which ``page`` is the context, the inspector shows what this machine hears.
-    """
-    from socialbot.cli.main import with_changes
-    from socialbot.runs.record import RunTrace
-    from socialbot.runtime.deployment import load_deployment
-    from socialbot.runtime.machine import enter, run_machine
-
-    deployment = load_deployment(Path(file))
-    machine = machine or deployment.this_machine()
-    nodes = ", ".join(placement.name for placement in deployment.half(machine))
-    graph = with_changes(deployment.graph, changes)
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(f"{graph.name} on {machine}: {nodes or 'no node'}", markup=False)
-    console.print(f"Ctrl-C ends it; its record: {out}", markup=False)
-    with RunTrace(out, room=room) as record:
-        if page is not None:
-            enter(deployment, machine)
-            page.with_resource(watched(record, graph, console, port, over_ros=True, stays=False))
-        run_machine(deployment, machine, record, Console(highlight=False), graph, minds)
-
-
-def systemd(
-    file: Annotated[Path, typer.Argument(help="The deployment file.")],
-    machine: Annotated[str, typer.Option(help="The machine that the unit is for.")],
-    out: Annotated[Path | None, typer.Option(help="The folder to write the unit into; default: print it.")] = None,
-) -> None:
-    """Make the systemd unit by which a machine of a deployment starts its nodes when it starts itself."""
-    from socialbot.runtime.deployment import load_deployment
-    from socialbot.runtime.launching import unit, unit_name
-
-    load_deployment(file).address(machine)
-    text = unit(file, machine)
-    if out is None:
-        typer.echo(text, nl=False)
-        return
-    path = out / unit_name(machine)
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ParameterError(
-            f"cannot be written: {error.strerror}", where=str(path), remedy="name another --out"
-        ) from error
-    typer.echo(f"{path}\nsudo cp {path} /etc/systemd/system/ && sudo systemctl enable --now {path.name}")
 
 
 NOT_ENDED = 10

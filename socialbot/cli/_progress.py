@@ -1,30 +1,23 @@
-"""How far something has come that takes longer than a moment: a bar on the terminal, nothing elsewhere."""
+"""Progress on stderr while it is a terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-Advance = Callable[[int], None]
-"""Takes how many things are done by now."""
-
-
-def unseen(done: int) -> None:
-    """For who does not look."""
-
 
 @contextmanager
-def bar(what: str, of: str, total: int | None = None) -> Iterator[Advance]:
-    """A bar on stderr for ``what``, while it is a terminal; ``total`` is how many things, None if nobody knows.
+def bar(what: str, of: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
+    """Show a progress bar for ``what``; call the result with the number of items done.
 
-    What it gives is to be called with the number of things that are done, called ``of``.
+    ``of`` is the name of the items, ``total`` their number if it is known.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield unseen
+        yield lambda done: None
         return
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -40,7 +33,7 @@ def bar(what: str, of: str, total: int | None = None) -> Iterator[Advance]:
 
 @contextmanager
 def waiting(what: str) -> Iterator[None]:
-    """Says on stderr that ``what`` goes on, while it is a terminal."""
+    """Show that ``what`` is in progress."""
     from rich.console import Console
     from rich.markup import escape
 

@@ -1,0 +1,95 @@
+"""Present runs in the terminal: as they happen, their results and their damage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from socialbot.runs.folder import RecordedRun
+    from socialbot.runs.record import RunTrace
+    from socialbot.runs.report import RunReport
+    from socialbot.runtime.run import RunResult
+    from socialbot.vision.metrics.scores import Scores
+
+MAX_PAGE_BYTES = 20_000_000
+"""Longest trace of a live run whose page is written at the end; a longer one would delay the exit."""
+
+
+def print_outcome(console: Console, result: RunResult) -> None:
+    """Print detection scores, the comparison of decisions, and warnings."""
+    if result.scores is not None:
+        console.print(scores_table(result.scores))
+    if result.decisions is not None:
+        console.print(result.decisions.told, soft_wrap=True, markup=False)
+    for topic, skipped in result.results.get("bag", {}).get("skipped", {}).items():
+        text = f"{topic}: {skipped['count']} damaged messages skipped: {skipped['first']}"
+        console.print(f"[yellow]warning[/] {escape(text)}", soft_wrap=True)
+    for name, node in result.nodes.items():
+        if node.failures:
+            text = f"{name}: failed {node.failures} of {node.calls} times; first: {node.first_failure}"
+            console.print(f"[yellow]warning[/] {escape(text)}", soft_wrap=True)
+
+
+def write_page(
+    console: Console, record: RunTrace, title: str, max_bytes: int | None = None, report: RunReport | None = None
+) -> None:
+    """Write the page of a run and print where it is; a trace longer than ``max_bytes`` gets none.
+
+    A run that failed before its results were written gets none either.
+    """
+    from socialbot.runs.report import write_report
+
+    if not (record.folder / "results.json").exists():
+        return
+    if max_bytes is not None and record.size > max_bytes:
+        page = f"the run was long: socialbot report {record.folder} writes its page"
+    else:
+        page = f"its page: {(report.write if report else write_report)(record.folder, title)}"
+    console.print(f"The record of this run: {record.folder}; {page}", soft_wrap=True, markup=False)
+
+
+def scores_table(scores: Scores) -> Table:
+    """Return precision, recall and F1 by distance band."""
+    table = Table(title=f"Detections of {scores.frames} frames at IoU 0.5", title_justify="left")
+    for heading in ("distance", "found", "false", "missed", "precision", "recall", "F1"):
+        table.add_column(heading, justify="left" if heading == "distance" else "right")
+    for name, band in scores.bands.items():
+        if band.tp or band.fp or band.fn or "-" in name:
+            rates = ["-" if rate is None else f"{rate:.3f}" for rate in (band.precision, band.recall, band.f1)]
+            table.add_row(name, str(band.tp), str(band.fp), str(band.fn), *rates)
+    return table
+
+
+def opened_run(folder: Path | None) -> RecordedRun:
+    """Open the run in ``folder``, by default the newest, and print its damage on stderr. Raises RunError."""
+    from socialbot.runs.folder import newest_run, open_run
+
+    run = open_run(newest_run() if folder is None else folder)
+    print_damage(run)
+    return run
+
+
+def print_damage(run: RecordedRun) -> None:
+    """Print on stderr which parts of a run are unreadable."""
+    for damage in run.damage:
+        Console(stderr=True, highlight=False).print(f"warning: {damage}", soft_wrap=True, markup=False)
+
+
+def print_found(found: Any, lines: Sequence[str], *, as_json: bool) -> None:
+    """Print ``found`` as JSON, or the ``lines`` that describe it."""
+    if as_json:
+        import msgspec
+
+        typer.echo(msgspec.json.format(msgspec.json.encode(found), indent=2).decode())
+        return
+    console = Console(highlight=False)
+    for line in lines:
+        console.print(Text(line), soft_wrap=True)

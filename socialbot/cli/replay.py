@@ -1,0 +1,95 @@
+"""``socialbot replay``: replay a bag through a graph."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.console import Console
+
+from socialbot.cli._options import (
+    PORT,
+    BagArgument,
+    ComposedOption,
+    InspectOption,
+    OutOption,
+    PortOption,
+    SetOption,
+    graph_names,
+)
+
+
+def replay(
+    context: typer.Context,
+    bag: BagArgument,
+    graph: Annotated[
+        str | None,
+        typer.Option(
+            help="Built-in graph or graph file; default: the bag's own, or waldo.", autocompletion=graph_names
+        ),
+    ] = None,
+    runner: Annotated[
+        Literal["ros", "inline"], typer.Option(help="ros: real nodes over DDS; inline: one thread, simulated time.")
+    ] = "ros",
+    composed: ComposedOption = False,
+    image_topic: Annotated[str | None, typer.Option(help="Topic of the images, when the bag has several.")] = None,
+    rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="Speed of a ros replay; 1 is as recorded.")] = 1.0,
+    pace: Annotated[bool, typer.Option(help="Wait for slow nodes instead of skipping frames (ros).")] = True,
+    truth: Annotated[Path | None, typer.Option(help="Ground truth; default: BAG.truth.json if it exists.")] = None,
+    out: OutOption = None,
+    video: Annotated[bool, typer.Option(help="Write the annotated video.")] = True,
+    show_page: InspectOption = False,
+    port: PortOption = PORT,
+    changes: SetOption = None,
+) -> None:
+    """Replay a bag through a graph; show, record and score the run."""
+    from socialbot.bags.reader import open_bag
+    from socialbot.bags.topic_mapping import takes_pictures
+    from socialbot.cli._progress import bar
+    from socialbot.cli._runs import print_outcome, write_page
+    from socialbot.cli.inspect import watched
+    from socialbot.core.errors import SocialbotError
+    from socialbot.graph.files import load_graph, with_changes
+    from socialbot.runs.console import Display
+    from socialbot.runs.record import RunRecord
+    from socialbot.runs.video import write_video
+    from socialbot.runtime.bag_source import BagSource, find_truth, graph_of
+    from socialbot.runtime.run import new_run_folder, run
+
+    console = Console(highlight=False)
+    whole = with_changes(load_graph(graph) if graph else graph_of(bag), changes or [])
+    takes_images = takes_pictures(whole.without_sources())
+    title, folder = f"{whole.name.capitalize()}: replay of {bag}", out or new_run_folder()
+    with open_bag(bag) as opened:
+        topics = [topic.name for topic in opened.image_topics] if takes_images else []
+        chosen = image_topic or _ask_image_topic(topics)
+        source = BagSource(opened, chosen, rate, pace, find_truth(opened, truth))
+        topic = opened.choose_image_topic(chosen).name if takes_images else None
+        with RunRecord(folder) as record:
+            if show_page:
+                images = None if topic is None else (bag, topic)
+                context.with_resource(watched(record, whole, console, port, over_ros=runner == "ros", bag=images))
+            with Display(console, whole.without_sources(), start=opened.start, until=opened.end) as display:
+                try:
+                    result = run(whole, source, record, display.show, runner=runner, composed=composed)
+                except SocialbotError:
+                    write_page(console, record, title)
+                    raise
+            if video and topic is not None and record.detections:
+                with bar("writing annotated.mp4", "images", opened.topic(topic).count) as advance:
+                    write_video(opened, topic, record, source.truth, folder / "annotated.mp4", advance)
+    print_outcome(console, result)
+    write_page(console, record, title)
+    result.check()
+
+
+def _ask_image_topic(names: list[str]) -> str | None:
+    """Ask on a terminal which of several image topics to use."""
+    if len(names) < 2 or not sys.stdin.isatty():
+        return None
+    for number, name in enumerate(names, 1):
+        typer.echo(f"  {number}  {name}")
+    answer = typer.prompt("Topic of the images", type=int, default=1)
+    return names[answer - 1] if 1 <= answer <= len(names) else None

@@ -1,0 +1,15 @@
+"""``socialbot report``: write the page of a recorded run."""
+
+from __future__ import annotations
+
+import typer
+
+from socialbot.cli._options import RunArgument
+
+
+def report(run: RunArgument = None) -> None:
+    """Write report.html into the folder of a run, such as an interrupted or a long one."""
+    from socialbot.runs.folder import newest_run
+    from socialbot.runs.report import write_report
+
+    typer.echo(write_report(newest_run() if run is None else run))

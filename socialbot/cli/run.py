@@ -1,0 +1,152 @@
+"""``socialbot run``: run agents with their simulated world, with a page of what they did."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from socialbot.cli._options import (
+    PORT,
+    ComposedOption,
+    GraphArgument,
+    InspectOption,
+    OutOption,
+    PortOption,
+    SetOption,
+)
+
+if TYPE_CHECKING:
+    from socialbot.graph.node import Graph
+    from socialbot.runs.story import Summary
+
+NOT_REACHED = 10
+"""Exit code: a desire or mission was not reached."""
+
+Runner = Literal["inline", "ros"]
+RunnerOption = Annotated[
+    Runner, typer.Option(help="inline: one thread; ros: one process per node, over DDS. Both as fast as possible.")
+]
+RateOption = Annotated[
+    float, typer.Option(min=0.0, max=1000.0, metavar="TIMES", help="Speed as a multiple of real time; 0: no limit.")
+]
+LimitOption = Annotated[float, typer.Option(min=1.0, metavar="SECONDS", help="Limit of simulated time.")]
+RecordBagOption = Annotated[bool, typer.Option("--bag", help="Record a bag for replays, in the folder of the run.")]
+
+
+def run(
+    context: typer.Context,
+    graph: GraphArgument,
+    runner: RunnerOption = "inline",
+    composed: ComposedOption = False,
+    rate: RateOption = 0.0,
+    limit: LimitOption = 1800.0,
+    out: OutOption = None,
+    bag: RecordBagOption = False,
+    show_page: InspectOption = False,
+    port: PortOption = PORT,
+    changes: SetOption = None,
+) -> None:
+    """Run agents and their world in simulated time, until no agent has a desire or the world has ended.
+
+    Exit code 10: a desire was not reached.
+    """
+    from socialbot.graph.files import load_graph
+
+    loaded = load_graph(graph)
+    title = loaded.name.capitalize()
+    simulate(context, title, loaded, runner, composed, rate, limit, out, bag, show_page, port, changes)
+
+
+def simulate(
+    context: typer.Context,
+    title: str,
+    graph: Graph,
+    runner: Runner,
+    composed: bool,
+    rate: float,
+    limit: float,
+    out: Path | None,
+    bag: bool,
+    show_page: bool,
+    port: int,
+    changes: list[str] | None,
+) -> None:
+    """Run ``graph`` on its simulated world, show it in the terminal and write its page."""
+    from socialbot.cli._runs import print_outcome, write_page
+    from socialbot.cli.inspect import watched
+    from socialbot.core.clock import SECOND, nanoseconds
+    from socialbot.core.messages import Message
+    from socialbot.core.registry import terminal_view_of
+    from socialbot.graph.files import with_changes
+    from socialbot.runs.console import Display
+    from socialbot.runs.record import STOPPED, RunRecord
+    from socialbot.runs.report import RunReport
+    from socialbot.runtime.run import new_run_folder
+    from socialbot.runtime.run import run as run_graph
+    from socialbot.runtime.simulated_source import SimulatedSource
+
+    graph = with_changes(graph, changes or [])
+    report, folder, console = RunReport(graph), out or new_run_folder(), Console(highlight=False)
+    logging.getLogger("socialbot").setLevel(logging.ERROR)  # the display shows failures
+    world = terminal_view_of(graph, console)
+    source = SimulatedSource(rate, limit, folder / "bag" if bag else None)
+    start, end = (None, None) if report.deliberates else (SECOND, SECOND + nanoseconds(limit))
+    with RunRecord(folder) as record, Display(console, graph.without_sources(), start=start, until=end) as display:
+
+        def observe(topic: str, message: Message) -> None:
+            report.observe(topic, message)
+            display.show(topic, message)
+            if world is not None:
+                world.show(message)
+
+        if show_page:
+            context.with_resource(watched(record, graph, console, port, over_ros=runner == "ros"))
+        result = run_graph(
+            graph,
+            source,
+            record,
+            observe,
+            runner=runner,
+            composed=composed,
+            summarize=lambda: report.summary().results(),
+        )
+    summary = report.summary()
+    if world is not None:
+        console.print()
+        world.finish()
+    elif report.deliberates:
+        console.print()
+        _print_summary(console, summary)
+    print_outcome(console, result)
+    console.print(f"\n{result.seconds:.1f} s, in {result.wall_s:.1f} s of real time; {result.ended}")
+    write_page(console, record, title, report=report)
+    if report.deliberates and not summary.reached and result.ended != STOPPED:
+        raise typer.Exit(NOT_REACHED)
+
+
+def _print_summary(console: Console, summary: Summary) -> None:
+    """Print counts by agent, the outcome of each desire and the final state of the world."""
+    story = summary.story
+    table = Table("agent", title_justify="left", box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for heading in ("plans", "given up", "steps", "requests"):
+        table.add_column(heading, justify="right")
+    for agent, counts in summary.results()["agents"].items():
+        table.add_row(agent, *(str(counts[key]) for key in ("plans", "given_up", "steps", "requests")))
+    console.print(table)
+    console.print()
+    for desire in story.aims:
+        planned_s, took_s = story.makespans_s(desire)
+        planned = "" if planned_s is None else f", planned {planned_s:.1f} s"
+        how = f"{desire.how or 'still wanted'}{f' after {took_s:.1f} s' if took_s is not None else ''}"
+        reason = f": {desire.reason}" if desire.reason else ""
+        console.print(f"{desire.agent}: {desire.name} {how}{planned}{reason}", soft_wrap=True, markup=False)
+    holders: dict[str, list[str]] = {}
+    for box, holder in summary.world.get("boxes", {}).items():
+        holders.setdefault(holder, []).append(box)
+    for holder in sorted(holders):
+        console.print(f"{holder}: {', '.join(sorted(holders[holder]))}", soft_wrap=True, markup=False)

@@ -1,0 +1,83 @@
+"""``socialbot systemd``: write the systemd unit of one machine of a deployment."""
+
+from __future__ import annotations
+
+import getpass
+import re
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from socialbot.core.errors import ParameterError
+
+UNIT = """\
+[Unit]
+Description={description}
+Wants=network-online.target time-sync.target
+After=network-online.target time-sync.target
+
+[Service]
+Type=exec
+User={user}
+WorkingDirectory={folder}
+ExecStart={command}
+# socialbot restarts crashed nodes itself; systemd restarts socialbot.
+Restart=on-failure
+RestartSec=5
+# A wrong command line or configuration stays wrong.
+RestartPreventExitStatus=2 4
+KillSignal=SIGINT
+KillMode=mixed
+TimeoutStopSec=20
+NoNewPrivileges=yes
+
+[Install]
+WantedBy=multi-user.target
+"""
+
+
+def systemd(
+    file: Annotated[Path, typer.Argument(help="The deployment file.")],
+    machine: Annotated[str, typer.Option(help="Machine that the unit is for.")],
+    out: Annotated[Path | None, typer.Option(help="Folder to write the unit into; default: print it.")] = None,
+) -> None:
+    """Write the systemd unit that starts the nodes of a machine when it boots."""
+    from socialbot.runtime.deployment import load_deployment
+
+    load_deployment(file).address(machine)
+    text = unit(file, machine)
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    path = out / f"socialbot-{machine}.service"
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        what = f"cannot be written: {error.strerror}"
+        raise ParameterError(what, where=str(path), remedy="name another --out") from error
+    typer.echo(f"{path}\nsudo cp {path} /etc/systemd/system/ && sudo systemctl enable --now {path.name}")
+
+
+def unit(file: Path, machine: str, *, user: str | None = None) -> str:
+    """Return the unit that runs the nodes of ``machine`` in the deployment ``file`` as ``user``, by default this one.
+
+    Runs are recorded beside the file. Raises ParameterError when systemd cannot express the path of the file.
+    """
+    file = file.resolve()
+    if not str(file).isprintable():
+        raise ParameterError("a unit cannot hold this path", where=repr(str(file)), remedy="use letters and digits")
+    command = [sys.executable, "-m", "socialbot", "up", str(file), "--machine", machine]
+    return UNIT.format(
+        description=f"socialbot: {machine} of {file.name}".replace("%", "%%"),
+        user=user or getpass.getuser(),
+        folder=str(file.parent).replace("%", "%%"),
+        command=" ".join(map(quoted, command)),
+    )
+
+
+def quoted(argument: str) -> str:
+    """Quote ``argument`` for a command of a systemd unit."""
+    escaped = argument.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
+    return escaped if re.fullmatch(r"[A-Za-z0-9_./-]+", escaped) else f'"{escaped}"'

@@ -1,0 +1,51 @@
+"""``socialbot translate``: republish a running graph in standard ROS message types."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from socialbot.cli._options import MachineOption, graph_names
+from socialbot.cli.inspect import graph_of, wait_for_signal
+
+
+def translate(
+    context: typer.Context,
+    file: Annotated[
+        str,
+        typer.Argument(metavar="FILE|GRAPH", help="The running graph or deployment.", autocompletion=graph_names),
+    ],
+    machine: MachineOption = None,
+    head: Annotated[
+        bool, typer.Option("--head", help="Also publish the head pose, which the drivers of a real robot do.")
+    ] = False,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="Changes that the graph was started with."),
+    ] = None,
+) -> None:
+    """Republish a running graph as messages of RViz, vision_msgs and ROS4HRI, until Ctrl-C.
+
+    Takes ROS arguments, too: --ros-args -r /tf:=/robot/tf -p use_sim_time:=true.
+    """
+    from socialbot.bridge.environment import spinning_node
+    from socialbot.bridge.graph_observer import observe_graph
+    from socialbot.bridge.translator import Translator, translated_topics
+    from socialbot.graph.files import with_changes
+
+    console = Console(highlight=False)
+    graph = with_changes(graph_of(file, machine), changes or [])
+    with spinning_node("translator", context.obj) as ros:
+        translator = Translator(ros, graph, head=head)
+        for topic in translator.topics:
+            console.print(topic, markup=False, soft_wrap=True)
+        for package in sorted(translator.missing):
+            console.print(
+                f"without {package}: it is not installed, or its libraries are not found",
+                style="yellow",
+                soft_wrap=True,
+            )
+        with observe_graph(translated_topics(graph), translator.take, lambda *_: None, graph.wire):
+            wait_for_signal()

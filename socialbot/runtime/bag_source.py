@@ -1,0 +1,249 @@
+"""Replay a bag through a graph, score its detections and compare its decisions."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from socialbot.bags.reader import Bag, open_bag
+from socialbot.bags.topic_mapping import feeding, takes_pictures
+from socialbot.bags.world_replay import InlineStage, PlaybackResult, WorldScript, play
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import BagError, GraphError
+from socialbot.core.messages import Message, TraceRecord
+from socialbot.core.process import Ending
+from socialbot.graph.files import load_graph, parse_graph
+from socialbot.graph.node import Graph
+from socialbot.runs.difference import DECIDED, Comparison, compare
+from socialbot.runs.record import STOPPED, Observer, RunRecord, event_log_topics, with_event_log
+from socialbot.runtime.run import (
+    Execution,
+    Runner,
+    RunResult,
+    RunSource,
+    new_run_folder,
+    observed_topics,
+    run,
+    with_speech_files,
+)
+from socialbot.vision.metrics.scores import Scores, score
+from socialbot.vision.metrics.truth import GroundTruth, load_truth, truth_beside
+
+TAIL_S = 3.0
+"""Simulated time after the last image, for speech to finish."""
+
+DRAIN_S = 0.5
+"""Time for the last messages to arrive from other processes."""
+
+BAG_GRAPH = "graph.yaml"
+"""File in the folder of a bag which holds the recorded graph."""
+
+
+def replay(
+    bag: Bag | Path | str,
+    graph: Graph | str | None = None,
+    folder: Path | str | None = None,
+    observe: Observer = lambda topic, message: None,
+    *,
+    runner: Runner = "inline",
+    truth: Path | None = None,
+) -> RunResult:
+    """Replay a bag through a graph.
+
+    Args:
+        bag: An open bag, or the path of one.
+        graph: The graph, its file or its name; by default the graph of the bag, else Waldo's.
+        folder: Folder for the record of the run; by default below runs/, named by the time.
+        observe: Gets every message of the run, as topic and message.
+        runner: "inline" for one thread and simulated time, "ros" for processes over DDS.
+        truth: File of the ground truth; by default NAME.truth.json beside the bag, if it exists.
+
+    Raises:
+        SocialbotError: The bag or the graph is unusable, or the run failed.
+    """
+    if not isinstance(bag, Bag):
+        with open_bag(Path(bag)) as opened:
+            return replay(opened, graph, folder, observe, runner=runner, truth=truth)
+    if not isinstance(graph, Graph):
+        graph = graph_of(bag.path) if graph is None else load_graph(graph)
+    source = BagSource(bag, truth=find_truth(bag, truth))
+    with RunRecord(new_run_folder() if folder is None else Path(folder)) as record:
+        return run(graph, source, record, observe, runner=runner)
+
+
+@dataclass
+class BagSource(RunSource):
+    """A bag that replaces the sources of a graph.
+
+    Attributes:
+        bag: The open bag.
+        image_topic: Topic of the images to use, when the bag has several.
+        rate: Speed of a ROS replay; 1 is as recorded.
+        paced: Wait for slow nodes instead of skipping frames, in a ROS replay.
+        truth: Ground truth, for the scores.
+    """
+
+    bag: Bag
+    image_topic: str | None = None
+    rate: float = 1.0
+    paced: bool = True
+    truth: GroundTruth | None = None
+    _feeds: Mapping[str, str] = field(default_factory=dict, init=False)
+    _decisions: list[TraceRecord] = field(default_factory=list, init=False)
+
+    def prepare(self, graph: Graph, runner: Runner, folder: Path) -> Graph:
+        # In simulated time speech takes as long as its sound without being played.
+        playback: dict[str, object] = {"playback": "off"} if runner == "inline" else {}
+        graph = with_speech_files(graph.without_sources(), folder, **playback)
+        self._feeds = feeding(self.bag, graph, self.image_topic)
+        return graph
+
+    def observe(self, topic: str, message: Message) -> None:
+        if isinstance(message, TraceRecord):
+            self._decisions.append(message)
+
+    def execute(self, execution: Execution) -> None:
+        if execution.runner == "inline":
+            self._run_inline(execution)
+        else:
+            self._run_ros(execution)
+        if execution.ending.asked:
+            execution.result.ended = STOPPED
+
+    def results(self, execution: Execution) -> dict[str, Any]:
+        bag, record, result = self.bag, execution.record, execution.result
+        assert isinstance(record, RunRecord)
+        if self.truth is not None:
+            result.scores = score(self.truth, record.detections)
+            record.write_scored(result.scores.by_frame)
+        result.decisions = _compare(bag, execution.graph, self._decisions)
+        decisions = {} if result.decisions is None else {"decisions": msgspec.to_builtins(result.decisions)}
+
+        def seconds(stamp: int) -> float:
+            return round((stamp - bag.start) / SECOND, 3)
+
+        return {
+            "bag": {
+                "path": str(bag.path.resolve()),
+                "start": bag.start,
+                "duration_s": bag.duration_s,
+                "topics": dict(self._feeds),
+                "damage": list(bag.damage),
+                "skipped": {topic: msgspec.to_builtins(skipped) for topic, skipped in bag.skipped.items()},
+            },
+            "frames": len(record.detections),
+            "actions": [
+                {"t_s": seconds(action.stamp), "id": action.id, "name": action.name, "arguments": action.arguments}
+                for action in record.actions
+            ],
+            "utterances": [
+                {"t_s": seconds(said.stamp), "id": said.id, "text": said.text} for said in record.utterances
+            ],
+            "scores": None if result.scores is None else _scores(result.scores),
+            **decisions,
+        }
+
+    def _run_inline(self, execution: Execution) -> None:
+        graph, ending = execution.graph, execution.ending
+        messages = self.bag.messages(self._feeds, graph.topics())
+        first = next(messages, None)
+        if first is None:
+            raise self._unreadable()
+        with execution.inline(observed_topics(graph), first[1].stamp) as runner:
+            if takes_pictures(graph):
+                runner.start()
+                runner.run(_until(ending, itertools.chain([first], messages)), tail_s=TAIL_S)
+            else:
+                script = WorldScript(self.bag, self._feeds, graph)
+                stage = InlineStage(runner, script)
+                stage.begin()
+                runner.start()
+                play(script, stage, ending)
+
+    def _run_ros(self, execution: Execution) -> None:
+        ending = execution.ending
+        report = execution.logs / "played.json"
+        with execution.processes(observed_topics(execution.graph)) as (observer, launch):
+            execution.await_graph(observer, launch)
+            if not ending.asked:
+                player = launch.start("bag_player", self._player_arguments(execution.logs / "graph.yaml", report))
+                while player.poll() is None and not ending.asked:
+                    launch.check()
+                    time.sleep(0.1)
+                launch.check()
+                time.sleep(DRAIN_S)
+        if report.exists():
+            played = msgspec.json.decode(report.read_bytes(), type=PlaybackResult)
+            self.bag.skipped.update(played.skipped)
+            if not played.sent:
+                raise self._unreadable()
+
+    def _player_arguments(self, graph_file: Path, report: Path) -> list[str]:
+        arguments = ["bag", "play", str(self.bag.path), "--graph", str(graph_file), "--rate", str(self.rate)]
+        arguments += ["--report", str(report)]
+        if self.image_topic is not None:
+            arguments += ["--image-topic", self.image_topic]
+        return arguments if self.paced else [*arguments, "--no-pace"]
+
+    def _unreadable(self) -> BagError:
+        skipped = self.bag.skipped.items()
+        reasons = "; ".join(f"{topic}: {which.count} damaged: {which.first}" for topic, which in skipped)
+        return BagError(f"no message can be read ({reasons})", where=str(self.bag.path), remedy="record it again")
+
+
+def graph_of(bag: Path) -> Graph:
+    """Return the graph in the folder of a bag, else Waldo's. Raises GraphError.
+
+    Bags are untrusted: modules in their folder are not imported.
+    """
+    path = bag / BAG_GRAPH
+    if not path.is_file():
+        return load_graph("waldo")
+    try:
+        return parse_graph(path.read_text("utf-8"), where=str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise GraphError(f"cannot read the graph: {error}", where=str(path), remedy="give one with --graph") from error
+
+
+def find_truth(bag: Bag, given: Path | None = None) -> GroundTruth | None:
+    """Return the ground truth ``given``, or the one beside the bag if it exists. Raises TruthError."""
+    path = given or truth_beside(bag.path)
+    return load_truth(path) if given is not None or path.exists() else None
+
+
+def _compare(bag: Bag, graph: Graph, decisions: list[TraceRecord]) -> Comparison | None:
+    """Compare ``decisions`` with those in the bag; None if the bag holds none."""
+    names = {topic.name for topic in bag.topics if topic.count}
+    kinds = {topic: kind for topic, kind in graph.topics().items() if kind is TraceRecord} | event_log_topics(graph)
+    recorded: list[TraceRecord] = []
+
+    def note(topic: str, message: Message) -> None:
+        if isinstance(message, TraceRecord):
+            recorded.append(message)
+
+    observe = with_event_log(graph, note)
+    for topic, message in bag.messages({topic: topic for topic in kinds if topic in names}, graph.topics()):
+        observe(topic, message)
+    if not any(record.kind in DECIDED for record in recorded):
+        return None
+    return compare(recorded, decisions)
+
+
+def _until(ending: Ending, messages: Iterator[tuple[str, Message]]) -> Iterator[tuple[str, Message]]:
+    return itertools.takewhile(lambda _: not ending.asked, messages)
+
+
+def _scores(scores: Scores) -> dict[str, Any]:
+    """Scores by distance band as plain data."""
+    names = ("tp", "fp", "fn", "precision", "recall", "f1")
+    return {
+        "frames": scores.frames,
+        "missing_frames": scores.missing_frames,
+        "bands": {name: {each: getattr(band, each) for each in names} for name, band in scores.bands.items()},
+    }

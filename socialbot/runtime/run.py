@@ -1,0 +1,278 @@
+"""Run a graph on a source of input: a bag, live sensors or a simulated world."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import Health, Message, Structured
+from socialbot.core.process import Ending
+from socialbot.deliberation.messages import PlanExecutionInfo
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, check_parameters
+from socialbot.runs.difference import Comparison
+from socialbot.runs.record import RECORDED, WELL, Observer, RunTrace, event_log_topics, versions, with_event_log
+from socialbot.runtime.launch import Launch
+from socialbot.speech.speaker import Speaker
+from socialbot.vision.metrics.scores import Scores
+
+if TYPE_CHECKING:
+    from socialbot.bridge.graph_observer import GraphObserver
+
+Runner = Literal["ros", "inline"]
+
+GRAPH_TIMEOUT_S = 60.0
+"""Time limit for the processes of a graph to start and to connect."""
+
+
+@dataclass
+class NodeResult:
+    """Statistics of one node over a run: calls, failures, skipped messages and cost."""
+
+    calls: int = 0
+    failures: int = 0
+    first_failure: str = ""
+    skipped: int = 0
+    cpu_s: float | None = None
+    peak_rss_mb: float | None = None
+
+
+@dataclass
+class RunResult:
+    """Result of a run.
+
+    Attributes:
+        ended: Why the run ended, as results.json says.
+        seconds: Simulated duration of a simulation.
+        wall_s: Real duration.
+        nodes: Statistics by node name.
+        scores: Detection scores, if the ground truth is known.
+        decisions: Comparison with the decisions in the bag, if it holds any.
+        results: Content of results.json.
+    """
+
+    ended: str = WELL
+    seconds: float = 0.0
+    wall_s: float = 0.0
+    nodes: dict[str, NodeResult] = field(default_factory=dict)
+    scores: Scores | None = None
+    decisions: Comparison | None = None
+    results: dict[str, Any] = field(default_factory=dict)
+
+    def check(self) -> None:
+        """Raises NodeError when every call of a node failed."""
+        for name, node in self.nodes.items():
+            if node.failures and node.failures >= node.calls:
+                raise NodeError(f"failed {node.failures} times; first: {node.first_failure}", where=name)
+
+
+class RunSource:
+    """Input of a run. An object serves one run; subclasses are `BagSource`, `LiveSource` and `SimulatedSource`."""
+
+    def prepare(self, graph: Graph, runner: Runner, folder: Path) -> Graph:
+        """Return ``graph`` as it runs on this source, with files of its nodes in ``folder``."""
+        return graph
+
+    def observe(self, topic: str, message: Message) -> None:
+        """Take a message of the run."""
+
+    def execute(self, execution: Execution) -> None:
+        """Run the graph until the source ends or a signal arrives."""
+        raise NotImplementedError
+
+    def results(self, execution: Execution) -> dict[str, Any]:
+        """Return entries of results.json that only this kind of source has."""
+        return {}
+
+
+@dataclass
+class Execution:
+    """A run in progress, as its source sees it."""
+
+    graph: Graph
+    runner: Runner
+    composed: bool
+    record: RunTrace
+    observe: Observer
+    ending: Ending
+    result: RunResult
+
+    @property
+    def logs(self) -> Path:
+        """The folder of the logs of processes."""
+        return self.record.folder / "log"
+
+    @contextmanager
+    def inline(self, topics: Mapping[str, type[Message]], start: int) -> Iterator[InlineRunner]:
+        """An inline runner whose time begins at ``start`` (ns) and whose ``topics`` are observed. Not started yet."""
+        runner = InlineRunner(self.graph, start=start)
+        for topic in topics:
+            runner.tap(topic, self.observe)
+        try:
+            yield runner
+        finally:
+            runner.close()
+        for name, faults in runner.faults.items():
+            self.result.nodes[name] = NodeResult(faults.calls, faults.failures, faults.first)
+
+    @contextmanager
+    def processes(self, topics: Mapping[str, type[Message]]) -> Iterator[tuple[GraphObserver, Launch]]:
+        """The graph in ROS processes on simulated time, with ``topics`` observed.
+
+        Raises:
+            NodeError: A process failed, or a node of the same name is running already.
+        """
+        from socialbot.bridge.graph_observer import LatestStatistics, expect_free_names, observe_graph
+
+        statistics = LatestStatistics(self.graph)
+        with observe_graph(topics, self.observe, statistics.note, self.graph.wire) as observer:
+            expect_free_names(observer.ros, self.graph)
+            with Launch(self.graph, self.logs, sim_time=True, composed=self.composed) as launch:
+                yield observer, launch
+        failed = [f"{name} ({code})" for name, code in launch.exit_codes.items() if code]
+        if failed and not self.ending.asked:
+            raise NodeError(f"did not end well: {', '.join(failed)}", where=str(self.logs))
+        self.result.nodes.update((name, _node_result(values)) for name, values in sorted(statistics.latest.items()))
+
+    def await_graph(self, observer: GraphObserver, launch: Launch) -> None:
+        """Wait until all nodes are connected, or a signal arrives. Raises NodeError after `GRAPH_TIMEOUT_S`."""
+        from socialbot.bridge.graph_observer import await_graph
+
+        def ended() -> bool:
+            launch.check()
+            return self.ending.asked
+
+        connections = observer.connections(self.graph)
+        missing = await_graph(observer.ros, self.graph, connections, timeout_s=GRAPH_TIMEOUT_S, ended=ended)
+        if missing and not self.ending.asked:
+            raise NodeError(
+                f"the graph is not connected after {GRAPH_TIMEOUT_S:.0f} s; missing: {'; '.join(missing)}",
+                remedy="read the nodes' logs in the folder of the run; `socialbot doctor` checks the installation",
+            )
+
+
+def run(
+    graph: Graph,
+    source: RunSource,
+    record: RunTrace,
+    observe: Observer = lambda topic, message: None,
+    *,
+    runner: Runner = "inline",
+    composed: bool = False,
+    summarize: Callable[[], Mapping[str, Any]] = dict,
+) -> RunResult:
+    """Run ``graph`` on ``source`` and write results.json, also after a failure.
+
+    Args:
+        graph: The whole graph; a bag replaces its sources.
+        source: Input of the run.
+        record: Takes every message of the run.
+        observe: Also gets every message, as topic and message.
+        runner: "inline" for one thread and simulated time, "ros" for processes over DDS.
+        composed: Run all nodes in one process ("ros").
+        summarize: Returns more entries of results.json, after the run.
+
+    Raises:
+        SocialbotError: The run failed.
+    """
+    record.describe(graph)
+    graph = source.prepare(graph, runner, record.folder)
+    result = RunResult()
+    begun = time.monotonic()
+
+    def note(topic: str, message: Message) -> None:
+        record.observe(topic, message)
+        source.observe(topic, message)
+        observe(topic, message)
+
+    with Ending().on_signals() as ending:
+        execution = Execution(graph, runner, composed, record, with_event_log(graph, note), ending, result)
+        try:
+            source.execute(execution)
+        except Exception as error:
+            result.ended = str(error) or type(error).__name__
+            raise
+        finally:  # the record up to a failure is worth as much as a whole one
+            result.wall_s = time.monotonic() - begun
+            result.results = {
+                "schema": "socialbot/results",
+                "version": 1,
+                "graph": graph.name,
+                "runner": runner,
+                "composed": composed,
+                "parameters": parameters_of(graph),
+                "ended": result.ended,
+                **summarize(),
+                **source.results(execution),
+                "nodes": {name: msgspec.to_builtins(node) for name, node in result.nodes.items()},
+                "wall_s": round(result.wall_s, 3),
+                "versions": versions(),
+            }
+            record.write_results(result.results)
+    return result
+
+
+def new_run_folder() -> Path:
+    """Return a folder below runs/ named by the local time."""
+    return Path("runs") / datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+
+
+def recorded_topics(graph: Graph) -> dict[str, type[Message]]:
+    """Return the topics of ``graph`` whose messages the trace of a run is made of."""
+    return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, RECORDED)}
+
+
+def observed_topics(graph: Graph, nodes: Collection[str] | None = None) -> dict[str, type[Message]]:
+    """Return the topics to observe: recorded ones, plans, health and structured inputs.
+
+    ``nodes`` limits them to topics which these nodes publish or subscribe to.
+    """
+    more = {
+        topic: kind
+        for topic, kind in graph.topics().items()
+        if kind in (PlanExecutionInfo, Health) or (topic in graph.inputs and issubclass(kind, Structured))
+    }
+    found = {**recorded_topics(graph), **event_log_topics(graph), **more}
+    if nodes is None:
+        return found
+    ports = {
+        topic
+        for config in graph.placements
+        if config.name in nodes
+        for topic, _ in (*config.publications, *config.subscriptions)
+    }
+    return {topic: kind for topic, kind in found.items() if topic in ports}
+
+
+def with_speech_files(graph: Graph, folder: Path, **parameters: object) -> Graph:
+    """Return ``graph`` with speakers that write .wav files below ``folder``; ``parameters`` are set for them too."""
+    written: dict[str, object] = {"folder": str((folder / "speech").resolve()), **parameters}
+    speakers = [config.name for config in graph.placements if issubclass(config.type, Speaker)]
+    return graph.with_parameters(dict.fromkeys(speakers, written))
+
+
+def parameters_of(graph: Graph) -> dict[str, dict[str, Any]]:
+    """Return the start values of all parameters by node."""
+    return {
+        config.name: check_parameters(config.type, config.parameters, where=config.name) for config in graph.placements
+    }
+
+
+def _node_result(values: Mapping[str, str]) -> NodeResult:
+    """Statistics of a node from its last message on /diagnostics."""
+    return NodeResult(
+        calls=int(values["calls"]),
+        failures=int(values["failures"]),
+        first_failure=values["first_failure"],
+        skipped=int(values["skipped"]),
+        cpu_s=float(values["cpu_s"]),
+        peak_rss_mb=float(values["peak_rss_mb"]),
+    )
