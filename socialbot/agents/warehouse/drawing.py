@@ -19,7 +19,6 @@ from socialbot.agents.warehouse.scenario import (
     FloorLayout,
     Scenario,
 )
-from socialbot.agents.warehouse.world import Warehouse
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
 from socialbot.graph.node import Graph
@@ -53,17 +52,6 @@ TONES = {
 
 _RULES = ".floor .closed,.floor .holding .open{display:none}.floor .holding .closed{display:inline}"
 _STYLE = svg.style("floor", TONES, _RULES)
-
-
-def world_svg(world: Warehouse, title: str = "") -> str:
-    """The floor of a simulated world at its present time."""
-    robots = {name: world.pose(name).position for name in (GRIPPER, *world.scenario.carriers)}
-    return floor_svg(world.scenario, robots, world.boxes(), title)
-
-
-def floor_svg(scenario: Scenario, robots: Mapping[str, Point], boxes: Sequence[BoxPosition], title: str = "") -> str:
-    """The floor with robots (gripper, carriers) and boxes at their positions. Unknown names are left out."""
-    return FloorDrawing(scenario).draw(robots, boxes, title)
 
 
 class FloorDrawing:

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from socialbot.agents.warehouse.drawing import FloorDrawing, FloorView, floor_svg, world_svg
+from socialbot.agents.warehouse.drawing import FloorDrawing, FloorView
 from socialbot.agents.warehouse.messages import BoxPosition, GripperPose, GripperStatus, MoveCommand, Point
 from socialbot.agents.warehouse.scenario import GRIPPER, SIX, scenario_of
 from socialbot.agents.warehouse.world import Warehouse
@@ -14,6 +14,11 @@ from socialbot.core.messages import Utterance
 from tests.agents.warehouse.test_world_node import Hall
 
 SVG = "{http://www.w3.org/2000/svg}"
+
+
+def world_svg(world: Warehouse, title: str = "") -> str:
+    robots = {name: world.pose(name).position for name in (GRIPPER, *world.scenario.carriers)}
+    return FloorDrawing(world.scenario).draw(robots, world.boxes(), title)
 
 
 def texts(picture: str) -> list[str]:
@@ -60,8 +65,8 @@ def test_moving_objects_are_named_groups():
 def test_the_gripper_shows_whether_it_holds_a_box():
     held = BoxPosition(name="box_a1", position=Point(0.0, 0.0, 1.0), holder="gripper_a")
     robots = {"gripper_a": Point(0.0, 0.0, 1.5)}
-    assert 'class="holding"' in floor_svg(SIX, robots, [held])
-    assert 'class="holding"' not in floor_svg(SIX, robots, [])
+    assert 'class="holding"' in FloorDrawing(SIX).draw(robots, [held])
+    assert 'class="holding"' not in FloorDrawing(SIX).draw(robots, [])
 
 
 def test_stacked_boxes_are_drawn_later_and_higher():
@@ -78,8 +83,8 @@ def test_drawing_supports_dark_mode():
 
 def test_title_is_escaped_and_unknown_boxes_are_omitted():
     stray = BoxPosition(name="<box>", position=Point(0.0, 0.0, 0.1), holder="floor")
-    assert texts(floor_svg(SIX, {}, [stray], "a < b & c"))[0] == "a < b & c"
-    assert "<box>" not in texts(floor_svg(SIX, {}, [stray]))
+    assert texts(FloorDrawing(SIX).draw({}, [stray], "a < b & c"))[0] == "a < b & c"
+    assert "<box>" not in texts(FloorDrawing(SIX).draw({}, [stray]))
 
 
 START = 1_700_000_000 * SECOND

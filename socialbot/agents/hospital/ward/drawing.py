@@ -70,11 +70,6 @@ SIGNS = {
 _STYLE = svg.style("ward", TONES, ".ward .t{stroke-width:1.3}")
 
 
-def ward_svg(ward: Ward, state: WardState, title: str = "") -> str:
-    """The ward in a state. Rooms that it lacks are grey, robots and nurses that it lacks are not drawn."""
-    return WardDrawing(ward).draw(state, title)
-
-
 @dataclass(frozen=True)
 class DrawingGroup:
     """A named part of the drawing; one that moves has a place (pixels)."""

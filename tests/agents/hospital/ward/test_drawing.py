@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from socialbot.agents.base.simulation import WorldFault
-from socialbot.agents.hospital.ward.drawing import TALLY, WardAnimation, WardDrawing, ward_svg
+from socialbot.agents.hospital.ward.drawing import TALLY, WardAnimation, WardDrawing
 from socialbot.agents.hospital.ward.messages import WardState
 from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
 from socialbot.agents.hospital.ward.world import WardWorld
@@ -18,6 +18,10 @@ from tests.agents.warehouse.test_drawing import shapes
 
 SVG = "{http://www.w3.org/2000/svg}"
 WARDS = [paper_ward(), large_ward(), large_ward(1, 1, 1), large_ward(120, 20, 12, 9)]
+
+
+def ward_svg(ward: Ward, state: WardState, title: str = "") -> str:
+    return WardDrawing(ward).draw(state, title)
 
 
 def at(second: float, *faults: WorldFault, ward: Ward | None = None) -> WardState:
