@@ -170,8 +170,8 @@ def _report_missing(evaluation: Evaluation, errors: Console) -> None:
     first = next(iter(evaluation.detectors.values()))
     for clip in (clip for scene in first.scenes.values() for clip in scene.clips):
         if clip.missing_frames or clip.damaged:
-            what = f"{clip.source.name}: {clip.missing_frames} of {len(clip.source.frames)} frames have no picture"
-            damage = f"; {clip.damaged} pictures are damaged, the first: {clip.first_damage}" if clip.damaged else ""
+            what = f"{clip.source.name}: {clip.missing_frames} of {len(clip.source.frames)} frames have no image"
+            damage = f"; {clip.damaged} images are damaged, the first: {clip.first_damage}" if clip.damaged else ""
             errors.print(f"[yellow]warning[/] {escape(what + damage)}", soft_wrap=True)
 
 
@@ -214,5 +214,5 @@ class _Progress:
             self._progress.update(
                 self._task,
                 completed=sum(self._done),
-                description=f"looking for people: {whole}/{len(self._totals)} clips",
+                description=f"detecting people: {whole}/{len(self._totals)} clips",
             )

@@ -1,4 +1,4 @@
-"""Sounds out of a loudspeaker, by miniaudio where it is installed and finds a device."""
+"""Sound playback with miniaudio, if it is installed and finds a device."""
 
 from __future__ import annotations
 
@@ -21,25 +21,23 @@ log = logging.getLogger("socialbot.speech.playback")
 OnEnd = Callable[[str | None], None]
 
 _PERIOD_MS = 50
-_TAIL_S = 0.2
-"""Silence after each sound, longer than what a device holds in its buffers, so that no end is cut off."""
-_PATIENCE_S = 1.0
-"""A device that takes no sound for so long has failed."""
+_TAIL_S = 0.2  # Silence after each sound, longer than the device buffers, so that its end is played.
+_PATIENCE_S = 1.0  # A device that takes no samples for this long has failed.
 
 
 class AudioPlayer(Protocol):
-    """Something that makes a sound audible, one at a time."""
+    """Interface for the playback of one sound at a time."""
 
     def play(self, sound: Sound, on_end: OnEnd) -> None:
-        """Begins to play ``sound`` and returns at once; a sound that is still playing is cut off.
+        """Start playing ``sound``, without waiting; a sound that is still playing is stopped.
 
-        When it has ended ``on_end`` is called from another thread, with None or with what went
-        wrong; it must not call back into the player. This never raises.
+        At its end ``on_end`` is called from another thread with None or an error message. It must not call the player.
+        This method never raises.
         """
         ...
 
     def stop(self) -> None:
-        """Falls silent; the ``on_end`` of a sound that is cut off is not called."""
+        """Stop playback without calling ``on_end``."""
         ...
 
 
@@ -52,7 +50,7 @@ class DevicePlayer:
         self._source: _Source | None = None
 
     def play(self, sound: Sound, on_end: OnEnd) -> None:
-        """Begins to play a sound instead of the one that is played; ``on_end`` is called when it is over."""
+        """Start a sound; see `AudioPlayer.play`."""
         self.stop()
         self._source = _Source(sound)
         self._thread = threading.Thread(
@@ -61,7 +59,7 @@ class DevicePlayer:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends the sound that is played."""
+        """Stop playback."""
         if self._source is not None and self._thread is not None:
             self._source.cut_off()
             self._thread.join(_PATIENCE_S)
@@ -69,17 +67,17 @@ class DevicePlayer:
     def _run(self, source: _Source, on_end: OnEnd) -> None:
         try:
             error = self._play(source)
-        except Exception as failure:  # noqa: BLE001 - a driver may raise anything, and somebody waits for the end
+        except Exception as failure:  # noqa: BLE001 - drivers raise anything, and the caller waits for the end
             error = f"{type(failure).__name__}: {failure}"
         if not source.cut:
             on_end(error)
 
     def _play(self, source: _Source) -> str | None:
-        """Plays ``source`` until it is over; says what went wrong."""
+        """Play ``source`` to its end; returns an error message or None."""
         with open_device(self.backend, source.sample_rate) as device:
             device.start(source.frames())
             left = -1
-            # miniaudio's own notice of a stop comes too early: closing a device just then may never return.
+            # The stop callback of miniaudio comes too early; closing the device in it may hang.
             while not source.over.wait(_PATIENCE_S):
                 if source.left == left:
                     return "the sound device takes no more sound"
@@ -88,7 +86,7 @@ class DevicePlayer:
 
 
 class _Source:
-    """Hands a sound to a device; ``over`` is set when all of it is taken or it is cut off."""
+    """Sample source for a device; ``over`` is set at its end or when it is stopped."""
 
     def __init__(self, sound: Sound) -> None:
         self.sample_rate = sound.sample_rate
@@ -98,12 +96,12 @@ class _Source:
         self.left = self._samples.size
 
     def cut_off(self) -> None:
-        """Ends it before its time."""
+        """Stop before the end."""
         self.cut = True
         self.over.set()
 
     def frames(self) -> Generator[bytes, int, None]:
-        """A generator already begun, as miniaudio wants it: it is sent how many frames to yield."""
+        """A started generator, as miniaudio requires; it is sent the number of frames to yield."""
         frames = self._frames()
         next(frames)
         return frames
@@ -135,7 +133,7 @@ def open_device(backend: miniaudio.Backend, sample_rate: int) -> miniaudio.Playb
 def find_player(backends: Sequence[miniaudio.Backend] = ()) -> AudioPlayer | None:
     """A player on the first of ``backends`` (default: those of this system) with a device that opens, or None."""
     try:
-        import miniaudio  # noqa: F401 - only to see whether it is there
+        import miniaudio  # noqa: F401 - availability check
     except (ImportError, OSError) as error:
         log.info("no sound: %s", error)
         return None
@@ -161,6 +159,6 @@ def _usual_backends() -> list[miniaudio.Backend]:
         return [Backend.COREAUDIO]
     if sys.platform == "win32":
         return [Backend.WASAPI, Backend.DSOUND]
-    # Without a card ALSA would write a page of complaints to stderr.
+    # Without a card ALSA writes a page of errors to stderr.
     card = any(Path("/dev/snd").glob("pcm*p"))
     return [Backend.PULSEAUDIO, *([Backend.ALSA] if card else []), Backend.JACK]

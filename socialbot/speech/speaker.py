@@ -1,4 +1,4 @@
-"""The node that speaks: one utterance at a time, the others wait their turn but not for long."""
+"""Speech node with a queue of utterances that expire."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from socialbot.speech.playback import AudioPlayer, find_player
 from socialbot.speech.synthesis import Sound, Synthesizer
 
 MOST_SOUNDS = 500
-"""So many of the sounds that it has made are kept as files: some 50 MB."""
+"""Number of sound files kept, about 50 MB."""
 
 State = Literal["waiting", "started", "finished", "replaced", "expired", "failed"]
 
 
 class SpeechVoice(Protocol):
-    """Turns text into sound."""
+    """Interface of speech synthesis."""
 
     def say(self, text: str) -> Sound:
-        """The sound of ``text``. Raises a SocialbotError when it has none."""
+        """Synthesize ``text``. Raises SocialbotError if that fails."""
         ...
 
 
@@ -40,14 +40,12 @@ class _QueuedUtterance:
 
 
 class Speaker(Node):
-    """Says utterances and reports what becomes of each.
+    """Speaks utterances one at a time and publishes the status of each.
 
-    While one sounds the others wait, in the order of their arrival. A newer one with the same key
-    takes the place in line of the waiting one it replaces, with a waiting time of its own. Without
-    a sound device an utterance lasts as long as its sound would, by the node's clock; a replay has
-    ``playback`` off for that reason. A change of voice, rate, pitch or volume is heard from the next
-    utterance on. What waits expires when the ``engine`` falls silent, or says that something is wrong: it was meant for
-    people who may be gone.
+    Waiting utterances are queued in order. A newer one with the same key replaces the queued one, with its own waiting
+    time. Without a sound device an utterance takes as long as its sound, by the clock of the node; a replay sets
+    ``playback`` to "off" for this. Changes of voice, rate, pitch or volume apply to the next utterance. The queue
+    expires if the ``engine`` times out or reports a fault, since its people may have left.
     """
 
     say = Input(Utterance, "/speech/say")
@@ -60,16 +58,16 @@ class Speaker(Node):
     volume = Parameter(1.0, "loudness, as a share of full amplitude", minimum=0.0, maximum=1.0)
     playback = Parameter(
         "auto",
-        "auto: play where there is a sound device; off: never play; required: refuse to start without a device",
+        "auto: play if there is a sound device; off: never play; required: fail to start without a device",
         choices=("auto", "off", "required"),
         fixed=True,
     )
     folder = Parameter(
         "", f"where the last {MOST_SOUNDS} utterances are kept as .wav files; empty: nowhere", fixed=True
     )
-    max_waiting_s = Parameter(5.0, "s an utterance may wait before it expires unsaid", minimum=0.0)
-    engine = Parameter("", "node that decides what is said, whose signs of life are listened to; empty: none")
-    max_waiting = Parameter(8, "utterances that may wait; beyond that the oldest gives way", minimum=1)
+    max_waiting_s = Parameter(5.0, "longest waiting time of an utterance, s", minimum=0.0)
+    engine = Parameter("", "node whose health the queue depends on; empty: none")
+    max_waiting = Parameter(8, "longest queue; beyond it the oldest utterance is dropped", minimum=1)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
@@ -81,12 +79,14 @@ class Speaker(Node):
         self._spoken = 0
         self._folder: Path | None = None
         self._sounds: deque[Path] = deque()
-        self._engine_fares_well = True
+        self._engine_is_ok = True
 
     def start(self) -> None:
-        """Raises ParameterError for an unknown voice or unusable folder, DeviceError when a required device is missing.
+        """Load voice and player. Without the speech library the node runs, and every utterance fails.
 
-        A missing speech library is no such error: the robot goes on, mute, and every utterance fails.
+        Raises:
+            ParameterError: The voice is unknown or the folder unusable.
+            DeviceError: A required sound device is missing.
         """
         try:
             self._voice = self.find_voice()
@@ -103,7 +103,7 @@ class Speaker(Node):
             )
 
     def stop(self) -> None:
-        """Ends what is said, and forgets what waits."""
+        """Stop playback and clear the queue."""
         if self._player is not None:
             self._player.stop()
         for waiting in self._waiting:
@@ -112,18 +112,20 @@ class Speaker(Node):
         self._sounding = None
 
     def find_voice(self) -> SpeechVoice:
-        """What speaks; a robot with a voice of its own kind overrides this.
+        """The synthesizer; override it for another one.
 
-        Raises InstallationError when a part of it is missing, ParameterError when there is no such voice.
+        Raises:
+            InstallationError: A package is missing.
+            ParameterError: The voice is unknown.
         """
         return Synthesizer(self.voice, self.rate_wpm, self.pitch)
 
     def find_player(self) -> AudioPlayer | None:
-        """What plays the sounds; a robot with loudspeakers of its own kind overrides this."""
+        """The player; override it for other loudspeakers."""
         return find_player()
 
     def on_parameter(self, name: str) -> None:
-        """Takes another voice; an unknown one leaves the present one in force. Raises ParameterError."""
+        """Change the voice. Raises ParameterError for an unknown one, which leaves the current voice."""
         if self._voice is not None and name in ("voice", "rate_wpm", "pitch"):
             self._voice = self.find_voice()
 
@@ -137,16 +139,16 @@ class Speaker(Node):
     def on_health(self, health: Health) -> None:
         if health.node == self.engine:
             well = health.state not in ("paused", "degraded", "failed")
-            if self._engine_fares_well and not well:
+            if self._engine_is_ok and not well:
                 self._expire_all(f"{self.engine}: {health.reason}")
-            self._engine_fares_well = well
+            self._engine_is_ok = well
 
     def on_silence(self, port: Input[Any], since: int | None) -> None:
         self._expire_all(f"{self.engine} is silent")
 
     @say
     def on_say(self, utterance: Utterance) -> None:
-        """Says an utterance, or lets it wait until the one before is over."""
+        """Speak an utterance now or queue it."""
         if self._sounding is None:
             self._speak(utterance)
         else:
@@ -199,7 +201,7 @@ class Speaker(Node):
         return self._voice.say(text).at_volume(self.volume)
 
     def _ended_elsewhere(self, utterance: Utterance, error: str | None) -> None:
-        """The player's report, in a thread of its own."""
+        """Callback from the thread of the player."""
         self.context.call_soon(partial(self._ended, utterance, error))
 
     def _ended(self, utterance: Utterance, error: str | None) -> None:
@@ -230,7 +232,7 @@ class Speaker(Node):
         return folder
 
     def _keep(self, sound: Sound, text: str) -> str:
-        """Writes the .wav file, if wanted, and gives its name; a full disc does not silence the robot."""
+        """Write the .wav file if configured and return its name; a full disk does not stop speech."""
         if self._folder is None:
             return ""
         name = f"{self._spoken:03d}-{slug(text)}.wav"
@@ -246,7 +248,7 @@ class Speaker(Node):
 
 
 def slug(text: str) -> str:
-    """``text`` as part of a file name: at most 40 small ASCII letters, digits and hyphens."""
+    """Convert ``text`` to at most 40 lower-case ASCII letters, digits and hyphens for a file name."""
     ascii_text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
     return re.sub(r"[^a-z0-9]+", "-", ascii_text).strip("-")[:40].rstrip("-") or "utterance"
 

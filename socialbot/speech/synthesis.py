@@ -1,6 +1,6 @@
-"""From text to sound, by espeak-ng out of the wheel ``espeakng_loader`` (GPL-3.0, the extra ``speech``).
+"""Speech synthesis with espeak-ng from the wheel ``espeakng_loader`` (GPL-3.0, extra ``speech``).
 
-The same text in the same voice gives the same samples, always: see `_espeak`.
+The same text and voice always give the same samples, see `_espeak`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _FAMILIAR = ("en", "en-us", "de", "es", "fr", "it", "nl", "pt-br")
 _REMEDY = "pip install socialbot[speech]"
 
 SOUNDS_KEPT = 16
-"""A robot says the same few sentences again and again; with each that is made, espeak-ng loses some 2 kB of memory."""
+"""Size of the cache; espeak-ng leaks about 2 kB per synthesis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,15 +45,15 @@ class Sound:
 
     @property
     def duration_s(self) -> float:
-        """How long it sounds."""
+        """Duration of the sound."""
         return self.samples.size / self.sample_rate
 
     def at_volume(self, volume: float) -> Sound:
-        """The same sound with its amplitude times ``volume``, from 0 to 1."""
+        """Scale the amplitude by ``volume``, from 0 to 1."""
         return Sound(np.rint(self.samples * volume).astype(np.int16), self.sample_rate)
 
     def write_wav(self, path: str | os.PathLike[str]) -> None:
-        """Writes a 16-bit mono .wav file; until it is complete nothing stands at ``path``. Raises OSError."""
+        """Write a 16-bit mono .wav file atomically. Raises OSError."""
         target = Path(path)
         part = target.with_name(f".{target.name}.part")
         try:
@@ -68,11 +68,16 @@ class Sound:
 
 
 class Synthesizer:
-    """A voice that turns text into sound; any number of them may be used from any threads.
+    """Thread-safe speech synthesizer.
 
-    ``voice`` is a language such as "en-us", optionally with a variant as in "en-us+f3"; ``rate_wpm``
-    counts words per minute (80 to 450), ``pitch`` goes from 0 to 100. Raises InstallationError when
-    espeak-ng is missing, ParameterError for an unknown voice or a number out of range.
+    Args:
+        voice: Language such as "en-us", optionally with a variant: "en-us+f3".
+        rate_wpm: Words per minute, 80 to 450.
+        pitch: Pitch, 0 to 100.
+
+    Raises:
+        InstallationError: espeak-ng is missing.
+        ParameterError: The voice is unknown or a number out of range.
     """
 
     def __init__(self, voice: str = "en", rate_wpm: int = 165, pitch: int = 50) -> None:
@@ -86,7 +91,7 @@ class Synthesizer:
             _set_voice(library, voice)
 
     def say(self, text: str) -> Sound:
-        """The sound of ``text``. Raises MessageError when there is nothing in it to say."""
+        """Synthesize ``text``. Raises MessageError if it has nothing to say."""
         return self._known(text)
 
     def _make(self, text: str) -> Sound:
@@ -114,7 +119,7 @@ class Synthesizer:
 
 
 def _plain(text: str) -> str:
-    """``text`` without control characters: espeak-ng takes them for commands, and NUL for the end."""
+    """Replace control characters, which espeak-ng takes for commands."""
     return "".join(character if character.isprintable() else " " for character in text)
 
 
@@ -125,12 +130,10 @@ def _check(name: str, value: int, low: int, high: int) -> None:
 
 @contextlib.contextmanager
 def _espeak() -> Iterator[tuple[ctypes.CDLL, int]]:
-    """The library, freshly loaded, and its sample rate in Hz.
+    """Load the library; yields it and its sample rate in Hz.
 
-    espeak-ng keeps the phases of its waves and its pitch flutter in static variables that neither
-    ``espeak_Terminate`` nor ``espeak_Initialize`` resets: a sentence would sound a little different
-    after another one. Unloading the library forgets them, and costs 3 ms. It is one per process
-    and not re-entrant, hence the lock.
+    espeak-ng keeps phases and pitch flutter in static variables that no function resets, so a sentence would depend on
+    the one before. Unloading the library resets them in 3 ms. It is not re-entrant, hence the lock.
     """
     with _LOCK:
         library, data_path = _load()
@@ -139,7 +142,7 @@ def _espeak() -> Iterator[tuple[ctypes.CDLL, int]]:
                 _AUDIO_OUTPUT_SYNCHRONOUS, 0, os.fsencode(data_path), _INITIALIZE_DONT_EXIT
             )
             if sample_rate <= 0:
-                # espeak-ng has room for 160 bytes of path and does not say so.
+                # espeak-ng truncates paths at 160 bytes.
                 raise InstallationError(
                     f"espeak-ng cannot read its data in {data_path}",
                     remedy=f"{_REMEDY}, where the path to site-packages is shorter than 120 characters",
@@ -181,7 +184,7 @@ def _unload(library: ctypes.CDLL) -> None:
 
 
 class _Voice(ctypes.Structure):
-    """The beginning of ``espeak_VOICE``; ``identifier`` is a path like "gmw/en-US"."""
+    """First fields of ``espeak_VOICE``; ``identifier`` is a path like "gmw/en-US"."""
 
     _fields_ = [("name", ctypes.c_char_p), ("languages", ctypes.c_char_p), ("identifier", ctypes.c_char_p)]
 
@@ -196,7 +199,7 @@ def _set_voice(library: ctypes.CDLL, voice: str) -> None:
 
 
 def _voices(library: ctypes.CDLL) -> list[str]:
-    """The names by which espeak-ng finds its voices; not all of its languages are among them."""
+    """Voice names of espeak-ng; some of its languages are missing."""
     voices = library.espeak_ListVoices(None)
     found: list[str] = []
     while voices[len(found)]:

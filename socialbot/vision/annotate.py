@@ -1,4 +1,4 @@
-"""Pictures with what the robot sees drawn into them, for videos and reports."""
+"""Draw detections, ground truth and captions into images, for videos and reports."""
 
 from __future__ import annotations
 

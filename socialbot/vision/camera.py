@@ -30,7 +30,7 @@ Box = Sequence[float]
 class CameraModel:
     """A pinhole camera at ``mount_height_m`` above the floor, looking down by ``pitch_rad``.
 
-    ``fx``, ``fy``, ``cx``, ``cy`` in pixels of a picture of ``width`` x ``height``. Raises ParameterError when
+    ``fx``, ``fy``, ``cx``, ``cy`` in pixels of an image of ``width`` x ``height``. Raises ParameterError when
     a focal length, a size or the mount height is not above zero.
     """
 
@@ -78,7 +78,7 @@ class CameraModel:
         return cls(focal, focal, width / 2, height / 2, width, height, mount_height_m, pitch_rad)
 
     def scaled(self, width: int, height: int) -> CameraModel:
-        """The same camera with its picture made ``width`` x ``height`` pixels large."""
+        """The same camera with images scaled to ``width`` x ``height`` pixels."""
         across, down = width / self.width, height / self.height
         return replace(
             self,
@@ -99,7 +99,7 @@ class CameraModel:
 
     @property
     def horizon(self) -> float:
-        """Where the horizon runs, as a share of the picture's height: 0 at the top, 1 at the bottom, or beyond."""
+        """Height of the horizon as a share of the image: 0 at the top, 1 at the bottom; may be outside."""
         return (self.cy - self.fy * math.tan(self.pitch_rad)) / self.height
 
 
@@ -109,22 +109,22 @@ _FOLDER_RATE_HZ = 10.0
 
 
 class Frames(Protocol):
-    """Pictures one after the other."""
+    """Sequence of images."""
 
     rate_hz: float
-    """How many a second there are; for a folder, how many are usual."""
+    """Images per second; a default for folders."""
     size: tuple[int, int]
-    """Width and height of the first picture, pixels."""
+    """Width and height of the first image, pixels."""
 
     def read(self) -> np.ndarray | None:
-        """The next picture, shape (height, width, 3), uint8, blue first; None when there are no more.
+        """The next image, shape (height, width, 3), uint8, BGR; None at the end.
 
-        Raises ImageError for one that cannot be read; the one after it is read next time.
+        Raises ImageError for a damaged image; the next call reads the one after it.
         """
         ...
 
     def close(self) -> None:
-        """Gives the camera or file back."""
+        """Release the camera or file."""
         ...
 
 
@@ -134,9 +134,10 @@ def is_device(source: str) -> bool:
 
 
 def open_frames(source: str, *, width: int = 0, height: int = 0) -> Frames:
-    """The pictures of ``source``; a camera is asked for ``width`` x ``height`` pixels (0: its own choice).
+    """Open ``source``; a camera is asked for ``width`` x ``height`` pixels (0: its default).
 
-    Raises DeviceError when there is no such camera, file or folder, or nothing to read in it.
+    Raises:
+        DeviceError: The camera, file or folder does not exist or has no images.
     """
     if is_device(source):
         return _CameraFrames(source, width, height)
@@ -149,8 +150,6 @@ def open_frames(source: str, *, width: int = 0, height: int = 0) -> Frames:
 
 
 class _VideoFrames:
-    """A video file."""
-
     def __init__(self, source: str | int) -> None:
         self._capture = cv2.VideoCapture(source)
         if not self._capture.isOpened():
@@ -175,11 +174,9 @@ class _VideoFrames:
 
 
 class _CameraFrames(_VideoFrames):
-    """A camera of this computer."""
-
     def __init__(self, source: str, width: int, height: int) -> None:
         path = f"/dev/video{source}" if source.isdecimal() else source
-        # OpenCV complains at length on stderr about a device that is not there; asking first is quieter.
+        # OpenCV writes long complaints about a missing device to stderr.
         if sys.platform == "linux" and not Path(path).exists():
             raise DeviceError("no such camera", where=path, remedy="plug it in, or choose one of /dev/video*")
         try:
@@ -191,13 +188,13 @@ class _CameraFrames(_VideoFrames):
             self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, width)
         if height:
             self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
-        # Without this a slow reader sees pictures that are several frames old.
+        # A longer buffer delivers old images to a slow reader.
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self._read_properties()
 
 
 class _FolderFrames:
-    """The images of a folder in the order of their names, 2 before 10."""
+    """Images of a folder in natural order, 2 before 10."""
 
     rate_hz = _FOLDER_RATE_HZ
 
@@ -236,20 +233,20 @@ _DEVICES = Path("/dev")
 
 
 class Camera(Node):
-    """Publishes pictures at a steady rate, and once the camera's intrinsics.
+    """Publishes images at a steady rate, and the intrinsics of the camera once.
 
-    A camera that vanishes is an error once; then it is looked for every two seconds. A file
-    that ends stops quietly, or begins again with ``loop``; one that cannot is looked for like a camera.
+    A lost camera is reported once and retried every two seconds. A file stops at its end, or restarts with ``loop``; if
+    that fails, it is retried like a camera.
     """
 
     image_raw = Output(Image, "/camera/image_raw", Delivery.NEWEST)
     camera_info = Output(CameraInfo, "/camera/camera_info", Delivery.LATCHED)
 
     source = Parameter("0", "camera index, device file, video file or folder of images", fixed=True)
-    rate_hz = Parameter(0.0, "pictures a second; 0: the source's own rate", minimum=0.0, maximum=1000.0)
-    loop = Parameter(False, "begin a file or folder again when it ends")
-    width = Parameter(0, "width of the pictures, pixels; 0: the source's own", minimum=0, maximum=16384, fixed=True)
-    height = Parameter(0, "height of the pictures, pixels; 0: the source's own", minimum=0, maximum=16384, fixed=True)
+    rate_hz = Parameter(0.0, "images per second; 0: the rate of the source", minimum=0.0, maximum=1000.0)
+    loop = Parameter(False, "restart a file or folder at its end")
+    width = Parameter(0, "width of the images, pixels; 0: that of the source", minimum=0, maximum=16384, fixed=True)
+    height = Parameter(0, "height of the images, pixels; 0: that of the source", minimum=0, maximum=16384, fixed=True)
     hfov_rad = Parameter(1.09, "horizontal field of view, rad", minimum=0.1, maximum=3.0)
     frame_id = Parameter("camera_color_optical_frame", "name of the camera's frame", fixed=True)
 
@@ -260,9 +257,12 @@ class Camera(Node):
         self._due = 0
 
     def start(self) -> None:
-        """Raises DeviceError when there is no such source, ImageError when its first image is damaged.
+        """Open the source.
 
-        Raises ParameterError for a file or folder outside of those that the user allows.
+        Raises:
+            DeviceError: The source does not exist.
+            ImageError: Its first image is damaged.
+            ParameterError: It is outside the folders that the user allows.
         """
         if not self.source.isdecimal():
             paths.within(self.source, (*paths.workspace(), _DEVICES), where=f"{self.name}.source")
@@ -289,18 +289,18 @@ class Camera(Node):
             self._frames = None
 
     def _tick(self) -> None:
-        """Publishes one picture; the next is arranged for first, so that a damaged one stops nothing."""
+        """Publish one image. The next one is scheduled first, so that a damaged image does not stop the node."""
         if self._frames is None:
             return
-        self._arrange_next(self._frames)
+        self._schedule_next(self._frames)
         pixels = self._read(self._frames)
         if pixels is None:
             self._on_end()
         else:
             self._publish(pixels)
 
-    def _arrange_next(self, frames: Frames) -> None:
-        """Keeps the rate without drift; what is a whole period late begins a new beat."""
+    def _schedule_next(self, frames: Frames) -> None:
+        """Schedule the next image without drift; restart the schedule after a delay of a whole period."""
         period, now = nanoseconds(1 / (self.rate_hz or frames.rate_hz)), self.clock.now()
         due = self._due + period
         self._due = due if due > now else now + period
@@ -314,7 +314,7 @@ class Camera(Node):
         try:
             self._frames = self._open()
         except (DeviceError, ImageError):
-            self._look_again()
+            self._schedule_retry()
             self.say_health("failed", f"{self.source} cannot begin again")
             raise
         return self._frames.read()
@@ -327,22 +327,22 @@ class Camera(Node):
             self.log.info("%s has ended", self.source)
             self.say_health("waiting", f"{self.source} has ended")
             return
-        self._look_again()
-        self.say_health("failed", f"{self.source} sends no more pictures")
+        self._schedule_retry()
+        self.say_health("failed", f"{self.source} sends no more images")
         raise DeviceError(
-            "the camera sends no more pictures",
+            "the camera sends no more images",
             where=self.source,
-            remedy=f"check that it is there; it is tried again every {_RETRY_S:g} s",
+            remedy=f"check the connection; it is retried every {_RETRY_S:g} s",
         )
 
-    def _look_again(self) -> None:
+    def _schedule_retry(self) -> None:
         if self._timer:
             self._timer.cancel()
         self._timer = self.call_after(_RETRY_S, self._reopen)
 
     def _reopen(self) -> None:
-        """Looks for a camera that has vanished; it is back when it gives a picture."""
-        self._look_again()
+        """Retry a lost source; it is back when it delivers an image."""
+        self._schedule_retry()
         try:
             self._frames = self._open()
             pixels = self._frames.read()
@@ -357,7 +357,7 @@ class Camera(Node):
         self.say_health("ok")
         self._publish_info()
         self._publish(pixels)
-        self._arrange_next(self._frames)
+        self._schedule_next(self._frames)
 
     def _publish(self, pixels: np.ndarray) -> None:
         self.image_raw.publish(Image.from_bgr(self._fitted(pixels), stamp=self.clock.now(), frame_id=self.frame_id))
@@ -368,7 +368,7 @@ class Camera(Node):
         return pixels if size == (width, height) else cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
 
     def _size(self, width: int, height: int) -> tuple[int, int]:
-        """The size to publish for a picture of ``width`` x ``height``; one given alone keeps the proportions."""
+        """Published size of an image; width or height alone keeps the aspect ratio."""
         if not self.width and not self.height:
             return width, height
         return (

@@ -46,36 +46,39 @@ PIXELS: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float
     "0-1": ((0.0, 0.0, 0.0), (255.0, 255.0, 255.0)),
     "imagenet": ((123.675, 116.28, 103.53), (58.395, 57.12, 57.375)),
 }
-"""What networks want pixels to be: less a mean, divided by a deviation; both for red, green and blue."""
+"""Pixel ranges of models: mean and deviation for red, green and blue."""
 
 Views = Callable[[int, int, float], Sequence[View]]
-"""The views of a picture of a width and height, pixels, with the horizon at a share of its height."""
+"""Views of an image by width, height and horizon."""
 
 _BRIGHT, _BRIGHT_SHARE, _LARGEST_GAIN = 140.0, 95.0, 8.0
-"""Pictures in which ``_BRIGHT_SHARE`` percent of the values are below ``_BRIGHT`` are made brighter until they are not.
+"""Images are brightened until the percentile ``_BRIGHT_SHARE`` reaches ``_BRIGHT``.
 
-Networks are trained on pictures in daylight; of far people in a picture ten times as dark they find a tenth.
+Models are trained on daylight: in an image ten times as dark they find a tenth of the distant people.
 """
-_LARGEST_SCORE = 1.001
-"""Scores beyond 1, but for rounding, are none: the answers mean something else."""
-_SAMPLE = 8
-"""Every so many rows and columns are enough to tell how bright a picture is."""
-_BLANK = (640, 480)
-"""Width and height of the picture that a new detector is tried with."""
+_LARGEST_SCORE = 1.001  # Larger values are not scores.
+_SAMPLE = 8  # Step of the rows and columns sampled for the brightness.
+_BLANK = (640, 480)  # Size of the image for a first test.
 
 
 class NetworkDetector:
-    """Runs ``network`` on each of the ``views`` of a picture and reads its answers by ``layout``.
+    """Runs ``network`` on the ``views`` of an image and decodes its output by ``layout``.
 
-    ``threshold`` is the least score (0 to 1). Of two detections the weaker goes whose IoU is above ``overlap``, or who
-    have one head and lie in each other by more than the share ``within`` (see `suppress`).
-    The network knows ``classes`` kinds of things, of which people are number ``person``. ``channels`` and
-    ``pixels`` are as usual for the layout where they are empty. ``threads`` views are looked at side by side, beside
-    the threads of the network itself; the result does not depend on it.
+    Args:
+        network: ONNX model.
+        layout: Format of its output.
+        views: Regions and sizes in which the model sees an image.
+        threshold: Least score, 0 to 1.
+        overlap: IoU above which the weaker of two detections is suppressed.
+        within: Share for the suppression of boxes with the same head, see `suppress`.
+        person: Index of the class "person".
+        classes: Number of classes.
+        channels: Order of the colours; empty: that of the layout.
+        pixels: Range of the pixel values; empty: that of the layout.
+        threads: Parallel views; the result does not depend on it.
     """
 
     box_width_m = 0.55
-    """Tight boxes, arms included."""
 
     def __init__(
         self,
@@ -92,7 +95,7 @@ class NetworkDetector:
         pixels: str = "",
         threads: int = 1,
     ) -> None:
-        """Tries the network once; raises ParameterError when its answers are not of the layout."""
+        """Run the model once; raises ParameterError if its output does not have the layout."""
         self.threshold = threshold
         self.horizon = 0.5
         self.camera_height: float | None = None
@@ -112,7 +115,6 @@ class NetworkDetector:
         """The people in ``image``, shape (height, width, 3), uint8, blue first."""
         height, width = image.shape[:2]
         look = functools.partial(self._look, image, _table(self._pixels, _gain(image)), self.threshold)
-        # The views come back in order, so threads change nothing but the time.
         found = list((self._pool.map if self._pool else map)(look, self._views(width, height, self.horizon)))
         boxes = np.vstack([boxes for boxes, _ in found])
         scores = np.concatenate([scores for _, scores in found])
@@ -121,7 +123,7 @@ class NetworkDetector:
     def _look(
         self, image: np.ndarray, table: np.ndarray, threshold: float, view: View
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Boxes (n, 4) in pixels of ``image`` and scores (n,) of the people in ``view``, unsuppressed."""
+        """Boxes (n, 4) in image pixels and scores (n,) of one view, before suppression."""
         picture = cv2.LUT(view.cut(image), table).transpose(2, 0, 1)
         arrays = self._network.run(picture[::-1] if self._red_first else picture)
         answers = ModelOutput(
@@ -150,13 +152,13 @@ class NetworkDetector:
 
 
 def _gain(image: np.ndarray) -> float:
-    """How many times brighter a dark ``image`` is to become; 1 for others."""
+    """Brightness factor for a dark ``image``; 1 for others."""
     bright = float(np.percentile(image[::_SAMPLE, ::_SAMPLE], _BRIGHT_SHARE))
     return min(max(_BRIGHT / max(bright, 1.0), 1.0), _LARGEST_GAIN)
 
 
 def _table(pixels: str, gain: float) -> np.ndarray:
-    """What each of the 256 values of blue, green and red becomes: float32 (1, 256, 3)."""
+    """Lookup table of the model input for the 256 values of blue, green and red: float32 (1, 256, 3)."""
     mean, deviation = (np.array(each[::-1]) for each in PIXELS[pixels])
     values = np.minimum(np.arange(256) * gain, 255.0)
     return ((values[None, :, None] - mean) / deviation).astype(np.float32)
@@ -169,28 +171,24 @@ def _choice(name: str, value: str, choices: Sequence[str]) -> str:
 
 
 SHA256 = "093cbca46692a6ea044d76dac09d42e201f387c3bd2edaba530976dc64820a42"
-"""Of the file with the weights."""
+"""Checksum of the NanoDet weights."""
 _FILE = "nanodet.onnx"
 _WHOLES = ((416 * 320, 0), (256 * 192, 48), (160 * 120, 70))
-"""The views of the whole: how many pixels, and from what height on its boxes are believed.
+"""Views of the whole image: pixels, and least height of a box.
 
-At 4:3 the first has the scale of the pictures it was trained with. Small boxes of the others are rough, and take two
-people for one.
+The first has the scale of the training images. Small boxes of the others are inaccurate and merge people.
 """
-_BAND = 640 * 160
-"""Pixels of the view of the band."""
-_OVERLAP = 0.55
-"""Of boxes round one person, seen in different sizes."""
-_WITHIN = 0.65
-"""Of boxes with one head: the network likes to draw a weaker one round somebody and half of their neighbour."""
+_BAND = 640 * 160  # Pixels of the view of the band.
+_OVERLAP, _WITHIN = 0.55, 0.65  # The model adds weak boxes around a person and half of a neighbour.
 
 
 def nanodet(threshold: float, *, threads: int = 1) -> NetworkDetector:
-    """The detector of people who score ``threshold`` (0 to 1) or more, working with so many ``threads``.
+    """Build the included NanoDet detector with a score ``threshold`` (0 to 1).
 
-    Raises InstallationError when onnxruntime or the weights are missing.
+    Raises:
+        InstallationError: onnxruntime or the weights are missing.
     """
-    # Views side by side are faster than one view by several threads: 22 ms against 30 with two.
+    # Parallel views are faster than parallel operators: 22 ms against 30 with two threads.
     side_by_side = min(threads, len(_WHOLES) + 1)
     network = OnnxModel(weights(), threads=threads // side_by_side, where=f"socialbot/vision/models/{_FILE}")
     return NetworkDetector(
@@ -206,7 +204,7 @@ def nanodet(threshold: float, *, threads: int = 1) -> NetworkDetector:
 
 
 def weights() -> bytes:
-    """The file with the network. Raises InstallationError when it is missing or not the one that belongs here."""
+    """The NanoDet file. Raises InstallationError if it is missing or its checksum is wrong."""
     file = resources.files("socialbot.vision") / "models" / _FILE
     remedy = "reinstall socialbot: pip install --force-reinstall socialbot"
     try:
@@ -216,7 +214,7 @@ def weights() -> bytes:
     digest = hashlib.sha256(data).hexdigest()
     if digest != SHA256:
         raise InstallationError(
-            f"these are not the weights that belong here: {len(data)} bytes with sha256 {digest}, expected {SHA256}",
+            f"wrong weights: {len(data)} bytes with sha256 {digest}, expected {SHA256}",
             where=str(file),
             remedy=remedy,
         )
@@ -224,24 +222,28 @@ def weights() -> bytes:
 
 
 def _views(width: int, height: int, horizon: float) -> Sequence[View]:
-    """The views of a picture, the most expensive first."""
+    """The views of an image, the most expensive first."""
     wholes = [fitting((0, 0, width, height), pixels, least=least) for pixels, least in _WHOLES]
     return [wholes[0], fitting(band(width, height, horizon), _BAND), *wholes[1:]]
 
 
-_FREE = 640 * 480
-"""Pixels that a network gets to see which takes pictures of any size."""
+_FREE = 640 * 480  # Input size (pixels) of a model without a fixed one.
 
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """What detectors are made from; each takes what concerns it.
+    """Settings of a detector; all but ``threads`` are for ``onnx``.
 
-    ``threads`` bounds the processor threads of a detector. All others are for ``onnx``: ``model`` is the path
-    of its file, ``layout`` how its answers are laid out. Where ``input_width`` and ``input_height`` (pixels) are 0 the
-    model says them; where ``channels`` ("bgr" or "rgb") and ``pixels`` ("0-255", "0-1" or "imagenet") are empty
-    they are as usual for the layout. The model knows ``classes`` kinds of things, of which people are
-    number ``person_class``.
+    Args:
+        threads: Processor threads.
+        model: Path of the ONNX file.
+        layout: Layout of its output, a key of `LAYOUTS`.
+        input_width: Input width, pixels; 0: that of the model.
+        input_height: Input height, pixels; 0: that of the model.
+        channels: Order of the colours, "bgr" or "rgb"; empty: that of the layout.
+        pixels: Range of the pixel values, a key of `PIXELS`; empty: that of the layout.
+        classes: Number of classes.
+        person_class: Index of the class "person".
     """
 
     threads: int = 1
@@ -257,11 +259,14 @@ class DetectorSettings:
 
 @dataclass(frozen=True)
 class DetectorSpec:
-    """A kind of detector.
+    """Registered kind of detector.
 
-    A detection that scores ``sure`` is believed alone; one that scores ``weak`` may go on a track that is
-    already known. ``make`` gives a detector with ``threshold`` at ``sure``; it raises InstallationError when a part of
-    it is not installed and ParameterError when the settings do not fit.
+    Args:
+        name: Name in parameters.
+        sure: Score from which a detection counts alone.
+        weak: Score from which a detection continues a track.
+        make: Builds the detector with its threshold at ``sure``. It raises InstallationError for a missing package
+            and ParameterError for invalid settings.
     """
 
     name: str
@@ -307,12 +312,12 @@ def _onnx(settings: DetectorSettings) -> Detector:
 
 
 def _canvas(settings: DetectorSettings, network: OnnxModel) -> tuple[int, int] | None:
-    """Width and height of the pictures for ``network``; None where neither settings nor network say them."""
+    """Input size for ``network``; None if neither settings nor model define it."""
     wanted = (settings.input_width, settings.input_height)
     for want, fixed in zip(wanted, network.size, strict=True):
         if want and fixed and want != fixed:
             raise ParameterError(
-                f"the model takes {network.input}, not pictures of {' x '.join(str(side or 'any') for side in wanted)} "
+                f"the model takes {network.input}, not images of {' x '.join(str(side or 'any') for side in wanted)} "
                 "pixels",
                 where=network.where,
                 remedy="leave the input size to the model: set it to 0",
@@ -335,8 +340,8 @@ DETECTORS: Mapping[str, DetectorSpec] = {
         DetectorSpec("onnx", 0.4, 0.2, _onnx),
     )
 }
-"""The detectors by name, the default first.
+"""Detectors by name, the default first.
 
-The scores of nanodet are those that its authors and real pictures ask for (0.40 to 0.45), with several views a little
-higher. Those of hog allow for a tracker, which lets a mistake live on: single pictures are best from about 0.5 on.
+The score of nanodet is slightly above that of its authors (0.40), because it uses several views. The scores of hog suit
+the tracker; single images need about 0.5.
 """

@@ -1,18 +1,17 @@
-"""How far away people stand, and how sure that is.
+"""Distance of people from one camera, with standard errors.
 
-What the picture tells of the distance, with elevations e of the box's top and bottom in its middle column, camera
-height c, person height p and width q:
+Four cues estimate the distance. Their symbols are the elevations e of the box's top and bottom, the camera height c,
+and the person's height p and width q:
 
-* the ground, c / -tan(e_bottom): where the feet are in view, below the horizon, on the camera's own floor;
-* the height, p / (tan(e_top) - tan(e_bottom)): where the whole person is in view, upright. As wrong as p is;
-  both meet the foot that is nearest to the camera, and the person stands a little farther;
-* the head, (p - c) / tan(e_top): of use where the camera is much lower, or higher, than heads are;
-* the width, q / (2 tan(b / 2)) with b the box's angle at the shoulders: where the feet are cut off or hidden. Rough:
-  somebody seen from the side is half as wide.
+* ground, c / -tan(e_bottom): needs visible feet below the horizon, on the floor of the camera;
+* height, p / (tan(e_top) - tan(e_bottom)): needs the whole person, upright;
+* head, (p - c) / tan(e_top): useful if the camera is much lower or higher than heads;
+* width, q / (2 tan(b / 2)) with b the angle of the box at the shoulders: for hidden feet. It is rough, since a person
+  seen from the side is half as wide.
 
-Each is an estimate of the distance's logarithm with a standard error; they are combined by inverse variance.
-What is cut off leaves bounds: feet below the picture are nearer than the floor at its edge, and what can be seen of
-somebody is no higher than they are.
+Ground and height measure the foot that is nearest to the camera; the body is a little farther. Each cue is a logarithm
+with a standard error, and they are combined by inverse variance. A cut box gives an upper bound: feet below the image
+are nearer than the floor at its edge, and the visible part is no taller than the person.
 """
 
 from __future__ import annotations
@@ -29,31 +28,21 @@ from socialbot.vision.tracking import Cut
 
 __all__ = ["Estimate", "Figure", "Range", "Stature", "head_direction", "measure", "whole_height"]
 
-HEAD_CENTRE_M = 0.12
-"""How far the middle of the head lies below its top."""
+HEAD_CENTRE_M = 0.12  # From the top of the head to its middle.
 
-_EDGE_PX, _EDGE_SHARE = 1.0, 0.03
-"""Standard error of a box's top or bottom: pixels, and share of its height."""
-_WIDE_SHARE = 0.06
-"""Standard error of a box's width, as a share."""
-_MOUNT_RAD = 0.010
-"""Standard error of the camera's pitch and of the floor's slope together."""
-_HEIGHTS_M, _WIDTHS = 0.09, 0.22
-"""How much people differ: in height, and in width as a share (build, arms, and how far they are turned)."""
-_POSTURE = 0.02
-"""How much one person's height changes (gait, stoop), as a share."""
-_TOES_M = 0.12
-"""How far the foot that is nearest to the camera stands before the body."""
-_TURNING = 0.15
-"""How much the width of one person changes, as a share."""
-_LIKE_S = 0.5
-"""So long the errors of one cue are alike: frames that follow closer tell little new."""
-_POSE_S = 5.0
-"""So long a person's pose, and with it the error of a cue, lasts."""
-_JITTER = 0.03
-"""How much a distance changes from frame to frame although nothing has, as a share."""
-_PACE, _WALK_S = 1.0, 2.0
-"""Usual speed towards the camera or away from it, m/s, and how long it lasts."""
+# Standard errors.
+_EDGE_PX, _EDGE_SHARE = 1.0, 0.03  # Top and bottom of a box: pixels, and share of its height.
+_WIDE_SHARE = 0.06  # Width of a box.
+_MOUNT_RAD = 0.010  # Camera pitch and slope of the floor.
+_HEIGHTS_M, _WIDTHS = 0.09, 0.22  # Heights (m) and widths (share) of people.
+_POSTURE = 0.02  # Height of one person while walking, share.
+_TURNING = 0.15  # Width of one person while turning, share.
+_JITTER = 0.03  # Distance from frame to frame, share.
+
+_TOES_M = 0.12  # From the body to the nearer foot.
+_LIKE_S = 0.5  # Correlation time of the error of a cue.
+_POSE_S = 5.0  # Duration of a pose, which causes such an error.
+_PACE, _WALK_S = 1.0, 2.0  # Usual speed along the line of sight (m/s), and how long it lasts.
 _NEAREST_M = 0.1
 
 
@@ -65,14 +54,14 @@ class Estimate(NamedTuple):
 
 
 class Stature(NamedTuple):
-    """How tall a person is, and how wide their box from shoulder to shoulder."""
+    """Height of a person, and width of the box at the shoulders."""
 
     height: Estimate
     width: Estimate
 
     @classmethod
     def of_people(cls, height_m: float = 1.70, width_m: float = 0.5) -> Stature:
-        """What is known of somebody who was never seen: people in general."""
+        """The prior for an unknown person."""
         return cls(Estimate(height_m, _HEIGHTS_M), Estimate(width_m, _WIDTHS * width_m))
 
 
@@ -85,21 +74,26 @@ class _Cue(NamedTuple):
 
 @dataclass(frozen=True)
 class _BoxAngles:
-    """A box as the camera sees it: tangents of the elevations of top and bottom, and of half its width."""
+    """Tangents of the elevations of a box's top and bottom, of half its width, and their standard error ``edge``."""
 
     top: float
     bottom: float
     half: float
     edge: float
-    """Standard error of top and bottom."""
 
 
 def measure(
     camera: CameraModel, box: Box, stature: Stature, cut: Cut | None = None, *, feet_hidden: bool = False
 ) -> Estimate | None:
-    """Horizontal distance from the camera to the person in ``box`` (x, y, w, h); None for an empty box.
+    """Estimate the horizontal distance from the camera to the person in ``box`` (x, y, w, h).
 
-    ``cut`` tells which sides the picture cuts off; with ``feet_hidden`` something stands before the feet.
+    Args:
+        stature: Height and width of the person.
+        cut: Sides that the image cuts off.
+        feet_hidden: Whether the feet are occluded.
+
+    Returns:
+        The distance; None for an empty box.
     """
     view = _view(camera, box)
     if view is None:
@@ -118,14 +112,13 @@ def measure(
     if not sides:
         bounds.append(math.log(stature.width.value / 2 / view.half))
     if not cues:
-        # Somewhere below the nearest bound.
         return _metres(_Cue(min(bounds) - _WIDTHS, _WIDTHS))
     cue = _combined(cues)
     return _metres(cue if feet and head and sides else _below(cue, min(bounds)))
 
 
 def whole_height(camera: CameraModel, box: Box, distance: float) -> float:
-    """How many pixels high the ``box`` of somebody ``distance`` m away would be if it went down to their feet."""
+    """Height in pixels of ``box`` if it reached down to the feet of a person ``distance`` m away."""
     view = _view(camera, box)
     if view is None:
         return box[3]
@@ -143,7 +136,7 @@ def _view(camera: CameraModel, box: Box) -> _BoxAngles | None:
     _, bottom = camera.direction(x + w / 2, y + h)
     half = math.tan((left - right) / 2) if 0 < left - right < math.pi else 0.0
     if half <= 0 or top <= bottom:
-        return None  # The point straight below or above the camera lies in the box.
+        return None  # The box contains the zenith or nadir.
     return _BoxAngles(math.tan(top), math.tan(bottom), half, (_EDGE_PX + _EDGE_SHARE * h) / camera.fy)
 
 
@@ -183,15 +176,15 @@ def _combined(cues: Sequence[_Cue]) -> _Cue:
     weights = [cue.std**-2 for cue in cues]
     whole = sum(weights)
     log = sum(weight * cue.log for weight, cue in zip(weights, cues, strict=True)) / whole
-    # Cues that disagree more than they should are surer of themselves than they are right.
+    # Cues that disagree have larger errors than estimated.
     strain = sum(weight * (cue.log - log) ** 2 for weight, cue in zip(weights, cues, strict=True))
     return _Cue(log, math.sqrt(max(1.0, strain / max(len(cues) - 1, 1)) / whole))
 
 
 def _below(cue: _Cue, bound: float) -> _Cue:
-    """The cue, given that the truth is not above ``bound``: the likeliest value, and the error round it.
+    """The cue, truncated at ``bound``: the mode and the error around it.
 
-    What is left of a normal distribution has the mean -slope and the variance 1 - room * slope - slope ** 2.
+    A normal distribution truncated at ``room`` has the mean -slope and the variance 1 - room * slope - slope ** 2.
     """
     room = max((bound - cue.log) / cue.std, -3.0)
     density = math.exp(-(room**2) / 2) / math.sqrt(2 * math.pi)
@@ -208,17 +201,17 @@ def _metres(cue: _Cue) -> Estimate:
 
 @dataclass
 class Figure:
-    """What has been learnt of one person's stature, from ``stature`` on, while all of them was in view.
+    """Learns the stature of one person while the whole person is visible.
 
-    The ground tells where they stand whatever their size, and so their size. Frames that follow each other closely are
-    alike: they count by the time between them.
+    The ground cue gives the distance, and with it the size. Images count by the time between them, since errors of
+    close ones are correlated.
     """
 
     stature: Stature
     _learnt_s: float = field(default=0.0, init=False)
 
     def learn(self, camera: CameraModel, box: Box, seconds: float) -> None:
-        """Looks at a ``box`` that shows the whole person, ``seconds`` after the last one."""
+        """Update with a ``box`` of the whole person, ``seconds`` after the last one."""
         view = _view(camera, box)
         ground = _ground(camera, view) if view else []
         if view is None or not ground:
@@ -235,9 +228,9 @@ class Figure:
 
 
 def _learnt(known: Estimate, seen: Estimate, news: float, least: float) -> Estimate:
-    """``known`` after ``seen``, which counts as the share ``news`` of an independent look.
+    """Update ``known`` with ``seen``, which counts as the share ``news`` of an independent measurement.
 
-    The error does not fall below ``least``: what all looks have in common, and what changes.
+    The error does not fall below ``least``, which all measurements have in common.
     """
     if known.std <= least:
         weight = 0.1 * news
@@ -248,29 +241,28 @@ def _learnt(known: Estimate, seen: Estimate, news: float, least: float) -> Estim
 
 
 class Range:
-    """The distance of one person over time: a Kalman filter of distance, speed, and what the cues are wrong by.
+    """Kalman filter of the distance of one person, of its speed, and of the error of the cues.
 
-    A cue is wrong by nearly the same share from frame to frame: it tells how the distance changes much better than
-    the distance itself. When other cues are used, as when the feet leave the picture, the error is another one.
+    The relative error of a cue changes slowly, so a cue measures changes better than the distance itself. Another set
+    of cues, for example when the feet leave the image, has another error.
     """
 
     def __init__(self, first: Estimate, kind: object = None) -> None:
-        """``kind`` tells which cues ``first`` is from."""
+        """Start with an estimate from the cues ``kind``."""
         share = first.std / first.value
         self._state = np.array([first.value, 0.0, 0.0])
         self._variances = np.diag([first.std**2, _PACE**2, share**2])
-        # What the distance is wrong by is what the cues are wrong by.
         self._variances[0, 2] = self._variances[2, 0] = -first.std * share
         self._variances[0, 0] += (_JITTER * first.value) ** 2
         self._kind, self._share = kind, share
 
     @property
     def estimate(self) -> Estimate:
-        """The distance now."""
+        """The current distance."""
         return Estimate(float(self._state[0]), math.sqrt(self._variances[0, 0]))
 
     def pass_(self, seconds: float) -> None:
-        """Lets time pass."""
+        """Advance by ``seconds``."""
         keep = math.exp(-seconds / _WALK_S)
         step = np.array([[1.0, _WALK_S * (1 - keep), 0.0], [0.0, keep, 0.0], [0.0, 0.0, 1.0]])
         self._state = step @ self._state
@@ -281,9 +273,9 @@ class Range:
         self._variances[:2, :2] += 2 * _PACE**2 / _WALK_S * unrest
 
     def see(self, estimate: Estimate, kind: object = None, seconds: float = 0.0) -> None:
-        """Takes in a new ``estimate``, from the cues ``kind``, ``seconds`` after the last one."""
+        """Update with an ``estimate`` from the cues ``kind``, ``seconds`` after the last one."""
         share = estimate.std / estimate.value
-        # A cue that has become surer is wrong by less.
+        # A more precise cue has a smaller error.
         fade = math.exp(-seconds / _POSE_S) * min(1.0, share / self._share) if kind == self._kind else 0.0
         self._kind, self._share = kind, share
         fading = np.array([1.0, 1.0, fade])
@@ -303,9 +295,9 @@ class Range:
 def head_direction(
     camera: CameraModel, box: Box, cut: Cut, distance: float | None, height_m: float
 ) -> tuple[float, float]:
-    """Bearing and elevation (rad) of the middle of the head of the person in ``box``, ``distance`` m away.
+    """Bearing and elevation (rad) of the head of the person in ``box``, ``distance`` m away.
 
-    Where the picture cuts the head off, its elevation follows from the person's height.
+    The elevation of a head above the image follows from ``height_m``.
     """
     x, y, w, h = box
     bearing, top = camera.direction(x + w / 2, y)

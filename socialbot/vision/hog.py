@@ -1,12 +1,11 @@
-"""People by histograms of oriented gradients and a linear support vector machine (Dalal and Triggs, 2005).
+"""HOG detector: histograms of oriented gradients and a linear support vector machine (Dalal and Triggs, 2005).
 
-The weights are those that come with OpenCV, trained on the INRIA pictures of upright people. They score a
-window of 64 x 128 pixels, so the picture is looked at in many sizes: each is a *level* of a pyramid. The band along the
-horizon is made larger as well, since people there are too small for the window.
+The weights come with OpenCV and are trained on the INRIA images of upright people. They score a window of 64 x 128
+pixels on each level of an image pyramid. The band along the horizon is enlarged too, because distant people are
+smaller than the window.
 
-Where the camera's height is known, people of each size are looked for only where they would stand on the floor: there
-is less to be taken for them, and less to do. Those whose legs are below the picture are then known by the upper part
-of the window, with the weights that it has in the whole.
+If the camera height is known, each level is searched only where people of that size would stand on the floor. This
+saves time and false positives. People whose legs are below the image are then found by the upper part of the window.
 """
 
 from __future__ import annotations
@@ -25,35 +24,25 @@ from socialbot.vision.network import View, band, scaled
 
 __all__ = ["HogDetector"]
 
-_WIDTH, _HEIGHT = 64, 128
-"""Of the window."""
+_WIDTH, _HEIGHT = 64, 128  # Window.
 _BLOCK, _CELL, _BINS = 16, 8, 9
-_LARGEST = 1.5
-"""How many times larger the picture is made; beyond, there is more to be taken for people than there are people."""
+_LARGEST = 1.5  # Largest magnification; more of it adds more false positives than people.
+# Person in the window, x, y, w, h in pixels: the training images have these margins.
 _PERSON = np.array([0.2, 0.125, 0.6, 0.75]) * (_WIDTH, _HEIGHT, _WIDTH, _HEIGHT)
-"""Where in its window a person stands, x, y, w, h in pixels: the pictures it was trained on have such margins."""
-_UPPER = 80
-"""Height of the upper part of the window: a person down to the knees."""
-_UPPER_BIAS = -5.5
-"""The part has no bias of its own. With this one it scores near people as the whole does those farther off."""
-_UPPER_FROM = 7 / 8
-"""Whoever is higher than this share of the picture may stand with their legs below it."""
-_INSIDE, _BETTER = 0.5, 0.25
-"""What lies by this share in somebody whose legs are below the picture, and does not score so much better, is a part of
-them, or hidden by them."""
-_STATURES = 0.9, 1.15
-"""The heights of people, as shares of the usual one ..."""
-_SLACK = 1 / 24
-"""... and what their boxes are wrong by, as a share of the height: half a stride."""
+_UPPER = 80  # Height of the upper part of the window: a person down to the knees.
+_UPPER_BIAS = -5.5  # Makes the scores of the upper part comparable to those of the whole window.
+_UPPER_FROM = 7 / 8  # People taller than this share of the image may have their legs below it.
+_INSIDE, _BETTER = 0.5, 0.25  # A box inside such a person by this share, and not this much better, is a part of them.
+_STATURES = 0.9, 1.15  # Range of heights, as shares of the usual one;
+_SLACK = 1 / 24  # boxes are wrong by half a stride, as a share of the height.
 
 
 @dataclass(frozen=True)
 class _Template:
-    """A window, or its upper part: so many pixels high, laid over a level at every ``stride``-th pixel.
+    """Detection window or its upper part, ``height`` pixels high, moved by ``stride`` pixels.
 
-    It may reach so far into the border of a level, which goes on as the picture ends: ``across`` pixels at the sides,
-    ``above`` and ``below``. The window is larger than the person in it; with a border it also fits round somebody who
-    fills the picture or is cut off by it.
+    It may exceed the image by ``across``, ``above`` and ``below`` pixels, where the border is replicated. So it also
+    fits a person who fills the image or is cut off by it.
     """
 
     hog: cv2.HOGDescriptor
@@ -66,7 +55,7 @@ class _Template:
 
 @dataclass(frozen=True)
 class _Level:
-    """A part of the picture in one size, with a border of ``above`` and ``below`` pixels."""
+    """Pyramid level: a scaled region with a border of ``above`` and ``below`` pixels."""
 
     view: View
     template: _Template
@@ -80,18 +69,19 @@ class _Level:
 
 
 class HogDetector:
-    """The classic detector: no network, no weights to install; upright people, whole, from about 100 pixels high.
+    """HOG and SVM detector for upright people from 100 pixels high, or from 65 pixels along the horizon.
 
-    Along the ``horizon`` (a share of the picture's height) they may be smaller, from about 65 pixels. Where the
-    ``camera_height`` is known, in heights of a person, only grown-up people who stand on the same floor are looked
-    for, and near ones may be without their legs. ``threshold`` is the distance from the separating plane that a window
-    must reach (0 to about 3). ``scale`` is the ratio of neighbouring levels, ``overlap`` the IoU above which the
-    weaker of two detections goes. Pictures wider than ``max_width`` pixels are made smaller first. ``threads`` levels
-    are looked at side by side; the result does not depend on it.
+    With a ``camera_height`` it finds only adults on the floor of the camera, also without their legs.
+
+    Args:
+        threshold: Least distance from the separating plane, 0 to about 3.
+        scale: Ratio of neighbouring levels.
+        overlap: IoU above which the weaker of two detections is suppressed.
+        max_width: Wider images are scaled down, pixels.
+        threads: Parallel levels; the result does not depend on it.
     """
 
     box_width_m = 0.4 * 1.70
-    """All its boxes have one shape, 0.4 times as wide as high, and arms or none do not change it."""
 
     def __init__(
         self,
@@ -102,7 +92,7 @@ class HogDetector:
         max_width: int = 640,
         threads: int = 1,
     ) -> None:
-        """Raises InstallationError when this OpenCV has no HOG detector, as from version 5 on."""
+        """Raises InstallationError for OpenCV 5, which has no HOG detector."""
         if not hasattr(cv2, "HOGDescriptor"):
             raise InstallationError(
                 f"OpenCV {cv2.__version__} has no HOGDescriptor",
@@ -126,7 +116,6 @@ class HogDetector:
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         levels = self._levels(image.shape[1], image.shape[0])
         look = functools.partial(self._windows, image, self.threshold)
-        # Levels come back in order, so threads change nothing but the time.
         found = list((self._pool.map if self._pool else map)(look, levels))
         boxes = np.vstack([np.empty((0, 4)), *(boxes for boxes, _ in found)])
         scores = np.concatenate([np.empty(0), *(scores for _, scores in found)])
@@ -140,7 +129,6 @@ class HogDetector:
         return Detections(boxes[kept], scores[kept])
 
     def _levels(self, width: int, height: int) -> list[_Level]:
-        """What is looked at in a picture of ``width`` x ``height`` pixels."""
         larger = math.floor(math.log(_LARGEST, self.scale))
         smaller = math.floor(math.log(max(width / _WIDTH, height / _HEIGHT, 1.0) * 2, self.scale))
         if self.camera_height is not None:
@@ -155,7 +143,6 @@ class HogDetector:
         return [level for level in levels if level.holds_window]
 
     def _on_floor(self, width: int, height: int, camera_height: float, ratios: list[float]) -> list[_Level]:
-        """For each size of people the rows in which they would stand."""
         levels = []
         for ratio in ratios:
             levels.append(self._strip(self._whole, width, height, ratio, camera_height))
@@ -164,7 +151,7 @@ class HogDetector:
         return levels
 
     def _strip(self, template: _Template, width: int, height: int, ratio: float, camera_height: float) -> _Level:
-        """The rows of a level in which ``template`` may lie round people on the floor."""
+        """The rows of a level in which people on the floor can be."""
         _, head, _, tall = _PERSON
         least, most = _below_horizon(camera_height)
         top = self.horizon * height * ratio + (least - 1) * tall - head
@@ -176,7 +163,7 @@ class HogDetector:
         return _Level(view, template, above, below)
 
     def _windows(self, image: np.ndarray, threshold: float, level: _Level) -> tuple[np.ndarray, np.ndarray]:
-        """The boxes (n, 4) and scores (n,) of the people that reach ``threshold`` at one level."""
+        """Boxes (n, 4) and scores (n,) above ``threshold`` of one level."""
         view, template = level.view, level.template
         edges = level.above, level.below, template.across, template.across
         canvas = cv2.copyMakeBorder(view.cut(image), *edges, cv2.BORDER_REPLICATE)
@@ -184,11 +171,10 @@ class HogDetector:
         corners, scores = template.hog.detect(canvas, hitThreshold=threshold, winStride=stride)
         corners = np.asarray(corners, dtype=np.float64).reshape(-1, 2) - (template.across, level.above)
         boxes = view.back(np.hstack([corners, np.zeros_like(corners)]) + _PERSON)
-        good = self._believable(boxes, view, image.shape[1], image.shape[0])
+        good = self._plausible(boxes, view, image.shape[1], image.shape[0])
         return boxes[good], np.ravel(scores).astype(np.float64)[good]
 
-    def _believable(self, boxes: np.ndarray, view: View, width: int, height: int) -> np.ndarray:
-        """Which of ``boxes`` (n, 4) show people who may be there: bool, (n,)."""
+    def _plausible(self, boxes: np.ndarray, view: View, width: int, height: int) -> np.ndarray:
         if self.camera_height is None:
             return view.trusted(boxes, width, height)
         least, most = _below_horizon(self.camera_height)
@@ -197,7 +183,7 @@ class HogDetector:
 
 
 def _below_horizon(camera_height: float) -> tuple[float, float]:
-    """Which share of people on the floor is below the horizon, at least and at most, seen from ``camera_height``."""
+    """Least and largest share of a standing person below the horizon."""
     short, tall = _STATURES
     return camera_height / tall - _SLACK, camera_height / short + _SLACK
 
@@ -208,14 +194,14 @@ def _whole() -> _Template:
 
 def _upper() -> _Template:
     weights = _weights()
-    # Its blocks come column by column, from top to bottom.
+    # Blocks are stored column by column.
     columns = weights[:-1].reshape(_WIDTH // _CELL - 1, _HEIGHT // _CELL - 1, -1)
     part = np.append(columns[:, : _UPPER // _CELL - 1], np.float32(_UPPER_BIAS))
     return _Template(_hog(_UPPER, part), _UPPER, stride=4, across=24, above=24, below=8)
 
 
 def _weights() -> np.ndarray:
-    """Of the whole window, the bias last."""
+    """Weights of the whole window, the bias last."""
     return np.array(cv2.HOGDescriptor.getDefaultPeopleDetector(), dtype=np.float32).ravel()
 
 

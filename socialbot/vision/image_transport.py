@@ -30,57 +30,30 @@ __all__ = [
 ]
 
 
-PATIENCE_S = 0.4
-"""While a picture is under way for longer, no other is sent after it."""
-
-LOST_S = 1.0
-"""With no answer for so long, the link is taken to be down."""
-
-FIRST_FLIGHTS, MOST_FLIGHTS = 4, 16
-"""Pictures under way at once: to begin with, one more with each answer, and at most."""
-
-MEASURE_S = 1.0
-"""For so long the link is watched before it is judged."""
-
-SETTLING_S = 0.2
-"""So long after all that was sent before a change has arrived it is measured again."""
-
-LATE_S = 0.15
-"""A link on which half of the pictures take longer is full."""
-
-REFUSED_SHARE = 0.1
-"""A link that has no room for more than this share of the pictures is full."""
-
-CARRIED_SHARE = 0.8
-"""How much of what a full link has carried it is given from then on."""
-
-TRIED_SHARE = 1.2
-"""How much more is tried, not knowing whether the link carries it."""
-
-LEAP_SHARE = 1.5
-"""How much more it is given at once, where single pictures go fast enough for that."""
-
-FIRST_TRIAL_S, LAST_TRIAL_S = 1.0, 64.0
-"""How long to wait before more is tried: to begin with, and after many trials in vain."""
-
+PATIENCE_S = 0.4  # No image is sent while an earlier one is unanswered for longer.
+LOST_S = 1.0  # Without an answer for this long the link counts as down.
+FIRST_FLIGHTS, MOST_FLIGHTS = 4, 16  # Images in flight: at first, and at most; each answer allows one more.
+MEASURE_S = 1.0  # Period of one measurement.
+SETTLING_S = 0.2  # Pause after a change before the next measurement.
+LATE_S = 0.15  # A link is full when its median delay is larger,
+REFUSED_SHARE = 0.1  # or when it has no room for more than this share of the images.
+CARRIED_SHARE = 0.8  # A full link gets this share of what it carried.
+TRIED_SHARE = 1.2  # Factor of a trial increase.
+LEAP_SHARE = 1.5  # Factor of an increase for which single images prove the capacity.
+FIRST_TRIAL_S, LAST_TRIAL_S = 1.0, 64.0  # Pause between trials: at first, and after many failures.
 LEAST_BYTES_S = 4000.0
 LEAST_RATE_HZ = 1.0
-
 _ANY_HZ = 1e6
-
-QUALITY_STEP = 5
-"""Quality goes up by so much at least, as each change can be seen."""
-
-SIZE_EXPONENT = 0.5
-"""JPEG pictures shrink with this power of the coarseness of their quantisation; found with pictures of rooms."""
-
+QUALITY_STEP = 5  # Smallest increase of the quality, since every change is visible.
+SIZE_EXPONENT = 0.5  # JPEG size over the coarseness of the quantisation, measured on indoor images.
 STALE_S = 1.0
 REMEMBERED = 32
+ALIVE_S = 0.25  # Period of repeated answers while no image arrives.
 
 
 @dataclass(frozen=True)
 class InFlightImage:
-    """A picture under way: its stamp, its size in bytes, when it was sent, and whether the link was free by then."""
+    """Unanswered image: stamp, bytes, time of sending, and whether the link was idle then."""
 
     stamp: int
     size: int
@@ -89,7 +62,7 @@ class InFlightImage:
 
 
 class SendWindow:
-    """The pictures under way."""
+    """Images in flight."""
 
     def __init__(self) -> None:
         self._flights: deque[InFlightImage] = deque()
@@ -99,11 +72,11 @@ class SendWindow:
 
     @property
     def oldest(self) -> float:
-        """When the oldest picture under way was sent (ns); infinite when there is none."""
+        """Send time (ns) of the oldest unanswered image; infinite without any."""
         return self._flights[0].sent if self._flights else math.inf
 
     def has_room(self, now: int) -> bool:
-        """Whether one more may be sent. Notices that the link is down: then what was under way is given up."""
+        """Whether another image may be sent. Detects a dead link and then drops all images in flight."""
         if not self._flights:
             return not self.silent
         oldest = self._flights[0].sent
@@ -114,17 +87,16 @@ class SendWindow:
         return len(self._flights) < self._limit and now - oldest <= PATIENCE_S * SECOND
 
     def stalls(self, now: int) -> bool:
-        """Whether pictures are waited for in vain, so that the link may be down."""
+        """Whether answers are overdue."""
         return bool(self._flights) and now - max(self._flights[0].sent, self._heard) > PATIENCE_S * SECOND
 
     def send(self, stamp: int, size: int, now: int) -> None:
-        """Notes that a picture was sent."""
         self._flights.append(InFlightImage(stamp, size, now, alone=not self._flights))
 
     def answer(self, stamp: int, now: int) -> list[InFlightImage]:
-        """What has arrived by an answer for ``stamp``: that picture and all that were sent before it.
+        """The images that an answer for ``stamp`` confirms: that image and all earlier ones.
 
-        Any answer, also one for a picture given up, says that the link is up.
+        Any answer proves that the link is up.
         """
         if self.silent:
             self.silent, self._limit = False, FIRST_FLIGHTS
@@ -140,10 +112,10 @@ class SendWindow:
 
 @dataclass
 class LinkStatistics:
-    """What happened on the link since ``begin``: of all pictures, the rate allowed those offered."""
+    """Counts of a link since ``begin`` (ns); ``offered`` images were allowed by the rate limit."""
 
     begin: int
-    pictures: int = 0
+    images: int = 0
     offered: int = 0
     refused: int = 0
     sent_bytes: int = 0
@@ -152,7 +124,7 @@ class LinkStatistics:
     speeds: list[float] = field(default_factory=list)
 
     def arrive(self, flight: InFlightImage, now: int) -> None:
-        """Notes that a picture has arrived. One that was alone on the link has waited for no other."""
+        """Add a delivered image. An image that was alone on the link did not queue."""
         delay_s = max(1, now - flight.sent) / SECOND
         self.arrived_bytes += flight.size
         self.waits_s.append(0.0 if flight.alone else delay_s)
@@ -161,17 +133,17 @@ class LinkStatistics:
 
     @property
     def speed(self) -> float:
-        """Bytes a second that the link has carried at least, by the pictures that were alone on it; 0 without such."""
+        """Lower bound of the capacity, bytes/s, from images that were alone on the link; 0 without any."""
         return median(self.speeds or [0.0])
 
     @property
     def is_full(self) -> bool:
-        """Whether the link was given more than it could carry in time."""
+        """Whether the load exceeded the capacity."""
         return median(self.waits_s or [0.0]) > LATE_S or self.refused > REFUSED_SHARE * self.offered
 
 
 class BitrateControl:
-    """How many bytes a second the link is given: ``budget``, without bounds until it has been full."""
+    """Send rate ``budget`` in bytes/s; infinite until the link has been full."""
 
     def __init__(self) -> None:
         self.budget = math.inf
@@ -182,7 +154,7 @@ class BitrateControl:
         self._changed = 0
 
     def judge(self, measure: LinkStatistics, now: int, *, wants_more: bool) -> bool:
-        """Draws the lesson from ``measure``, which ends ``now``. Returns whether the budget has changed."""
+        """Update the budget from a measurement that ends ``now``; True if it changed."""
         seconds = (now - measure.begin) / SECOND
         if measure.is_full:
             self._lower(measure.arrived_bytes / seconds, measure.sent_bytes / seconds)
@@ -199,13 +171,13 @@ class BitrateControl:
         return True
 
     def wait_from(self, now: int) -> None:
-        """Counts the time until the next trial from ``now``."""
+        """Restart the pause before the next trial."""
         self._changed = now
 
     def _lower(self, arrived: float, sent: float) -> None:
-        """To what has ``arrived``; at least to what was good before, as an overfull link carries less than it could.
+        """Reduce the budget to the rate that ``arrived``, but not below the last good rate.
 
-        If that was too much as well, as when the link got worse, it comes to half of it each time.
+        An overloaded link carries less than its capacity. If the last good rate is too high as well, it is halved.
         """
         if self._on_trial:
             self._failed = self.budget
@@ -224,9 +196,13 @@ class BitrateControl:
 
 
 class ImageLink:
-    """What the sender asks about each picture: whether to send it, and at which ``quality`` (of JPEG).
+    """Decides for each image whether to send it, and at which JPEG ``quality``.
 
-    ``best`` and ``least`` bound the quality, ``most_hz`` the pictures a second (infinite: all there are).
+    Args:
+        best: Highest quality.
+        least: Lowest quality; below it the rate is reduced.
+        most_hz: Highest rate, images/s; may be infinite.
+        now: Time of the sender's clock, ns.
     """
 
     def __init__(self, *, best: int, least: int, most_hz: float, now: int) -> None:
@@ -240,26 +216,26 @@ class ImageLink:
         self._asked = now
         self._changed = -1
         self._size_at_best = 0.0
-        self._pictures_hz = 0.0
+        self._images_hz = 0.0
 
     @property
     def silent(self) -> bool:
-        """Whether the link is taken to be down."""
+        """Whether the link counts as down."""
         return self._window.silent
 
     @property
     def budget(self) -> float:
-        """Bytes a second that the link is given; infinite while it has never been full."""
+        """Send rate, bytes/s; infinite until the link has been full."""
         return self._throttle.budget
 
     def bound(self, *, best: int, least: int, most_hz: float) -> None:
-        """Takes other bounds."""
+        """Set other limits."""
         self._size_at_best *= relative_size(best, self._best)
         self._best, self._least, self._most_hz = best, min(least, best), most_hz
         self._choose()
 
     def takes(self, now: int) -> bool:
-        """Whether a picture that is there now is to be sent."""
+        """Whether to send an image taken now."""
         if now < self._asked:
             self._begin_anew(now)
         allowed = self._is_allowed(now)
@@ -267,7 +243,7 @@ class ImageLink:
         if self.silent or self._window.oldest <= self._changed:
             self._measure = _begun_soon(now)
         if now >= self._measure.begin:
-            self._measure.pictures += 1
+            self._measure.images += 1
             self._measure.offered += allowed
             self._measure.refused += allowed and not room
         if now - self._measure.begin >= MEASURE_S * SECOND and not self._window.stalls(now):
@@ -275,7 +251,7 @@ class ImageLink:
         return allowed and room
 
     def sent(self, stamp: int, size: int, now: int) -> None:
-        """Notes that the picture of ``stamp`` was sent as ``size`` bytes."""
+        """Record that the image of ``stamp`` was sent as ``size`` bytes."""
         self._window.send(stamp, size, now)
         self._credit -= 1.0
         if now >= self._measure.begin:
@@ -284,32 +260,32 @@ class ImageLink:
         self._size_at_best += (at_best - self._size_at_best) * (0.2 if self._size_at_best else 1.0)
 
     def answered(self, stamp: int, now: int) -> None:
-        """Notes that the other end has the picture of ``stamp``, or says again that it is the last it has."""
+        """Record an answer: the receiver has the image of ``stamp``."""
         for flight in self._window.answer(stamp, now):
             if now >= self._measure.begin:
                 self._measure.arrive(flight, now)
 
     def _begin_anew(self, now: int) -> None:
-        """After the clock was set back: what was noted before can be compared with nothing."""
+        """Forget all times after the clock was set back."""
         self._window, self._measure, self._changed = SendWindow(), _begun_soon(now), -1
         self._throttle.wait_from(now)
 
     def _is_allowed(self, now: int) -> bool:
-        """Whether the rate allows a picture now; two may follow each other, as cameras are not punctual."""
+        """Apply the rate limit, with credit for two images since cameras are not punctual."""
         since_s, self._asked = max(0, now - self._asked) / SECOND, now
         self._credit = min(2.0, self._credit + since_s * min(self.rate_hz, _ANY_HZ))
         return self._credit > 0.99
 
     def _judge(self, now: int) -> None:
         measure, self._measure = self._measure, LinkStatistics(now)
-        self._pictures_hz = measure.pictures * SECOND / (now - measure.begin)
+        self._images_hz = measure.images * SECOND / (now - measure.begin)
         if self._throttle.judge(measure, now, wants_more=(self.quality, self.rate_hz) != (self._best, self._most_hz)):
             self._changed, self._measure = now, _begun_soon(now)
         self._choose()
 
     def _choose(self) -> None:
-        """The best quality that the budget allows at the full rate; the full rate, unless the least is too much."""
-        rate = min(self._most_hz, self._pictures_hz)
+        """Choose the best quality at the full rate; reduce the rate only at the lowest quality."""
+        rate = min(self._most_hz, self._images_hz)
         room = self.budget / rate if rate else math.inf
         fitting = next((each for each in range(self._best, self._least, -1) if self._size(each) <= room), self._least)
         if fitting < self.quality or fitting >= self.quality + QUALITY_STEP or fitting == self._best:
@@ -326,37 +302,37 @@ def _begun_soon(now: int) -> LinkStatistics:
 
 
 class StaleImageFilter:
-    """Tells pictures that have waited for a link that was down from those that come as they are taken.
+    """Detects images that waited for a dead link.
 
-    The clocks of two machines may differ by any time, hence each picture is compared with the quickest of the last
-    ones. When all of them are late, no link was down: a clock was set.
+    The clocks of the two machines may differ, so the age of an image is compared with the smallest recent one.
+    If all images are late, a clock was set.
     """
 
     def __init__(self) -> None:
         self._ages_s: deque[float] = deque(maxlen=REMEMBERED)
 
     def has_kept(self, stamp: int, now: int) -> bool:
-        """Whether the picture of ``stamp`` (ns), which arrives ``now``, is too late to be shown."""
+        """Whether the image of ``stamp`` (ns) that arrives ``now`` is stale."""
         age_s = (now - stamp) / SECOND
         self._ages_s.append(age_s)
         return age_s > min(self._ages_s) + STALE_S
 
 
 def relative_size(quality: int, other: int) -> float:
-    """About how large a JPEG of ``quality`` is, compared to the same picture with the ``other``."""
+    """Estimated JPEG size at ``quality`` relative to the same image at quality ``other``."""
     return (_coarseness(other) / _coarseness(quality)) ** SIZE_EXPONENT
 
 
 def _coarseness(quality: int) -> float:
-    """The factor by which libjpeg multiplies its table of quantisation."""
+    """Factor of libjpeg's quantisation table."""
     return 50.0 / max(1, quality) if quality < 50 else max(0.02, 2.0 - quality / 50.0)
 
 
 class ImageSender(Node):
-    """Publishes pictures for a `ImageReceiver` on another machine; stamps are kept.
+    """Publishes images as JPEG for an `ImageReceiver` on another machine; stamps are kept.
 
-    While the link is down nothing is sent; the first answer begins anew, with the newest picture. A picture that
-    cannot be converted raises ImageError; the next one is looked at afresh.
+    While the link is down nothing is sent. The first answer resumes with the newest image. An image that cannot be
+    converted raises ImageError and is skipped.
     """
 
     image = Input(Image, "/camera/image_raw", Delivery.NEWEST)
@@ -364,59 +340,54 @@ class ImageSender(Node):
     ack = Input(PictureAck, "/camera/image_raw/link/ack")
 
     quality = Parameter(80, "JPEG quality on a link that carries it", minimum=1, maximum=100)
-    least_quality = Parameter(30, "JPEG quality below which rather pictures are left out", minimum=1, maximum=100)
-    rate_hz = Parameter(0.0, "pictures a second at most; 0: every picture", minimum=0.0, maximum=1000.0)
+    least_quality = Parameter(30, "JPEG quality below which images are skipped instead", minimum=1, maximum=100)
+    rate_hz = Parameter(0.0, "maximum images per second; 0: every image", minimum=0.0, maximum=1000.0)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self.pictures = ImageLink(
+        self.image_link = ImageLink(
             best=self.quality, least=self.least_quality, most_hz=self._most_hz, now=self.clock.now()
         )
 
     def on_parameter(self, name: str) -> None:
-        self.pictures.bound(best=self.quality, least=self.least_quality, most_hz=self._most_hz)
+        self.image_link.bound(best=self.quality, least=self.least_quality, most_hz=self._most_hz)
 
     @image
     def on_image(self, image: Image) -> None:
-        was_silent = self.pictures.silent
-        if not self.pictures.takes(self.clock.now()):
-            if self.pictures.silent and not was_silent:
+        was_silent = self.image_link.silent
+        if not self.image_link.takes(self.clock.now()):
+            if self.image_link.silent and not was_silent:
                 self.log.warning("the link is silent: no answer from the receiver of %s", image.frame_id)
                 self.say_health("degraded", f"no answer from the receiver of {image.frame_id}")
             return
         jpeg = self._jpeg(image)
-        self.pictures.sent(image.stamp, jpeg.data.size, self.clock.now())
+        self.image_link.sent(image.stamp, jpeg.data.size, self.clock.now())
         self.link.publish(jpeg)
 
     @ack
     def on_ack(self, ack: PictureAck) -> None:
-        if self.pictures.silent:
+        if self.image_link.silent:
             self.log.info("the link answers")
             self.say_health("ok")
-        self.pictures.answered(ack.stamp, self.clock.now())
+        self.image_link.answered(ack.stamp, self.clock.now())
 
     @property
     def _most_hz(self) -> float:
         return self.rate_hz or math.inf
 
     def _jpeg(self, image: Image) -> CompressedImage:
-        good, data = cv2.imencode(".jpg", bgr_from_image(image), [cv2.IMWRITE_JPEG_QUALITY, self.pictures.quality])
+        good, data = cv2.imencode(".jpg", bgr_from_image(image), [cv2.IMWRITE_JPEG_QUALITY, self.image_link.quality])
         if not good:
-            raise ImageError("cannot be made a JPEG", where=f"image of {image.width}x{image.height}")
+            raise ImageError("cannot be encoded as JPEG", where=f"image of {image.width}x{image.height}")
         return CompressedImage(
             stamp=image.stamp, frame_id=image.frame_id, format="bgr8; jpeg compressed bgr8", data=data.reshape(-1)
         )
 
 
-LIFE_S = 0.25
-"""How often it gives a sign of life while no picture comes."""
-
-
 class ImageReceiver(Node):
-    """Publishes the pictures of a `ImageSender` as bgr8, with their stamps.
+    """Publishes the images of an `ImageSender` as bgr8, with their stamps.
 
-    What has waited for a link that was down is answered, and dropped. A damaged picture is answered, and raises
-    ImageError.
+    Stale and damaged images are answered and dropped; a damaged one raises ImageError.
     """
 
     link = Input(CompressedImage, "/camera/image_raw/link", deadline_s=SILENT_S)
@@ -438,16 +409,16 @@ class ImageReceiver(Node):
             self._timer.cancel()
 
     @link
-    def on_picture(self, picture: CompressedImage) -> None:
+    def on_compressed(self, image: CompressedImage) -> None:
         now = self.clock.now()
-        self._answer(PictureAck(stamp=picture.stamp, arrived=now))
-        if not self._backlog.has_kept(picture.stamp, now):
-            pixels = bgr_from_compressed(picture)
-            self.image.publish(Image.from_bgr(pixels, stamp=picture.stamp, frame_id=picture.frame_id))
+        self._answer(PictureAck(stamp=image.stamp, arrived=now))
+        if not self._backlog.has_kept(image.stamp, now):
+            pixels = bgr_from_compressed(image)
+            self.image.publish(Image.from_bgr(pixels, stamp=image.stamp, frame_id=image.frame_id))
 
     def _live(self) -> None:
-        self._timer = self.call_after(LIFE_S, self._live)
-        if self.clock.now() - self._said >= LIFE_S * SECOND:
+        self._timer = self.call_after(ALIVE_S, self._live)
+        if self.clock.now() - self._said >= ALIVE_S * SECOND:
             self._answer(self._last)
 
     def _answer(self, ack: PictureAck) -> None:

@@ -1,4 +1,4 @@
-"""Convert images of all common ROS encodings to BGR pixels and JPEG; and the node that does so."""
+"""Convert ROS image encodings to BGR pixels and JPEG, as functions and as a node."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ENCODINGS = tuple(_BYTES)
 """Every encoding that `bgr_from_image` takes."""
 
 MOST_PIXELS = 1 << 25
-"""The largest compressed picture, as of 8K: a few bytes of a file may speak of gigabytes of pixels."""
+"""Largest compressed image (8K): a small file may claim gigabytes of pixels."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8"
@@ -43,7 +43,7 @@ _WITHOUT_CONTENT = frozenset({0x01, *range(0xD0, 0xD8)})
 
 
 def bgr_from_image(image: Image) -> Pixels:
-    """The pixels of ``image``: shape (height, width, 3), uint8, blue first.
+    """Decode ``image``: shape (height, width, 3), uint8, BGR.
 
     A bgr8 image is not copied: the pixels are a view of its data. Raises ImageError for an
     unknown encoding or a size that the data does not fill.
@@ -100,7 +100,7 @@ def _listed() -> str:
 
 
 def bgr_from_compressed(image: CompressedImage) -> Pixels:
-    """The pixels of a JPEG or PNG: shape (height, width, 3), uint8, blue first.
+    """Decode a JPEG or PNG: shape (height, width, 3), uint8, BGR.
 
     ``format`` is what image_transport and others write: "jpeg", "jpg", "png", "rgb8; jpeg compressed
     bgr8", "bgr8; png compressed ". Where it says "compressed rgb" the file holds red and blue exchanged,
@@ -124,7 +124,7 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
         raise ImageError(
             f"{width}x{height} pixels are too many",
             where=where,
-            remedy=f"send pictures of {MOST_PIXELS / 1e6:.0f} million pixels at most",
+            remedy=f"send images of {MOST_PIXELS / 1e6:.0f} million pixels at most",
         )
     if not _is_complete(file):
         raise ImageError("the file is cut short", where=where, remedy="check the camera's cable and bandwidth")
@@ -190,14 +190,14 @@ def as_jpeg(image: Image | CompressedImage, width: int = WIDTH, quality: int = Q
         pixels = cv2.resize(pixels, (width, max(1, round(height * width / whole))), interpolation=cv2.INTER_AREA)
     done, packed = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
-        raise ImageError("the picture cannot be written as JPEG")
+        raise ImageError("the image cannot be encoded as JPEG")
     return packed.tobytes()
 
 
 class ImageConverter(Node):
-    """Publishes each raw or compressed picture as bgr8, with the same stamp and frame.
+    """Publishes each raw or compressed image as bgr8, with the same stamp and frame.
 
-    A picture that cannot be converted raises ImageError; the next one is looked at afresh.
+    An image that cannot be converted raises ImageError and is skipped.
     """
 
     image_raw = Input(Image, "/camera/image_raw", Delivery.NEWEST, deadline_s=SILENT_S)

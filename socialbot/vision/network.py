@@ -1,4 +1,4 @@
-"""Neural networks in ONNX files: inference on the CPU, the views of an image, and how outputs encode boxes."""
+"""ONNX models: inference on the CPU, views of an image, and output layouts."""
 
 from __future__ import annotations
 
@@ -13,28 +13,17 @@ import numpy as np
 from socialbot.core.errors import InstallationError, ParameterError
 
 __all__ = [
-    "ModelOutput",
-    "LAYOUTS",
-    "OutputLayout",
-    "LayoutMismatch",
-    "OnnxModel",
-    "TensorInfo",
-    "Region",
-    "View",
-    "band",
-    "fitting",
-    "scaled",
-    "whole",
-]
+    "LAYOUTS", "LayoutMismatch", "ModelOutput", "OnnxModel", "OutputLayout", "Region", "TensorInfo", "View", "band",
+    "fitting", "scaled", "whole",
+]  # fmt: skip
 
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
-"""What a picture may be given as."""
 
 
 @dataclass(frozen=True)
 class TensorInfo:
-    """An input or output: its shape has numbers where it is fixed and 0 where it is not."""
+    """Name, shape and type of a model input or output; free dimensions are 0."""
 
     name: str
     shape: tuple[int, ...]
@@ -46,16 +35,19 @@ class TensorInfo:
 
 
 class OnnxModel:
-    """One picture in, answers out.
-
-    ``threads`` work on it and sleep in between. The answers do not depend on their number.
-    """
+    """ONNX model that takes one image; its output does not depend on the number of threads."""
 
     def __init__(self, model: Path | bytes, *, threads: int = 1, where: str = "") -> None:
-        """Loads the file at the path ``model``, or the file's bytes; ``where`` names it in errors.
+        """Load a model.
 
-        Raises InstallationError without onnxruntime, and ParameterError when there is no such file, when it is no
-        ONNX network, or when the network does not take one picture.
+        Args:
+            model: Path or content of the file.
+            threads: Processor threads; they sleep between images.
+            where: Name of the model in errors.
+
+        Raises:
+            InstallationError: onnxruntime is missing.
+            ParameterError: The file is missing or not ONNX, or the model does not take one image.
         """
         self.where = where or (str(model) if isinstance(model, Path) else "network")
         self._session = _session(model, threads, self.where)
@@ -63,9 +55,9 @@ class OnnxModel:
         self.outputs = tuple(_port(port) for port in self._session.get_outputs())
         if len(inputs) != 1 or len(inputs[0].shape) != 4 or inputs[0].dtype not in _DTYPES:
             raise ParameterError(
-                f"the model takes {'; '.join(map(str, inputs)) or 'nothing'}, expected one picture of four dimensions",
+                f"the model takes {'; '.join(map(str, inputs)) or 'nothing'}, expected one image of four dimensions",
                 where=self.where,
-                remedy="export the detector alone: picture in, boxes out, batch of one",
+                remedy="export the detector alone: image in, boxes out, batch of one",
             )
         self.input = inputs[0]
         batch, channels, *_, last = self.input.shape
@@ -74,20 +66,21 @@ class OnnxModel:
             raise ParameterError(
                 f"the model takes {self.input}, expected 1 x 3 x height x width or 1 x height x width x 3",
                 where=self.where,
-                remedy="export the detector for one colour picture at a time",
+                remedy="export the detector for one colour image at a time",
             )
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the picture, pixels; 0 where the network takes any."""
+        """Width and height of the input, pixels; 0 if free."""
         _, *sizes = self.input.shape
         height, width = sizes[:2] if self.channels_last else sizes[1:]
         return width, height
 
     def run(self, picture: np.ndarray) -> Sequence[np.ndarray]:
-        """What the network answers to ``picture``, shape (3, height, width): an array an output.
+        """Run the model on an image of shape (3, height, width); returns one array per output.
 
-        Raises ParameterError when the network refuses the picture.
+        Raises:
+            ParameterError: The model rejects the shape.
         """
         picture = picture.transpose(1, 2, 0) if self.channels_last else picture
         data = np.ascontiguousarray(picture[None], dtype=_DTYPES[self.input.dtype])
@@ -95,7 +88,7 @@ class OnnxModel:
             return [np.asarray(answer) for answer in self._session.run(None, {self.input.name: data})]
         except Exception as error:  # onnxruntime's errors have no class of their own.
             raise ParameterError(
-                f"a picture of shape {data.shape} does not fit the model, which takes {self.input}: {_first(error)}",
+                f"an image of shape {data.shape} does not fit the model, which takes {self.input}: {_first(error)}",
                 where=self.where,
                 remedy="set the input size that the model was exported for",
             ) from error
@@ -115,7 +108,7 @@ def _session(model: Path | bytes, threads: int, where: str):
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
-    # A thread that spins between pictures takes a whole core from the robot.
+    # Spinning threads would use a whole core between images.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 4
     source = str(model) if isinstance(model, Path) else model
@@ -135,30 +128,23 @@ def _port(port) -> TensorInfo:
 
 
 def _first(error: Exception) -> str:
-    """The first line of what ``error`` says."""
     return next(iter(str(error).splitlines()), type(error).__name__)
 
 
 Region = tuple[int, int, int, int]
-"""A rectangle within a picture: x, y, w, h in pixels."""
+"""x, y, w, h in pixels."""
 
-_NEAR_EDGE = 0.06
-"""How near to an edge of its view a box is taken to be cut off by it, as a share of the view's height."""
+_NEAR_EDGE = 0.06  # A box nearer to an edge of its view counts as cut off: share of the view's height.
 _LARGEST_SCALE = 2.0
-"""Beyond that a picture gains nothing from being made larger."""
-_ABOVE, _BELOW = 0.13, 0.2
-"""How far the band reaches above and below the horizon, as a share of the picture's height.
-
-From a camera at the height of eyes or hips, with the horizon a little off, people from 10 m on are within.
-"""
+_ABOVE, _BELOW = 0.13, 0.2  # Extent of the band around the horizon: share of the height, for people from 10 m on.
 
 
 @dataclass(frozen=True)
 class View:
-    """A rectangle of the picture, ``x``, ``y``, ``w``, ``h``, on a canvas of ``width`` x ``height``, all in pixels.
+    """Region ``x``, ``y``, ``w``, ``h`` of an image, scaled onto a canvas of ``width`` x ``height`` pixels.
 
-    There it takes ``across`` x ``down`` pixels from ``left``, ``top`` on; ``fill`` is the grey of the rest. Boxes
-    less than ``least`` pixels high on the canvas are left to finer views.
+    On the canvas it covers ``across`` x ``down`` pixels from ``left``, ``top``; the rest has the grey level ``fill``.
+    Boxes lower than ``least`` canvas pixels are left to finer views.
     """
 
     x: int
@@ -175,25 +161,28 @@ class View:
     least: float = 0.0
 
     def cut(self, image: np.ndarray) -> np.ndarray:
-        """The canvas, (height, width, 3), uint8, of ``image``, (any height, any width, 3), uint8."""
+        """The canvas of ``image``; both have shape (height, width, 3) and type uint8."""
         canvas = np.full((self.height, self.width, 3), self.fill, np.uint8)
         part = image[self.y : self.y + self.h, self.x : self.x + self.w]
-        # Averaging keeps what linear interpolation would skip; at mild reductions networks know the latter better.
+        # Averaging keeps detail in strong reductions; networks are trained on linear interpolation.
         method = cv2.INTER_AREA if self.across < self.w / 2 else cv2.INTER_LINEAR
         target = canvas[self.top : self.top + self.down, self.left : self.left + self.across]
         target[:] = cv2.resize(part, (self.across, self.down), interpolation=method)
         return canvas
 
     def back(self, boxes: np.ndarray) -> np.ndarray:
-        """``boxes`` of the canvas, (n, 4) as x, y, w, h, in pixels of the picture."""
+        """Convert ``boxes`` (n, 4) from canvas pixels to image pixels."""
         scale = np.array([self.w / self.across, self.h / self.down])
         corner = (boxes[:, :2] - (self.left, self.top)) * scale + (self.x, self.y)
         return np.hstack([corner, boxes[:, 2:] * scale])
 
     def trusted(self, boxes: np.ndarray, width: int, height: int) -> np.ndarray:
-        """Which of ``boxes``, (n, 4) in pixels of the picture of ``width`` x ``height``, to believe: bool, (n,).
+        """Whether each of ``boxes``, (n, 4) in image pixels, is large enough and not cut off by the view.
 
-        Those that are large enough and not cut off. Only where the picture goes on beyond the view can it cut off.
+        Args:
+            boxes: Boxes of this view.
+            width: Width of the image, pixels.
+            height: Height of the image, pixels.
         """
         margin = _NEAR_EDGE * self.h
         return (
@@ -206,29 +195,26 @@ class View:
 
 
 def band(width: int, height: int, horizon: float) -> Region:
-    """Where far people are in a picture of ``width`` x ``height`` pixels; ``horizon`` is a share of the height."""
+    """Region of distant people in an image; ``horizon`` is a share of the height."""
     middle = min(max(horizon, 0.0), 1.0)
     top, bottom = round(max(0.0, middle - _ABOVE) * height), round(min(1.0, middle + _BELOW) * height)
     return 0, min(top, height - 1), width, max(1, bottom - top)
 
 
 def whole(width: int, height: int, canvas: tuple[int, int], *, centred: bool = True, fill: int = 0) -> View:
-    """The whole picture of ``width`` x ``height`` on a ``canvas`` (width, height), with its proportions.
-
-    It is as large as fits, in the middle or at the upper left.
-    """
+    """View of the whole image, as large as fits on ``canvas``, in its middle or at the upper left."""
     return _placed((0, 0, width, height), canvas, centred, fill, 0.0)
 
 
 def scaled(part: Region, ratio: float) -> View:
-    """The ``part`` of a picture made ``ratio`` times as large, with nothing beside it."""
+    """View of ``part``, scaled by ``ratio``, without border."""
     x, y, w, h = part
     width, height = max(1, round(w * ratio)), max(1, round(h * ratio))
     return View(x, y, w, h, width, height, width, height, 0, 0)
 
 
 def fitting(part: Region, pixels: int, *, step: int = 32, fill: int = 0, least: float = 0.0) -> View:
-    """The ``part`` of a picture on a canvas of about ``pixels``, whose sides ``step`` divides."""
+    """View of ``part`` on a canvas of about ``pixels``, with sides divisible by ``step``."""
     _, _, w, h = part
     scale = min(math.sqrt(pixels / (w * h)), _LARGEST_SCALE)
     canvas = (max(1, round(w * scale / step)) * step, max(1, round(h * scale / step)) * step)
@@ -244,20 +230,25 @@ def _placed(part: Region, canvas: tuple[int, int], centred: bool, fill: int, lea
     return View(x, y, w, h, width, height, across, down, left, top, fill, least)
 
 
-_STRIDES = (8, 16, 32, 64)
-"""Pixels of the picture between two cells, level by level; many networks have no fourth level."""
+_STRIDES = (8, 16, 32, 64)  # Pixels per cell of each level; many networks lack the last.
 
 
 class LayoutMismatch(Exception):  # noqa: N818
-    """Answers that are not of a layout; says what the layout expects."""
+    """Output that does not have the layout; the message says what is expected."""
 
 
 @dataclass(frozen=True)
 class ModelOutput:
-    """What a network said to a picture of ``width`` x ``height`` pixels, an array for each of its ``ports``.
+    """Output arrays of a model for an input of ``width`` x ``height`` pixels.
 
-    It knows ``classes`` kinds of things, of which people are number ``person``. Only scores from ``threshold`` on
-    are asked for.
+    Args:
+        arrays: One array per output.
+        ports: Description of the outputs.
+        width: Width of the input, pixels.
+        height: Height of the input, pixels.
+        person: Index of the class "person".
+        classes: Number of classes.
+        threshold: Boxes with lower scores are dropped.
     """
 
     arrays: Sequence[np.ndarray]
@@ -275,7 +266,7 @@ class ModelOutput:
         return self.arrays[0][0]
 
     def cells(self, count: int) -> np.ndarray | None:
-        """Column, row and stride (pixels) of ``count`` cells, shape (count, 3); None if no grids have so many."""
+        """Column, row and stride of ``count`` cells, shape (count, 3); None if no levels have so many."""
         rows: list[np.ndarray] = []
         for stride in _STRIDES:
             across, down = math.ceil(self.width / stride), math.ceil(self.height / stride)
@@ -287,7 +278,7 @@ class ModelOutput:
 
 
 Found = tuple[np.ndarray, np.ndarray]
-"""Boxes, (n, 4) as x, y, w, h in pixels of the network's picture, and scores, (n,), both float64."""
+"""Boxes (n, 4) in input pixels and scores (n,), both float64."""
 
 
 @dataclass(frozen=True)
@@ -308,7 +299,7 @@ class OutputLayout:
 
 
 def _nanodet(offset: float, answers: ModelOutput) -> Found:
-    """Rows of cells: a score for each class, then for each edge of the box the logits of distances in strides."""
+    """Rows of cells: class scores, then for each edge the logits of its distance in strides."""
     expected = (
         f"one output 1 x n x ({answers.classes} classes + 4 x bins), class {answers.person} among them, n the cells of "
         f"{answers.width} x {answers.height} pixels with strides 8, 16, 32 and perhaps 64"
@@ -329,7 +320,7 @@ def _nanodet(offset: float, answers: ModelOutput) -> Found:
 
 
 def _yolox(answers: ModelOutput) -> Found:
-    """Rows of cells: centre in strides from the cell, logarithms of width and height in strides, then as in YOLOv5."""
+    """Rows of cells: centre in strides from the cell, log width and height in strides, then as in YOLOv5."""
     expected = (
         f"one output 1 x n x (5 + classes), class {answers.person} among them, n the cells of {answers.width} x "
         f"{answers.height} pixels with strides 8, 16 and 32"
@@ -344,14 +335,13 @@ def _yolox(answers: ModelOutput) -> Found:
 
 
 def _yolov5(answers: ModelOutput) -> Found:
-    """Rows: centre, width and height in pixels, the score of a thing, the score of each class."""
+    """Rows: centre, width and height in pixels, object score, class scores."""
     expected = f"one output 1 x n x (5 + classes), n the larger, class {answers.person} among them"
     rows, scores, _ = _objects(answers.table(expected), answers, expected)
     return _centred(rows[:, :2], rows[:, 2:4]), scores
 
 
 def _objects(table: np.ndarray, answers: ModelOutput, expected: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The rows of people, their scores, and which rows they are."""
     if answers.person >= table.shape[1] - 5 or table.shape[1] >= len(table):
         raise LayoutMismatch(expected)
     scores = table[:, 4].astype(np.float64) * table[:, 5 + answers.person]
@@ -360,7 +350,7 @@ def _objects(table: np.ndarray, answers: ModelOutput, expected: str) -> tuple[np
 
 
 def _yolov8(answers: ModelOutput) -> Found:
-    """Columns: centre, width and height in pixels, the score of each class."""
+    """Columns: centre, width and height in pixels, class scores."""
     expected = f"one output 1 x (4 + classes) x n, n the larger, class {answers.person} among them"
     table = answers.table(expected)
     if answers.person >= len(table) - 4 or len(table) >= table.shape[1]:
@@ -372,7 +362,7 @@ def _yolov8(answers: ModelOutput) -> Found:
 
 
 def _detections(answers: ModelOutput) -> Found:
-    """Left, top, right, bottom in pixels, with score and class, in one output or in several."""
+    """Left, top, right, bottom in pixels, score and class, in one output or several."""
     rows = _detection_rows(answers)
     good = (rows[:, 5] == answers.person) & (rows[:, 4] >= answers.threshold)
     return _corners(rows[good, :2], rows[good, 2:4]), rows[good, 4]
@@ -384,7 +374,7 @@ def _detection_rows(answers: ModelOutput) -> np.ndarray:
         "n x 6 (left, top, right, bottom, score, class), or boxes n x 5 (with scores) and labels n, or boxes n x 4, "
         "scores n and labels n; each perhaps with a batch of 1 before it"
     )
-    # Where the boxes have a batch, all have.
+    # A batch dimension of the boxes is one of all outputs.
     batch = any(array.ndim == 3 for array in answers.arrays)
     tables = [array[0] if batch and len(array) == 1 else array for array in answers.arrays]
     wide = [table for table in tables if table.ndim == 2 and table.shape[1] in (4, 5, 6)]
@@ -400,7 +390,6 @@ def _detection_rows(answers: ModelOutput) -> np.ndarray:
 
 
 def _is_label(port: TensorInfo, table: np.ndarray) -> bool:
-    """Whether an answer of one number a box is the classes: whole numbers, or so called."""
     return table.dtype.kind in "iu" or any(word in port.name.lower() for word in ("label", "class"))
 
 
@@ -423,4 +412,3 @@ LAYOUTS: Mapping[str, OutputLayout] = {
         OutputLayout("detections", _detections, "rgb", "0-1", False, 0),
     )
 }
-"""The layouts by name."""

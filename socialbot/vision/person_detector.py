@@ -1,4 +1,4 @@
-"""The node that finds people in pictures and says where they stand."""
+"""Node that detects people in images, with distance and direction."""
 
 from __future__ import annotations
 
@@ -24,11 +24,10 @@ _USUAL = DetectorSettings()
 
 
 class PersonDetector(Node):
-    """Publishes the people in each picture, with distance and direction, and their boxes for viewers.
+    """Publishes the people in each image, with distance and direction, and their boxes for viewers.
 
-    Every picture is answered, also one without people. Until a camera_info arrives the camera's
-    field of view is taken from ``hfov_rad``. While one picture is looked at, the newest of those that come waits; the
-    others are skipped.
+    An image without people gives an empty message. Until a camera_info arrives, the field of view is ``hfov_rad``.
+    Images that arrive during detection are skipped, except the newest.
     """
 
     image = Input(Image, "/camera/image_color", Delivery.NEWEST, deadline_s=SILENT_S)
@@ -36,68 +35,64 @@ class PersonDetector(Node):
     detections = Output(PersonDetections, "/humans/bodies/detections")
     annotations = Output(BoxMarkers, "/humans/bodies/annotations", Delivery.NEWEST)
 
-    detector = Parameter("nanodet", "how people are found", choices=tuple(DETECTORS), fixed=True)
+    detector = Parameter("nanodet", "detector", choices=tuple(DETECTORS), fixed=True)
     threshold = Parameter(
         -1.0,
-        "score from which a detection alone is believed, in the detector's scale: hog 0 to about 3, networks 0 to 1; "
-        "below 0: the detector's own",
+        "score from which a detection counts alone, in the detector's scale: hog 0 to about 3, networks 0 to 1; "
+        "below 0: the default of the detector",
         minimum=-1.0,
         maximum=10.0,
     )
-    tracker = Parameter("kalman", "how people are followed from frame to frame", choices=TRACKERS, fixed=True)
-    bridge_s = Parameter(BRIDGE_S, "so long somebody who is not seen is still shown, s", minimum=0.0, maximum=2.0)
-    hide_still = Parameter(True, "whether what never moves is left out: coat stands, posters; needs a tracker")
+    tracker = Parameter("kalman", "tracker", choices=TRACKERS, fixed=True)
+    bridge_s = Parameter(BRIDGE_S, "how long a lost track is still published, s", minimum=0.0, maximum=2.0)
+    hide_still = Parameter(True, "remove objects that never move: coat stands, posters; needs a tracker")
     threads = Parameter(1, "processor threads for OpenCV and the detector", minimum=1, maximum=64, fixed=True)
     mount_height_m = Parameter(1.62, "height of the camera above the floor, m", minimum=0.05, maximum=10.0)
-    pitch_rad = Parameter(0.052, "how far the camera looks down, rad", minimum=-1.0, maximum=1.0)
-    person_height_m = Parameter(1.70, "how tall people are taken to be, m", minimum=0.5, maximum=2.5)
+    pitch_rad = Parameter(0.052, "downward tilt of the camera, rad", minimum=-1.0, maximum=1.0)
+    person_height_m = Parameter(1.70, "assumed height of people, m", minimum=0.5, maximum=2.5)
     hfov_rad = Parameter(1.09, "horizontal field of view until a camera_info arrives, rad", minimum=0.1, maximum=3.0)
     model = Parameter(_USUAL.model, "onnx: path of the model's file", fixed=True)
-    layout = Parameter(_USUAL.layout, "onnx: how its answers are laid out", choices=tuple(LAYOUTS), fixed=True)
-    input_width = Parameter(
-        _USUAL.input_width, "onnx: pixels; 0: what the model says", minimum=0, maximum=8192, fixed=True
-    )
+    layout = Parameter(_USUAL.layout, "onnx: layout of its output", choices=tuple(LAYOUTS), fixed=True)
+    input_width = Parameter(_USUAL.input_width, "onnx: pixels; 0: from the model", minimum=0, maximum=8192, fixed=True)
     input_height = Parameter(
-        _USUAL.input_height, "onnx: pixels; 0: what the model says", minimum=0, maximum=8192, fixed=True
+        _USUAL.input_height, "onnx: pixels; 0: from the model", minimum=0, maximum=8192, fixed=True
     )
     channels = Parameter(
         _USUAL.channels,
-        "onnx: order of colours; empty: as usual for layout",
+        "onnx: order of colours; empty: default of the layout",
         choices=("", "bgr", "rgb"),
         fixed=True,
     )
     pixels = Parameter(
         _USUAL.pixels,
-        "onnx: range of the pixels' values; empty: as usual for the layout",
+        "onnx: range of pixel values; empty: default of the layout",
         choices=("", "0-255", "0-1", "imagenet"),
         fixed=True,
     )
-    classes = Parameter(
-        _USUAL.classes, "onnx: how many kinds of things it knows", minimum=1, maximum=100000, fixed=True
-    )
+    classes = Parameter(_USUAL.classes, "onnx: number of classes", minimum=1, maximum=100000, fixed=True)
     person_class = Parameter(
-        _USUAL.person_class, "onnx: which of them people are, from 0", minimum=0, maximum=99999, fixed=True
+        _USUAL.person_class, "onnx: index of the class person, from 0", minimum=0, maximum=99999, fixed=True
     )
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        """Raises InstallationError when the detector is not installed, ParameterError when its settings do not fit."""
+        """Raises InstallationError if the detector is not installed, ParameterError for invalid settings."""
         super().__init__(name, context, parameters)
         self._spec = self.find_spec()
         settings = {field.name: self.parameter_values[field.name] for field in fields(DetectorSettings)}
         if self.model:
             path = Path(self.model).expanduser()
             settings["model"] = str(paths.in_workspace(path, where=f"{name}.model"))
-        self._finder = make_pipeline(
+        self._pipeline = make_pipeline(
             self._spec, self._spec.make(DetectorSettings(**settings)), tracker=self.tracker, bridge_s=self.bridge_s
         )
         for parameter in ("threshold", "person_height_m", "hide_still"):
             self.on_parameter(parameter)
         self._info: CameraInfo | None = None
         self._camera: CameraModel | None = None
-        self._told: set[str] = set()
+        self._warned: set[str] = set()
 
     def find_spec(self) -> DetectorSpec:
-        """What finds people; a robot with a detector of its own kind overrides this."""
+        """The detector to use; override it for a detector of your own."""
         return DETECTORS[self.detector]
 
     def start(self) -> None:
@@ -105,13 +100,13 @@ class PersonDetector(Node):
 
     def on_parameter(self, name: str) -> None:
         if name == "threshold":
-            self._finder.set_thresholds(self._spec.sure if self.threshold < 0 else self.threshold, self._spec.weak)
-        elif name == "bridge_s" and self._finder.tracker is not None:
-            self._finder.tracker.bridge_s = self.bridge_s
+            self._pipeline.set_thresholds(self._spec.sure if self.threshold < 0 else self.threshold, self._spec.weak)
+        elif name == "bridge_s" and self._pipeline.tracker is not None:
+            self._pipeline.tracker.bridge_s = self.bridge_s
         elif name == "hide_still":
-            self._finder.hide_still = self.hide_still
+            self._pipeline.hide_still = self.hide_still
         elif name == "person_height_m":
-            self._finder.person_height_m = self.person_height_m
+            self._pipeline.person_height_m = self.person_height_m
         elif name in _GEOMETRY:
             self._camera = None
 
@@ -123,7 +118,7 @@ class PersonDetector(Node):
 
     @image
     def on_image(self, image: Image) -> None:
-        persons = self._finder.find(image.bgr(), image.stamp, self._camera_of(image))
+        persons = self._pipeline.find(image.bgr(), image.stamp, self._camera_of(image))
         self.detections.publish(
             PersonDetections(
                 stamp=image.stamp, frame_id=image.frame_id, width=image.width, height=image.height, persons=persons
@@ -133,7 +128,7 @@ class PersonDetector(Node):
         self.annotations.publish(BoxMarkers(stamp=image.stamp, frame_id=image.frame_id, boxes=boxes))
 
     def _camera_of(self, image: Image) -> CameraModel:
-        """The camera that took ``image``, its intrinsics fitted to the size of the picture."""
+        """The camera model, scaled to the size of ``image``."""
         if self._camera is None or (self._camera.width, self._camera.height) != (image.width, image.height):
             self._camera = self._new_camera(image.width, image.height)
         return self._camera
@@ -141,18 +136,18 @@ class PersonDetector(Node):
     def _new_camera(self, width: int, height: int) -> CameraModel:
         mount, pitch = self.mount_height_m, self.pitch_rad
         if self._info is None:
-            self._tell_once(f"no camera_info yet: distances assume a field of view of {self.hfov_rad:.2f} rad")
+            self._warn_once(f"no camera_info yet: distances assume a field of view of {self.hfov_rad:.2f} rad")
             return CameraModel.from_field_of_view(width, height, self.hfov_rad, mount_height_m=mount, pitch_rad=pitch)
         camera = CameraModel.from_info(self._info, mount_height_m=mount, pitch_rad=pitch)
         if (camera.width, camera.height) == (width, height):
             return camera
-        self._tell_once(
-            f"camera_info is for {camera.width}x{camera.height} pixels but pictures have {width}x{height}: "
+        self._warn_once(
+            f"camera_info is for {camera.width}x{camera.height} pixels but images have {width}x{height}: "
             "its intrinsics are scaled"
         )
         return camera.scaled(width, height)
 
-    def _tell_once(self, text: str) -> None:
-        if text not in self._told:
-            self._told.add(text)
+    def _warn_once(self, text: str) -> None:
+        if text not in self._warned:
+            self._warned.add(text)
             self.log.warning(text)

@@ -1,6 +1,6 @@
-"""From a picture to people: detector, tracker, distance and direction, one after the other.
+"""Perception pipeline: detector, tracker, static object filter, distance and direction.
 
-The node and the evaluation both use it, so that what is judged is what runs.
+The node and the evaluation share it, so the evaluation measures the code that runs.
 """
 
 from __future__ import annotations
@@ -23,32 +23,34 @@ __all__ = ["BRIDGE_S", "TRACKERS", "PersonPipeline", "make_pipeline"]
 
 TRACKERS = ("kalman", "none")
 BRIDGE_S = 0.3
+# A person occludes another one who shares this part of their width and whose box ends higher by this share.
 _HIDING, _NEARER = 0.5, 0.1
-"""Who takes up this share of another's width, and reaches lower by this share of their height, stands before them."""
+# Widths as shares of the height: narrower boxes are partly occluded, wider ones are cut off at the feet.
 _SLIMMEST, _WIDEST = 0.3, 0.5
-"""How wide people are, as shares of their height: of who is slimmer a side is hidden, of who is wider the feet are."""
-_REMEMBERED_S = 10.0
-"""So long what was learnt of somebody who is no longer seen is kept."""
+_REMEMBERED_S = 10.0  # The state of a lost track is kept for this long.
 
 
 @dataclass
 class TrackState:
-    """What is remembered of one track."""
+    """Learned state of one track; ``stamp`` (ns) is that of its last image."""
 
     figure: Figure
     range: Range | None
     stamp: int
-    """When it was looked at last, ns."""
 
 
 class PersonPipeline:
-    """Finds the people in the pictures of one camera.
+    """Detects and tracks the people in the images of one camera.
 
-    Without a ``tracker`` each picture is looked at by itself, and whoever scores ``sure`` is there. With one, the
-    detector is asked for whatever scores ``weak`` as well, for tracks that are already known; what
-    is learnt of a person's size and distance helps in the next frames; and with ``hide_still`` whoever never moves is
-    taken for a thing (`scenery`). Boxes of people whose feet are hidden reach down to where their feet must be, and
-    none is slimmer than people are: behind a door frame or a trolley there is more of them.
+    Boxes of people with hidden feet are extended to the floor, and boxes narrower than a person are widened.
+
+    Args:
+        detector: Detector, whose threshold the pipeline sets.
+        tracker: Tracker; None treats each image alone.
+        sure: Score from which a detection counts alone.
+        weak: Score from which a detection continues a track.
+        person_height_m: Usual height of a person, m.
+        hide_still: Whether tracks that never move are removed; needs a tracker.
     """
 
     def __init__(
@@ -70,18 +72,18 @@ class PersonPipeline:
         self._stamp = 0
         self.set_thresholds(sure, weak)
 
-    def set_thresholds(self, sure: float, weak: float) -> None:
-        """Sets the scores that count; may be called between two pictures."""
-        weak = min(weak, sure)
-        self._detector.threshold = sure
+    def set_thresholds(self, high: float, low: float) -> None:
+        """Set the score thresholds; may be called between images."""
+        low = min(low, high)
+        self._detector.threshold = high
         if self.tracker is not None:
-            self._detector.threshold = weak
-            self.tracker.sure, self.tracker.weak = sure, weak
+            self._detector.threshold = low
+            self.tracker.sure, self.tracker.weak = high, low
 
     def find(self, image_bgr: np.ndarray, stamp_ns: int, camera: CameraModel) -> tuple[PersonDetection, ...]:
-        """The people in ``image_bgr``, (height, width, 3), uint8, taken at ``stamp_ns`` by ``camera``; best first.
+        """Find the people in an image (height, width, 3), uint8, BGR, best first.
 
-        A stamp before the last one is a new recording: nobody is known any more.
+        A stamp before the last one starts a new recording.
         """
         self._detector.horizon = min(max(camera.horizon, 0.0), 1.0)
         if self.tracker is not None:
@@ -140,7 +142,7 @@ class PersonPipeline:
     def _followed(
         self, track: Track, box: tuple[float, ...], stamp_ns: int, camera: CameraModel
     ) -> tuple[Estimate | None, float]:
-        """How far away a tracked person is, and how tall they are."""
+        """Distance and height of a tracked person."""
         known = self._known.get(track.id)
         if known is None:
             known = self._known[track.id] = TrackState(Figure(self._anybody()), None, stamp_ns)
@@ -151,7 +153,7 @@ class PersonPipeline:
         if not track.unseen_s:
             now = measure(camera, box, known.figure.stature, track.cut, feet_hidden=track.feet_hidden)
             kind = (track.cut, track.feet_hidden)
-            # Of who is cut off below and at a side, what is left tells little: their way until then tells more.
+            # A box cut off at the bottom and a side measures little; the prediction is better.
             sides = track.cut.left or track.cut.right
             vague = sides and (track.cut.bottom or track.feet_hidden)
             if now is not None and known.range is None:
@@ -164,7 +166,7 @@ class PersonPipeline:
 
 
 def _with_hidden_feet(tracks: Sequence[Track]) -> tuple[Track, ...]:
-    """``tracks``, of which those who end behind somebody nearer, or are too wide to be whole, have hidden feet."""
+    """Mark tracks that are occluded from below, or too wide to be whole, as having hidden feet."""
     boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
     return tuple(
         replace(track, feet_hidden=True)
@@ -175,19 +177,19 @@ def _with_hidden_feet(tracks: Sequence[Track]) -> tuple[Track, ...]:
 
 
 def _too_wide(track: Track) -> bool:
-    """Whether the box of ``track`` ends above the feet: something low stands before them, as what somebody pushes."""
+    """Whether a low object, such as a trolley, hides the feet."""
     return not track.cut.top and bool(track.box[2] > _WIDEST * track.box[3])
 
 
 def _widened(x: float, w: float, least: float, width: int) -> tuple[float, float]:
-    """The span ``x``, ``w`` of a box made ``least`` wide round its middle, in a picture of ``width``, all in pixels."""
+    """Widen the span ``x``, ``w`` of a box to ``least`` pixels, within the image."""
     margin = max(least - w, 0.0) / 2
     left, right = max(x - margin, 0.0), min(x + w + margin, float(width))
     return left, right - left
 
 
 def _behind(box: np.ndarray, others: np.ndarray) -> bool:
-    """Whether one of ``others``, (n, 4), stands before the lower end of ``box``, (4,)."""
+    """Whether one of ``others`` (n, 4) occludes the lower end of ``box``."""
     right, bottom = others[:, 0] + others[:, 2], others[:, 1] + others[:, 3]
     end = box[1] + box[3]
     shared = np.minimum(box[0] + box[2], right) - np.maximum(box[0], others[:, 0])
@@ -205,9 +207,9 @@ def make_pipeline(
     person_height_m: float = 1.70,
     hide_still: bool = True,
 ) -> PersonPipeline:
-    """A finder with a ``detector`` that ``spec`` describes, and the ``tracker`` of that name (`TRACKERS`).
+    """Build a pipeline with a ``detector`` that ``spec`` describes, and the ``tracker`` of that name (`TRACKERS`).
 
-    ``threshold`` is the score from which a detection alone is believed, the spec's own when None.
+    ``threshold`` replaces the score of ``spec`` from which a detection counts alone.
     """
     sure = spec.sure if threshold is None else threshold
     follower = Tracker(sure, spec.weak, bridge_s=bridge_s) if tracker == "kalman" else None

@@ -16,28 +16,28 @@ __all__ = ["Cut", "BoxFilter", "Track", "Tracker", "assign", "cut_off"]
 
 
 def assign(costs: np.ndarray, limit: float) -> list[tuple[int, int]]:
-    """The pairs (row, column) of ``costs``, shape (n, m), with the least sum, each row and column at most once.
+    """Solve the assignment problem for ``costs``, shape (n, m), which may be infinite.
 
-    A pair that costs ``limit`` or more is none; staying alone costs as much as ``limit``. Pairs come in the order
-    of rows. Infinite costs are allowed.
+    Returns:
+        Pairs (row, column) in the order of rows. An unassigned row costs ``limit``; no pair costs that much.
     """
     rows, columns = costs.shape
     if not rows or not columns:
         return []
-    # Moving one heap of earth from each row to some column, in whole heaps, is the assignment problem.
+    # The earth mover's distance of unit weights is an assignment problem.
     bounded = np.minimum(costs, limit).astype(np.float32)
-    flow = cv2.EMD(_heaps(rows), _heaps(columns), cv2.DIST_USER, bounded)[2]
+    flow = cv2.EMD(_unit_weights(rows), _unit_weights(columns), cv2.DIST_USER, bounded)[2]
     return [(int(row), int(column)) for row, column in np.argwhere(flow > 0.5) if costs[row, column] < limit]
 
 
-def _heaps(count: int) -> np.ndarray:
-    """So many heaps of weight 1; where they lie (the second column) does not matter."""
+def _unit_weights(count: int) -> np.ndarray:
     return np.tile(np.array([1, 0], np.float32), (count, 1))
 
 
-_EDGE_SHARE, _BOX_SHARE = 0.005, 0.02
-"""A box that comes so near to the picture's edge is cut off by it: shares of the picture's size and of its own."""
+_EDGE_SHARE, _BOX_SHARE = 0.005, 0.02  # A box this near to an edge is cut off: shares of image and box size.
 
+# Noise of middle, top, height and width, relative to the height: measurement, first speed, change of speed per
+# second; and the time constants of the speeds, s.
 _MEASURED = np.array([0.03, 0.03, 0.05, 0.06])
 _FIRST_SPEED = np.array([0.8, 0.2, 0.5, 0.3])
 _RESTLESS = np.array([0.8, 0.15, 0.35, 0.2])
@@ -46,7 +46,7 @@ _LEAST_PX = 1.0
 
 
 class Cut(NamedTuple):
-    """Which sides of a box the picture's edge cuts off."""
+    """Sides of a box that the image edge cuts off."""
 
     left: bool = False
     top: bool = False
@@ -55,24 +55,22 @@ class Cut(NamedTuple):
 
 
 def cut_off(box: np.ndarray, width: float, height: float) -> Cut:
-    """Which sides of ``box`` (x, y, w, h) the edges of a picture of ``width`` x ``height`` pixels cut off."""
+    """The sides of ``box`` (x, y, w, h) that an image of ``width`` x ``height`` pixels cuts off."""
     x, y, w, h = box
     across, down = _EDGE_SHARE * width + _BOX_SHARE * w, _EDGE_SHARE * height + _BOX_SHARE * h
     return Cut(bool(x <= across), bool(y <= down), bool(x + w >= width - across), bool(y + h >= height - down))
 
 
 class BoxFilter:
-    """Middle x, top y, height and width of a person's box (pixels), each with a speed that wears off.
+    """Kalman filters of middle x, top y, height and width of a box (pixels), each with a decaying speed.
 
-    The four are independent Kalman filters of position and speed. All noise is relative to the height: a
-    person is as restless near the camera as far away. Where the picture cuts the box off the rest is
-    taken from the prediction, so that the state is the whole person.
+    All noise is relative to the height, so it does not depend on the distance. Where the image cuts the box off, the
+    rest is predicted: the state is the whole person.
     """
 
     __slots__ = ("_both", "_speed_variance", "speed", "value", "variance")
 
     def __init__(self, box: np.ndarray) -> None:
-        """Begins with ``box``: x, y, w, h."""
         x, y, w, h = box
         self.value = np.array([x + w / 2, y, max(h, _LEAST_PX), max(w, _LEAST_PX)])
         self.speed = np.zeros(4)
@@ -82,12 +80,12 @@ class BoxFilter:
 
     @property
     def box(self) -> np.ndarray:
-        """The whole person: x, y, w, h, shape (4,); may reach beyond the picture."""
+        """Box of the whole person: x, y, w, h, shape (4,); may exceed the image."""
         middle, top, height, width = self.value
         return np.array([middle - width / 2, top, width, height])
 
     def predict(self, seconds: float) -> None:
-        """Lets ``seconds`` (0 or more) pass."""
+        """Advance by ``seconds`` (0 or more)."""
         # With ease e = exp(-t / T) a speed v moves by T (1 - e) v in the time t.
         ease = np.exp(-seconds / _EASE_S)
         path = _EASE_S * (1 - ease)
@@ -100,9 +98,9 @@ class BoxFilter:
         self._speed_variance = ease**2 * self._speed_variance + unrest * time
 
     def correct(self, box: np.ndarray, cut: Cut, *, feet_hidden: bool = False) -> None:
-        """Takes in that the person's box was seen as ``box``: x, y, w, h, clipped to the picture.
+        """Update with the detected ``box``: x, y, w, h, clipped to the image.
 
-        With ``feet_hidden`` something stands before the lower part: then the height stays as predicted.
+        With ``feet_hidden`` the lower part is occluded, and the height stays as predicted.
         """
         measured, seen = self._whole(box, cut, feet_hidden)
         noise = (_MEASURED * measured[2]) ** 2
@@ -116,10 +114,10 @@ class BoxFilter:
         self._both = (1 - share) * self._both
 
     def _whole(self, box: np.ndarray, cut: Cut, feet_hidden: bool) -> tuple[np.ndarray, np.ndarray]:
-        """What was measured of the whole person, shape (4,), and which of the four were."""
+        """Measurement of the whole person, shape (4,), and a mask of its measured components."""
         x, y, w, h = box
         _, _, height, width = self.value
-        # What is cut off is at least as large as what can be seen of it.
+        # A cut box is a lower bound.
         narrow, short = (cut.left or cut.right) and width > w, (cut.top or cut.bottom or feet_hidden) and height > h
         width, height = (width if narrow else w), (height if short else h)
         middle, top = x + w / 2, y
@@ -135,45 +133,33 @@ class BoxFilter:
         return math.sqrt(self.variance[0]), math.sqrt(self.variance[1])
 
 
-_LEAST_FIT = 0.2
-"""Overlap (IoU, widened by how unsure the prediction is) from which a sure box may belong to a track."""
-_LEAST_FIT_WEAK = 0.4
-"""The same for a weak box."""
-_ABSENCE_COSTS = 0.15
-"""How much better (in overlap) a track that was not seen for a second must fit than one that was."""
-_SAME = 0.5
-"""A predicted box that overlaps a seen one this much is hidden behind it, or is the same person twice; so is one that
-lies within it."""
-_WITHIN = 0.8
-"""A box that lies within a taken one by this share may be a part of that person, twice found."""
-_RECENT_S = 0.5
-"""So long a track that was not seen may go on with a weak box."""
-_HEADS_ALIKE = 0.1
-"""Tops that are this near, as a share of the height, are those of one head."""
-_GAP_S = 0.5
-"""After so long without a picture nothing can be waited for: what is sure is believed at once."""
-_DOUBT_S = 0.35
-"""So long a new track waits to be seen a second time."""
+_LEAST_FIT, _LEAST_FIT_WEAK = 0.2, 0.4  # Smallest IoU of a track with a box above the threshold, and with a weak box.
+_ABSENCE_COSTS = 0.15  # A track unseen for a second must fit better by this IoU.
+_SAME = 0.5  # A prediction that overlaps a detected box this much is hidden by it or a duplicate,
+_WITHIN = 0.8  # and so is a box that lies within another one by this share.
+_RECENT_S = 0.5  # A track unseen for longer does not continue with a weak box.
+_HEADS_ALIKE = 0.1  # Box tops closer than this share of the height belong to one head.
+_GAP_S = 0.5  # After a longer gap between images, new tracks are published at once.
+_DOUBT_S = 0.35  # A new track waits this long for its second detection.
 _TRUSTED_HITS = 3
-_NEWS = 0.2
-"""The weight of the newest score in the usual one."""
-_DRIFT = 0.35
-"""A prediction is trusted while its standard error is below this share of the box's width."""
-_OUTWARD = 0.1
-"""Heights a second, from which somebody at the picture's edge is leaving."""
-_SUDDEN = 0.8
-"""When a box is suddenly shorter than this share of what was expected, and its top is not, something hides the feet."""
-_HIDDEN_S = 1.5
-"""So long hidden feet are believed in."""
+_NEWS = 0.2  # Weight of the newest score in the running mean.
+_DRIFT = 0.35  # A prediction is trusted while its standard error is below this share of the width.
+_OUTWARD = 0.1  # A person at the edge leaves the image from this speed, heights per second.
+_SUDDEN = 0.8  # Feet are hidden when a box shrinks below this share of the predicted height at the same top,
+_HIDDEN_S = 1.5  # for at most this long.
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """One person at one moment.
+    """Tracked person in one image.
 
-    ``box`` is what the picture shows: x, y, w, h, shape (4,), in pixels; for ``unseen_s`` > 0, so long since
-    the detector last saw them, it is the prediction and ``score`` that of the last detection. ``cut`` tells which
-    sides the picture cuts off, ``feet_hidden`` that something stands before the lower part.
+    Args:
+        id: Track id, unique per tracker.
+        box: x, y, w, h in pixels, shape (4,); the prediction if ``unseen_s`` > 0.
+        score: Score of the last detection.
+        unseen_s: Time since the last detection, s.
+        cut: Sides that the image cuts off.
+        feet_hidden: Whether the lower part is occluded.
     """
 
     id: str
@@ -186,7 +172,7 @@ class Track:
 
 @dataclass(eq=False)
 class _Person:
-    """A track from the inside; without ``id`` it is not confirmed yet."""
+    """State of a track; without ``id`` it is not confirmed yet."""
 
     motion: BoxFilter
     box: np.ndarray
@@ -198,7 +184,6 @@ class _Person:
     unseen_s: float = 0.0
     usual_score: float = 0.0
     best: float = 0.0
-    """The highest score."""
     hidden_s: float = 0.0
 
     @property
@@ -207,17 +192,22 @@ class _Person:
 
 
 class Tracker:
-    """Follows people through the frames of one recording.
+    """Multi-object tracker for the people in one recording.
 
-    ``sure`` is the score of a box without which there is no track; those from ``weak`` on only support it: they go on
-    tracks that are known and count as long as these usually score ``sure``, or are the first sign of somebody. A
-    track is published when it has been seen ``confirm`` times, or at once when its score is as far above ``sure`` as
-    that is above ``weak``, in a first picture, and after a gap; but never at once within somebody else. One that is
-    not seen is published, as predicted, for ``bridge_s`` at most, and only if it usually scores ``sure`` and did so
-    last, the prediction can be trusted, and the person is not leaving the picture or within somebody else. It is
-    remembered for ``keep_s``. Ids are never used again by the same tracker.
+    A new track is published after ``confirm`` detections. It is published at once in a first image, after a gap, or if
+    its score exceeds ``sure`` by as much as ``sure`` exceeds ``weak``, unless it lies within another person.
 
-    The same boxes give the same tracks, in whatever order they come.
+    A lost track is published as predicted for up to ``bridge_s``. Its scores must have reached ``sure``, its prediction
+    must be precise, and the person must not be leaving the image or within another box.
+
+    The result does not depend on the order of the boxes. Ids are never reused.
+
+    Args:
+        sure: Score that a track needs at least once.
+        weak: Score from which a box supports a track or starts a tentative one.
+        confirm: Detections before a track is published.
+        bridge_s: Longest time to publish predictions, s.
+        keep_s: Time after which a lost track is deleted, s.
     """
 
     def __init__(
@@ -241,10 +231,15 @@ class Tracker:
     def update(
         self, stamp_ns: int, boxes: np.ndarray, scores: np.ndarray, size: tuple[int, int] | None = None
     ) -> tuple[Track, ...]:
-        """The people in the picture taken at ``stamp_ns``, best score first.
+        """Update with the detections of the image taken at ``stamp_ns``; an earlier stamp starts a new recording.
 
-        ``boxes`` is (n, 4) as x, y, w, h in pixels, ``scores`` (n,); ``size`` is the picture's width and height,
-        without which nothing counts as cut off. A stamp before the last one is a new recording.
+        Args:
+            boxes: x, y, w, h in pixels, shape (n, 4).
+            scores: Shape (n,).
+            size: Width and height of the image; without it no box counts as cut off.
+
+        Returns:
+            The tracks, best score first.
         """
         seconds = self._pass_to(stamp_ns)
         for person in self._persons:
@@ -262,7 +257,7 @@ class Tracker:
                 person.misses += 1
                 person.unseen_s += seconds or 0.0
         seen = list(taken.values())
-        # The largest first: a part is known by the whole.
+        # Largest first, so that parts of a person find the whole.
         left = [each for each in np.argsort(-np.prod(boxes[:, 2:], axis=1), kind="stable").tolist() if each not in seen]
         for index in [index for index in left if scores[index] >= self.sure]:
             at_once = self._after_gap(seconds) or bool(scores[index] >= 2 * self.sure - self.weak)
@@ -274,7 +269,7 @@ class Tracker:
         return self._published(size)
 
     def _pass_to(self, stamp_ns: int) -> float | None:
-        """Seconds since the last picture; None when there is none, or time has begun anew."""
+        """Seconds since the last image; None for the first one of a recording."""
         before, self._stamp = self._stamp, stamp_ns
         if before is None or stamp_ns < before:
             self._persons = []
@@ -288,12 +283,11 @@ class Tracker:
         return seconds is None or seconds >= _GAP_S
 
     def _expected(self, size: tuple[int, int] | None) -> np.ndarray:
-        """Where the picture should show each person: (n, 4)."""
         boxes = np.array([person.motion.box for person in self._persons]).reshape(-1, 4)
         return clip(boxes, *size) if size else boxes
 
     def _match(self, expected: np.ndarray, boxes: np.ndarray, scores: np.ndarray) -> dict[int, int]:
-        """Which box each person gets: numbers of persons and of boxes."""
+        """Assign boxes to tracks: box index by track index."""
         sure = np.flatnonzero(scores >= self.sure)
         weak = np.flatnonzero((scores >= self.weak) & (scores < self.sure))
         known = [number for number, person in enumerate(self._persons) if person.id]
@@ -316,7 +310,6 @@ class Tracker:
         return {numbers[row]: int(indices[column]) for row, column in assign(costs, 1.0)}
 
     def _see(self, person: _Person, box: np.ndarray, score: float, cut: Cut, seconds: float) -> None:
-        """Takes in that ``person`` was seen in ``box``."""
         _, top, height, _ = person.motion.value
         short = box[3] < _SUDDEN * height and abs(box[1] - top) < _HEADS_ALIKE * height
         hidden = short and not (cut.top or cut.bottom) and person.hits >= _TRUSTED_HITS
@@ -324,7 +317,7 @@ class Tracker:
         person.motion.correct(box, cut, feet_hidden=person.feet_hidden)
         person.box, person.score, person.cut = box, score, cut
         person.hits, person.misses, person.unseen_s = person.hits + 1, 0, 0.0
-        # Of a track that begins with weak boxes nothing is usual before the first sure one.
+        # The running mean starts with the first sure box.
         first = person.best < self.sure <= score
         person.usual_score = score if first else person.usual_score + _NEWS * (score - person.usual_score)
         person.best = max(person.best, score)
@@ -332,9 +325,9 @@ class Tracker:
             self._confirm(person)
 
     def _begin(self, box: np.ndarray, score: float, cut: Cut, others: np.ndarray, *, at_once: bool) -> None:
-        """Begins a track, unless ``box`` is a part of somebody in ``others`` (n, 4)."""
+        """Start a track, unless ``box`` is a part of a person in ``others`` (n, 4)."""
         within = _within(box[None], others)[0]
-        # Whoever the picture cuts off below is near, and too large to be seen within somebody: that is an arm.
+        # A person cut off below is near and large; a box within another one is then an arm.
         if same_head(box, others, _WITHIN).any() or (cut.bottom and within.any()):
             return
         person = _Person(BoxFilter(box), box, score, cut, usual_score=score, best=score)
@@ -347,7 +340,6 @@ class Tracker:
         person.id = f"t{self._count}"
 
     def _kept(self, person: _Person, size: tuple[int, int] | None) -> bool:
-        """Whether ``person`` may still be in the picture."""
         if not person.misses:
             return True
         if not person.id:
@@ -370,14 +362,13 @@ class Tracker:
         return tuple(sorted(tracks, key=lambda track: (-track.score, int(track.id[1:]))))
 
     def _likely(self, person: _Person) -> bool:
-        """Whether somebody is likely enough; a track of weak boxes fades away."""
+        """Whether the scores are high enough; tracks of weak boxes fade."""
         return max(person.score, person.usual_score) >= self.sure
 
     def _trusted(self, person: _Person, size: tuple[int, int] | None) -> bool:
-        """Whether the prediction of somebody who was not seen is good enough to be published."""
         if not 0 < person.unseen_s <= self.bridge_s or person.hits < _TRUSTED_HITS:
             return False
-        # Whoever goes round a corner gets weaker first; a flicker comes suddenly.
+        # The score of a person who leaves falls first; a flicker is sudden.
         if min(person.score, person.usual_score) < self.sure:
             return False
         motion = person.motion
@@ -391,7 +382,7 @@ class Tracker:
 
 
 def _one_a_head(persons: list[_Person]) -> list[_Person]:
-    """Of those ``persons`` whose boxes have the same head only the one that was seen most often."""
+    """Keep, of tracks with the same head, the one detected most often."""
     boxes = np.array([person.box for person in persons]).reshape(-1, 4)
     if _within(boxes, boxes).sum() == len(persons):
         return persons
@@ -403,7 +394,7 @@ def _one_a_head(persons: list[_Person]) -> list[_Person]:
 
 
 def _within(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Which of ``boxes`` (n, 4) lie, nearly all of them, within which of ``others`` (m, 4): bool, shape (n, m)."""
+    """Whether each of ``boxes`` (n, 4) lies mostly within each of ``others`` (m, 4): bool, shape (n, m)."""
     corner = np.maximum(boxes[:, None, :2], others[None, :, :2])
     opposite = np.minimum(boxes[:, None, :2] + boxes[:, None, 2:], others[None, :, :2] + others[None, :, 2:])
     shared = np.prod(np.clip(opposite - corner, 0, None), axis=2)
@@ -411,11 +402,7 @@ def _within(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _fit(motion: BoxFilter, expected: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    """How well each of ``boxes`` (n, 4) fits the box ``expected`` (4,): 0 to 1, shape (n,).
-
-    It is their IoU, both widened by the standard error of the prediction: the less is known of the speed, the
-    farther somebody may have gone.
-    """
+    """IoU of ``expected`` (4,) with ``boxes`` (n, 4), both enlarged by the standard error of the prediction."""
     across, down = motion.spread()
     across, down = min(across, motion.value[2] / 2), min(down, motion.value[2] / 4)
     margin = np.array([-across, -down, 2 * across, 2 * down])

@@ -104,7 +104,7 @@ def test_results_that_cannot_be_written_are_told_of_before_anything_is_looked_at
     [
         ([], 4, "nothing to evaluate"),
         (["{bag}", "--detector", "hogg"], 4, "did you mean 'hog'"),
-        (["{bag}", "--bands", "2"], 4, "is no band"),
+        (["{bag}", "--bands", "2"], 4, "is not a band"),
         (["{bag}", "--split", "tune"], 4, "no bag is for tune"),
         (["{bag}", "--truth", "x.json"], 4, "labels without pictures"),
         (["{bag}", "{bag}"], 4, "two sources are called clip"),

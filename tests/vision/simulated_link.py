@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from socialbot.core.clock import SECOND
-from socialbot.vision.image_transport import LIFE_S, ImageLink, relative_size
+from socialbot.vision.image_transport import ALIVE_S, ImageLink, relative_size
 
 PACKET = 1400
 REPAIR_S = 0.03
@@ -89,8 +89,8 @@ class Trial:
         self._answer()
 
     def _live(self) -> None:
-        self._at(self._now + LIFE_S, self._live)
-        if self._now - self._said >= LIFE_S:
+        self._at(self._now + ALIVE_S, self._live)
+        if self._now - self._said >= ALIVE_S:
             self._answer()
 
     def _answer(self) -> None:

@@ -197,7 +197,7 @@ def test_a_camera_that_vanishes_is_an_error_once_and_comes_back(cable, caplog):
         cable.plugged = False
         rig.pass_time(9)
         assert (len(rig.images), rig.faults.failures) == (3, 1)
-        assert rig.faults.first.startswith("DeviceError: 0: the camera sends no more pictures")
+        assert rig.faults.first.startswith("DeviceError: 0: the camera sends no more images")
         assert "remedy" in rig.faults.first
         assert 4 <= cable.opened - 1 <= 5
         # A camera that can be opened but shows nothing is not back.

@@ -68,7 +68,7 @@ def test_a_model_for_any_size_is_shown_the_size_that_is_set(tmp_path):
         ),
         (
             {"input_width": 320, "input_height": 160},
-            r"takes picture 1 x 3 x 160 x 160 float, not pictures of 320 x 160",
+            r"takes picture 1 x 3 x 160 x 160 float, not images of 320 x 160",
         ),
         ({"person_class": 80}, "layout yolov8 expects one output .* class 80 among them"),
         ({"channels": "red"}, "channels"),
@@ -105,5 +105,5 @@ def test_one_side_of_the_size_is_not_enough(tmp_path):
 def test_a_size_that_the_model_refuses_is_one_clear_error(tmp_path):
     file = tmp_path / "strict.onnx"
     file.write_bytes(strict_network(64, 64))
-    with pytest.raises(ParameterError, match=r"a picture of shape \(1, 3, 160, 160\) does not fit the model"):
+    with pytest.raises(ParameterError, match=r"an image of shape \(1, 3, 160, 160\) does not fit the model"):
         DETECTORS["onnx"].make(settings(file, input_width=160, input_height=160))

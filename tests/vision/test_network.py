@@ -70,7 +70,7 @@ def test_a_network_that_takes_something_else_than_a_picture_is_refused(shape):
 
 def test_a_picture_that_does_not_fit_says_what_would():
     network = OnnxModel(strict_network(8, 6), where="strict")
-    with pytest.raises(ParameterError, match=r"strict: a picture of shape \(1, 3, 3, 4\) does not fit"):
+    with pytest.raises(ParameterError, match=r"strict: an image of shape \(1, 3, 3, 4\) does not fit"):
         network.run(picture(4, 3))
     assert network.run(picture(8, 6))
 

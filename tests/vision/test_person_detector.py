@@ -226,7 +226,7 @@ def test_without_a_tracker_nobody_has_an_id(stub):
 def test_threads_reach_opencv_and_the_detector_and_are_fixed(stub):
     rig = Rig(threads=2)
     assert cv2.getNumThreads() == 2
-    assert rig.node._finder._detector.settings.threads == 2  # type: ignore[attr-defined]
+    assert rig.node._pipeline._detector.settings.threads == 2  # type: ignore[attr-defined]
     with pytest.raises(ParameterError, match="before the node starts"):
         rig.node.set_parameter("threads", 1)
 
@@ -245,7 +245,7 @@ def test_a_slow_detector_is_handed_the_newest_picture():
 
 def test_the_settings_of_the_detector_are_parameters(stub):
     given = {"model": "m.onnx", "layout": "yolox", "input_width": 320, "channels": "rgb", "person_class": 3}
-    settings = Rig(**given).node._finder._detector.settings  # type: ignore[attr-defined]
+    settings = Rig(**given).node._pipeline._detector.settings  # type: ignore[attr-defined]
     assert settings == DetectorSettings(**{**given, "model": str(Path("m.onnx").resolve())})
     assert PersonDetector.layout.choices == tuple(LAYOUTS)
     assert PersonDetector.detector.choices == tuple(DETECTORS)

@@ -13,7 +13,7 @@ from socialbot.core.messages import CompressedImage, Image, Message, PictureAck
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.vision.image_transport import (
-    LIFE_S,
+    ALIVE_S,
     ImageLink,
     ImageReceiver,
     ImageSender,
@@ -224,7 +224,7 @@ def test_stamp_frame_and_picture_come_through() -> None:
 def test_the_receiver_gives_signs_of_life_while_nothing_comes() -> None:
     rig = Rig()
     rig.runner.advance(SECOND + SECOND)
-    assert abs(len(rig.acks) - 1 / LIFE_S) <= 1
+    assert abs(len(rig.acks) - 1 / ALIVE_S) <= 1
     assert set(rig.acks) == {PictureAck(stamp=0, arrived=0)}
 
 

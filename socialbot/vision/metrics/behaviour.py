@@ -1,19 +1,18 @@
-"""Behaviour: what Waldo does with what a detector sees, and whether it was the right thing to do.
+"""Score Waldo's greetings and offers of help, given the detections of a pipeline.
 
-Waldo's own node runs on the detections in simulated time. It also runs on the truth, as if a detector saw everybody who
-counts, and nobody else: what it does then is what is **due**.
+Waldo's node runs on the detections in simulated time. It also runs on the ground truth of all people who count; its
+actions then are **due**.
 
-*There* is who is visible to a quarter and within Waldo's ``range_m``. A *visit* lasts from the first such frame of a
-person to the last, absences shorter than Waldo's ``vanish_s`` included, because who is hidden has not gone.
+A person is present if a quarter of them is visible within Waldo's ``range_m``. A *visit* lasts from the first to the
+last frame of presence, including absences shorter than ``vanish_s``.
 
-Greetings that are due are ``in time`` up to `GREET_S` after the visit began, then ``late`` until the visit ends; one
-that never comes is ``missed``. A greeting that is not due goes to ``nobody`` when no person was in the picture in the
-last second, is ``from afar`` when they were farther away than ``range_m`` and `RANGE_SLACK_M`, else it is said
-``again``.
+A due greeting is ``in time`` up to `GREET_S` after the start of the visit, then ``late`` until its end, or ``missed``.
+Other greetings go to ``nobody`` if no person was in the image in the last second. They are ``from afar`` if all people
+were beyond ``range_m`` plus `RANGE_SLACK_M`, and else repeated (``again``).
 
-An offer of help comes ``too early`` when nobody had been there for ``help_after_s`` less `HELP_SLACK_S`, and to
-``nobody`` as above. Offers that are due are ``in time`` up to `OFFER_S` after that moment, then ``late``, or
-``missed``; any other is made ``again``.
+An offer of help is ``too early`` if no person was present for ``help_after_s`` less `HELP_SLACK_S`, and goes to
+``nobody`` as above. A due offer is ``in time`` up to `OFFER_S` after that, then ``late``, or ``missed``. Any other one
+is repeated (``again``).
 """
 
 from __future__ import annotations
@@ -47,12 +46,12 @@ OUTCOMES: Mapping[Deed, tuple[str, ...]] = {
     "greeting": ("in time", "late", "missed", "nobody", "from afar", "again"),
     "offer": ("in time", "late", "missed", "too early", "nobody", "again"),
 }
-"""What can become of a greeting and of an offer, in the order of tables."""
+"""Outcomes of greetings and offers, in the order of the tables."""
 
 
 @dataclass(frozen=True)
 class PersonVisit:
-    """A person is there from ``begin`` to ``end`` (ns)."""
+    """Presence of a person from ``begin`` to ``end`` (ns)."""
 
     person: str
     begin: int
@@ -61,9 +60,7 @@ class PersonVisit:
 
 @dataclass(frozen=True)
 class Act:
-    """Something that Waldo did or should have done (``outcome`` "missed") at ``time`` (ns); ``delay_s`` where it was
-    due.
-    """
+    """Action of Waldo, or a missed one, at ``time`` (ns), with its delay if it was due."""
 
     deed: Deed
     outcome: str
@@ -73,20 +70,20 @@ class Act:
 
 @dataclass(frozen=True)
 class Behaviour:
-    """What Waldo did in a recording, in the order of time, and the visits that there were."""
+    """Actions of Waldo in a recording in order of time, and the visits."""
 
     acts: tuple[Act, ...]
     visits: tuple[PersonVisit, ...]
 
     def count(self, deed: Deed) -> dict[str, int]:
-        """How often each outcome came about."""
+        """Number of actions by outcome."""
         counts = Counter(act.outcome for act in self.acts if act.deed == deed)
         return {outcome: counts[outcome] for outcome in OUTCOMES[deed]}
 
 
 @dataclass(frozen=True)
 class _WaldoParameters:
-    """What of Waldo's parameters is judged by."""
+    """Waldo's parameters that the rules need."""
 
     range_m: float
     vanish_s: float
@@ -102,9 +99,7 @@ class _WaldoParameters:
 
 @dataclass(frozen=True)
 class _Due:
-    """An act that is due: at ``time`` when the truth is known; in time until ``until``, allowed from ``begin`` to
-    ``end``.
-    """
+    """Due action: at ``time`` on the ground truth, in time until ``until``, valid from ``begin`` to ``end``."""
 
     time: int
     onset: int
@@ -119,21 +114,21 @@ def single_node(graph: Graph, name: str) -> Graph:
 
 
 def behaviour(graph: Graph, frames: Sequence[LabelledFrame], found: Iterable[FoundFrame]) -> Behaviour:
-    """Judge what Waldo's node, the only one of ``graph``, does with detections, by the truth in ``frames``."""
-    manners = _WaldoParameters.of(graph)
+    """Score the actions of Waldo's node, the only one of ``graph``, on detections by the ground truth ``frames``."""
+    parameters = _WaldoParameters.of(graph)
     seen = _acts(graph, (_message(each.stamp, each.width, each.height, each.persons) for each in found))
     due = _acts(graph, (_message(each.stamp, 1, 1, _ideal(each)) for each in frames))
-    there = visits(frames, manners.range_m, manners.vanish_s)
-    near = visits(frames, manners.range_m + RANGE_SLACK_M, manners.vanish_s)
+    there = visits(frames, parameters.range_m, parameters.vanish_s)
+    near = visits(frames, parameters.range_m + RANGE_SLACK_M, parameters.vanish_s)
     acts = [
         *_greetings(seen["greeting"], _due_greetings(due["greeting"], there, near), near, frames),
-        *_offers(seen["offer"], _due_offers(due["offer"], there), near, frames, manners),
+        *_offers(seen["offer"], _due_offers(due["offer"], there), near, frames, parameters),
     ]
     return Behaviour(tuple(sorted(acts, key=lambda act: (act.time, act.deed))), tuple(there))
 
 
 def visits(frames: Iterable[LabelledFrame], range_m: float, gap_s: float) -> list[PersonVisit]:
-    """Who was there, within ``range_m``, from when to when; absences shorter than ``gap_s`` are passed over."""
+    """Visits within ``range_m``; absences shorter than ``gap_s`` do not end one."""
     ended: list[PersonVisit] = []
     going: dict[str, PersonVisit] = {}
     for frame in frames:
@@ -150,7 +145,7 @@ def visits(frames: Iterable[LabelledFrame], range_m: float, gap_s: float) -> lis
 
 
 def _acts(graph: Graph, messages: Iterable[PersonDetections]) -> dict[Deed, list[int]]:
-    """When Waldo greets and offers help."""
+    """Times of Waldo's greetings and offers."""
     times: dict[Deed, list[int]] = {"greeting": [], "offer": []}
 
     def note(topic: str, message: Message) -> None:
@@ -177,7 +172,7 @@ def _message(stamp: int, width: int, height: int, persons: tuple[PersonDetection
 
 
 def _ideal(frame: LabelledFrame) -> tuple[PersonDetection, ...]:
-    """What a detector without fault would see."""
+    """Detections of a perfect detector."""
     return tuple(
         PersonDetection(
             x=person.box[0],
@@ -237,9 +232,9 @@ def _offers(
     due: Sequence[_Due],
     near: Sequence[PersonVisit],
     frames: Sequence[LabelledFrame],
-    manners: _WaldoParameters,
+    parameters: _WaldoParameters,
 ) -> Iterable[Act]:
-    enough = nanoseconds(manners.help_after_s - HELP_SLACK_S)
+    enough = nanoseconds(parameters.help_after_s - HELP_SLACK_S)
     wrong: dict[int, str] = {}
     for time in times:
         stayed = [time - visit.begin for visit in near if visit.begin <= time <= visit.end + nanoseconds(RECENT_S)]
@@ -254,7 +249,7 @@ def _offers(
 
 
 def _matched(deed: Deed, times: Sequence[int], due: Sequence[_Due]) -> tuple[list[Act], list[int]]:
-    """What became of the acts that were ``due``, and the ``times`` of those that were not."""
+    """Match actions with due ones; returns the results and the times of unmatched actions."""
     rest = list(times)
     acts = []
     for number, item in enumerate(due):
@@ -270,5 +265,5 @@ def _matched(deed: Deed, times: Sequence[int], due: Sequence[_Due]) -> tuple[lis
 
 
 def _anybody(frames: Sequence[LabelledFrame], time: int) -> bool:
-    """Whether the truth has a person in the picture, however little is visible, in the second before ``time``."""
+    """Whether a person was in the image, however little visible, in the second before ``time``."""
     return any(frame.persons for frame in frames if time - nanoseconds(RECENT_S) <= frame.stamp <= time)

@@ -1,4 +1,4 @@
-"""An evaluation: detectors look through sources, and what they found is judged, scene by scene."""
+"""Evaluate detectors on sources with ground truth, scene by scene."""
 
 from __future__ import annotations
 
@@ -17,17 +17,9 @@ from socialbot.vision.metrics.scores import FrameMatches, SceneScore, score_scen
 from socialbot.vision.metrics.workers import run_in_processes, run_on_dask
 
 __all__ = [
-    "ClipResult",
-    "DetectorResult",
-    "Evaluation",
-    "ScoredImage",
-    "EvaluationPlan",
-    "SceneResult",
-    "evaluate",
-    "jobs_of",
-    "scored",
-    "scene_names",
-]
+    "ClipResult", "DetectorResult", "Evaluation", "EvaluationPlan", "SceneResult", "ScoredImage", "evaluate", "jobs_of",
+    "scene_names", "scored",
+]  # fmt: skip
 
 SPEED_SOURCES = 4
 """Number of sources, from the first, on which the speed is measured."""
@@ -67,7 +59,7 @@ class EvaluationPlan:
 
 @dataclass(frozen=True)
 class ScoredImage:
-    """A frame, what was found in it, and the verdicts."""
+    """Frame, detections and the verdicts."""
 
     frame: LabelledFrame
     found: FoundFrame
@@ -75,13 +67,13 @@ class ScoredImage:
 
     @property
     def errors(self) -> int:
-        """False alarms and missed people."""
+        """Number of false positives and missed people."""
         return sum(verdict.kind in ("false", "missed") for verdict in self.matches)
 
 
 @dataclass(frozen=True)
 class ClipResult:
-    """What became of one source: its frames, what Waldo did, and how many frames of the truth had no picture."""
+    """Result for one source; ``missing_frames`` have ground truth but no image."""
 
     source: LabelledSource
     frames: tuple[ScoredImage, ...]
@@ -93,7 +85,7 @@ class ClipResult:
 
 @dataclass(frozen=True)
 class SceneResult:
-    """The score of a scene, over all its clips."""
+    """Score of a scene over all its clips."""
 
     score: SceneScore
     clips: tuple[ClipResult, ...]
@@ -101,7 +93,7 @@ class SceneResult:
 
 @dataclass(frozen=True)
 class DetectorResult:
-    """How one pipeline did in each scene, and how fast it is."""
+    """Results of one pipeline by scene, and its speed."""
 
     pipeline: PipelineSettings
     scenes: Mapping[str, SceneResult]
@@ -110,19 +102,19 @@ class DetectorResult:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The results by the name of the detector."""
+    """Results by detector name."""
 
     plan: EvaluationPlan
     detectors: Mapping[str, DetectorResult]
 
     @property
     def scenes(self) -> tuple[str, ...]:
-        """The names of the scenes in the order of the sources."""
+        """Names of the scenes in the order of the sources."""
         return tuple(dict.fromkeys(scene_names(self.plan.sources)))
 
 
 def scene_names(sources: Sequence[LabelledSource]) -> list[str]:
-    """The scene of each source; with the split where a scene has sources of several, which must not be mixed."""
+    """Scene of each source, with the split if its sources have several, which must not be mixed."""
     splits: dict[str, set[str]] = {}
     for source in sources:
         splits.setdefault(source.scene, set()).add(source.split)
@@ -133,9 +125,15 @@ def scene_names(sources: Sequence[LabelledSource]) -> list[str]:
 
 
 def evaluate(plan: EvaluationPlan, advance: Advance, say: Callable[[str], None]) -> Evaluation:
-    """Carries out ``plan``. ``advance`` hears how many frames of each job are done, ``say`` what is going on.
+    """Run an evaluation.
 
-    Raises SocialbotError for sources or detectors that cannot be used.
+    Args:
+        plan: Sources, pipelines and rules.
+        advance: Called with the number of a job and its processed frames.
+        say: Called with a description of the current phase.
+
+    Raises:
+        SocialbotError: A source or detector is unusable.
     """
     jobs = jobs_of(plan)
     count = len(plan.sources)
@@ -146,9 +144,9 @@ def evaluate(plan: EvaluationPlan, advance: Advance, say: Callable[[str], None])
             speeds.append(measure(jobs[number * count : number * count + min(count, SPEED_SOURCES)], plan.threads))
         else:
             speeds.append(None)
-    say("looking for people")
+    say("detecting people")
     found = _run_jobs(jobs, plan, advance)
-    say("judging")
+    say("scoring")
     return scored(plan, found, speeds)
 
 
@@ -188,7 +186,7 @@ def _run_quietly(job: Job) -> Found:
 
 
 def jobs_of(plan: EvaluationPlan) -> list[Job]:
-    """A job for each pipeline and source, all sources of the first pipeline first."""
+    """One job for each pipeline and source, ordered by pipeline."""
     return [
         Job(
             name=f"{pipeline.detector}: {source.name}",
@@ -203,9 +201,11 @@ def jobs_of(plan: EvaluationPlan) -> list[Job]:
 
 
 def scored(plan: EvaluationPlan, found: Sequence[Found], speeds: Sequence[Speed | None]) -> Evaluation:
-    """What is to be said of what all `jobs_of` have ``found``, in their order; a speed for each pipeline.
+    """Score what the jobs of `jobs_of` have ``found``, in their order; one speed for each pipeline.
 
-    Raises ImageError or TruthError for a source of which nothing can be judged.
+    Raises:
+        ImageError: A source has no readable image.
+        TruthError: The stamps of its ground truth match no image.
     """
     count = len(plan.sources)
     return Evaluation(
@@ -242,7 +242,7 @@ def _clip_result(plan: EvaluationPlan, source: LabelledSource, found: Found) -> 
     for frame in source.frames:
         answer = answers.get(frame.stamp)
         if answer is not None:
-            # Some labels go on beyond the picture; detections cannot.
+            # Labels may exceed the image; detections cannot.
             inside = frame.clipped(answer.width, answer.height)
             frames.append(ScoredImage(inside, answer, judge(inside, answer.persons, plan.rules)))
     if source.frames and not frames:
@@ -256,15 +256,15 @@ def _clip_result(plan: EvaluationPlan, source: LabelledSource, found: Found) -> 
 def _nothing_judged(source: LabelledSource, found: Found) -> SocialbotError:
     if not found.frames:
         return ImageError(
-            f"none of its pictures can be read; the first: {found.first_damage or 'there are none'}",
+            f"none of its images can be read; the first: {found.first_damage or 'there are none'}",
             where=source.name,
             remedy="record or copy them again",
         )
     return TruthError(
-        f"no picture has the stamp of a frame of its truth: the first picture has {found.frames[0].stamp}, the first "
-        f"frame {source.frames[0].stamp}",
+        f"no image has the stamp of a frame of its ground truth: the first image has {found.frames[0].stamp}, "
+        f"the first frame {source.frames[0].stamp}",
         where=source.name,
-        remedy="give the truth the stamps of the pictures' headers, in ns",
+        remedy="use the stamps of the image headers, in ns",
     )
 
 

@@ -1,4 +1,4 @@
-"""Frames with ground truth: from bags, image folders and labelled images."""
+"""Images with ground truth, from bags and from folders of labelled images."""
 
 from __future__ import annotations
 
@@ -31,32 +31,18 @@ from socialbot.vision.metrics.truth import (
 )
 
 __all__ = [
-    "BLOCK_S",
-    "BagImages",
-    "Box",
-    "EncodedImage",
-    "ImageSequence",
-    "LabelledFrame",
-    "IgnoreBox",
-    "LabelledImage",
-    "LABELS_FILE",
-    "Person",
-    "PersonBox",
-    "FolderImages",
-    "LabelledSource",
-    "bag_source",
-    "dump_labels",
-    "load_labels",
-    "image_sources",
-]
+    "BLOCK_S", "BagImages", "Box", "EncodedImage", "FolderImages", "IgnoreBox", "ImageSequence", "LABELS_FILE",
+    "LabelledFrame", "LabelledImage", "LabelledSource", "Person", "PersonBox", "bag_source", "dump_labels",
+    "image_sources", "load_labels",
+]  # fmt: skip
 
 
-PICTURE_NS = SECOND
-"""Pictures of a folder have nothing to do with each other; their stamps lie this far apart."""
+IMAGE_NS = SECOND
+"""Distance between the stamps of independent images."""
 
 
 class EncodedImage(NamedTuple):
-    """A picture as it comes from the camera or file: stamp (ns), content, and the intrinsics that hold for it."""
+    """Encoded image with its stamp (ns) and camera intrinsics."""
 
     stamp: int
     content: Image | CompressedImage | bytes
@@ -64,7 +50,7 @@ class EncodedImage(NamedTuple):
     name: str = ""
 
     def bgr(self) -> np.ndarray:
-        """The pixels, shape (height, width, 3), uint8, blue first. Raises ImageError for a damaged picture."""
+        """Decode to shape (height, width, 3), uint8, BGR. Raises ImageError for a damaged image."""
         if isinstance(self.content, Image):
             return bgr_from_image(self.content)
         if isinstance(self.content, CompressedImage):
@@ -78,14 +64,14 @@ class EncodedImage(NamedTuple):
 
 @dataclass(frozen=True)
 class BagImages:
-    """The pictures on one topic of a bag. They follow each other, so that people can be tracked."""
+    """Consecutive images on one topic of a bag."""
 
     path: str
     image_topic: str
     consecutive = True
 
     def read(self) -> Iterator[EncodedImage]:
-        """The pictures in the order of the bag. Raises BagError where it cannot be read."""
+        """Read the images in order. Raises BagError for an unreadable bag."""
         info: CameraInfo | None = None
         with open_bag(self.path) as bag:
             topics = {self.image_topic: self.image_topic}
@@ -101,14 +87,14 @@ class BagImages:
 
 @dataclass(frozen=True)
 class FolderImages:
-    """Single pictures below a ``folder``; the stamp of each is its number times a second."""
+    """Independent images in a ``folder``, with one second between their stamps."""
 
     folder: str
     images: tuple[str, ...]
     consecutive = False
 
     def read(self) -> Iterator[EncodedImage]:
-        """The pictures in the order of the list. Raises BagError for a file that cannot be read."""
+        """Read the images in order. Raises BagError for an unreadable file."""
         for number, image in enumerate(self.images):
             path = Path(self.folder) / image
             try:
@@ -117,7 +103,7 @@ class FolderImages:
                 raise BagError(
                     error.strerror or str(error), where=str(path), remedy="check the folder given by --images"
                 ) from error
-            yield EncodedImage(number * PICTURE_NS, content, name=str(path))
+            yield EncodedImage(number * IMAGE_NS, content, name=str(path))
 
 
 ImageSequence = BagImages | FolderImages
@@ -128,7 +114,7 @@ LABELS_FILE = "persons.json"
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 Flag = bool | int | float | None
-"""Some label with yes and no, some with levels; none is no."""
+"""Boolean or level; None is False."""
 
 FITS = (
     'each entry needs "image" and "boxes" with x, y, w and h in pixels; "complete", "ignore", "distance_m", '
@@ -137,7 +123,7 @@ FITS = (
 
 
 class PersonBox(msgspec.Struct, frozen=True, kw_only=True):
-    """A person: box in pixels, distance (m) if known, whether cut off by the picture's edge or partly hidden."""
+    """Labelled person: box in pixels, distance (m) if known, truncation and occlusion."""
 
     x: float
     y: float
@@ -149,7 +135,7 @@ class PersonBox(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class IgnoreBox(msgspec.Struct, frozen=True, kw_only=True):
-    """A part of the picture that is not judged, pixels."""
+    """Region of the image that is not scored, pixels."""
 
     x: float
     y: float
@@ -158,7 +144,7 @@ class IgnoreBox(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LabelledImage(msgspec.Struct, frozen=True, kw_only=True):
-    """One picture: its path in the folder, its people, and whether these are all people in it."""
+    """Labels of one image: its path in the folder, its people, and whether these are all."""
 
     image: str
     boxes: tuple[PersonBox, ...]
@@ -168,16 +154,16 @@ class LabelledImage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def load_labels(path: str | Path) -> tuple[LabelledImage, ...]:
-    """The entries of the file at ``path``. Raises TruthError, with file and entry, for the first that does not fit."""
+    """Load a label file. Raises TruthError, with file and entry, for the first invalid entry."""
     where = str(path)
     try:
         entries = msgspec.json.decode(Path(path).read_bytes(), type=list[msgspec.Raw])
     except OSError as error:
         raise TruthError(error.strerror or str(error), where=where, remedy="check the path") from error
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise TruthError(str(error), where=where, remedy="it must be a JSON list, one entry a picture") from error
+        raise TruthError(str(error), where=where, remedy="it must be a JSON list with one entry per image") from error
     if not entries:
-        raise TruthError("no pictures in the list", where=where, remedy=FITS)
+        raise TruthError("no images in the list", where=where, remedy=FITS)
     pictures = [_entry(number, entry, where) for number, entry in enumerate(entries)]
     first: dict[str, int] = {}
     for number, picture in enumerate(pictures):
@@ -192,7 +178,7 @@ def load_labels(path: str | Path) -> tuple[LabelledImage, ...]:
 
 
 def dump_labels(pictures: Sequence[LabelledImage]) -> bytes:
-    """``pictures`` as the content of a file that `load_labels` reads."""
+    """Encode labels for `load_labels`."""
     return msgspec.json.format(msgspec.json.encode(pictures), indent=2) + b"\n"
 
 
@@ -206,14 +192,14 @@ def _entry(number: int, entry: msgspec.Raw, where: str) -> LabelledImage:
         raise TruthError(
             "all numbers of the boxes are at most 1",
             where=f"{where}: {_name(number, entry)}",
-            remedy="give pixels, not shares of the picture",
+            remedy="give pixels, not shares of the image",
         )
     for box in (*picture.boxes, *picture.ignore):
         if box.x + box.w <= 0 or box.y + box.h <= 0:
             raise TruthError(
-                f"the box at {box.x:g}, {box.y:g} lies outside the picture",
+                f"the box at {box.x:g}, {box.y:g} lies outside the image",
                 where=f"{where}: {_name(number, entry)}",
-                remedy="x and y are those of the upper left corner, from the upper left of the picture",
+                remedy="x and y are those of the upper left corner of the box",
             )
     if not picture.image:
         raise TruthError("the name of the image is empty", where=f"{where}: {_name(number, entry)}", remedy=FITS)
@@ -221,7 +207,7 @@ def _entry(number: int, entry: msgspec.Raw, where: str) -> LabelledImage:
 
 
 def _name(number: int, entry: msgspec.Raw) -> str:
-    """How a person finds the entry: its number and, where it can be read, its image."""
+    """Number and, if readable, image of an entry."""
     try:
         image = msgspec.json.decode(entry, type=dict).get("image", "")
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
@@ -230,7 +216,7 @@ def _name(number: int, entry: msgspec.Raw) -> str:
 
 
 BLOCK_S = 3.0
-"""Frames of so long belong together when intervals are reckoned: they show nearly the same."""
+"""Length of the blocks for the bootstrap, since consecutive frames are similar."""
 
 _STRING = "std_msgs/msg/String"
 
@@ -240,7 +226,7 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody who is there: box, distance (m) where it is known, visible share (0 to 1), and who it is."""
+    """Ground truth person: box, distance (m) if known, visible share (0 to 1) and id."""
 
     box: Box
     distance_m: float | None = None
@@ -249,17 +235,24 @@ class Person:
 
     @property
     def counts(self) -> bool:
-        """Whether a detector is asked to find this person."""
+        """Whether this person is scored."""
         return self.visible >= LEAST_VISIBLE
 
 
 @dataclass(frozen=True)
 class LabelledFrame:
-    """What is true in one picture.
+    """Ground truth of one image.
 
-    ``stamp`` (ns) is the picture's and ``name`` what people call it. In a frame that is not ``complete`` there may be
-    more people than ``persons``. ``ranged`` is whether distances mean anything here. Frames of one ``block`` belong
-    together when intervals are reckoned.
+    Args:
+        stamp: Stamp of the image, ns.
+        name: Display name.
+        block: Block of the bootstrap.
+        persons: People in the image.
+        objects: Objects that may be taken for a person.
+        ignore: Regions that are not scored.
+        complete: Whether ``persons`` are all people in the image.
+        ranged: Whether distances are meaningful.
+        light: State of the lighting.
     """
 
     stamp: int
@@ -273,7 +266,7 @@ class LabelledFrame:
     light: str = ""
 
     def clipped(self, width: int, height: int) -> LabelledFrame:
-        """This frame without what of its people lies beyond a picture of ``width`` x ``height`` pixels."""
+        """Clip the boxes of people to an image of ``width`` x ``height`` pixels."""
         if not self.persons:
             return self
         boxes = clip(np.array([person.box for person in self.persons]), width, height).tolist()
@@ -283,7 +276,7 @@ class LabelledFrame:
 
 @dataclass(frozen=True)
 class LabelledSource:
-    """Footage and its truth: the ``frames`` by rising stamps. ``split`` is what it may be used for."""
+    """Images and their ground truth ``frames`` in order of stamps; ``split`` is their intended use."""
 
     name: str
     scene: str
@@ -293,9 +286,11 @@ class LabelledSource:
 
 
 def bag_source(path: Path) -> LabelledSource:
-    """The bag at ``path`` with the truth that lies beside it, or else in it.
+    """Open a bag with the ground truth beside it, or else in it.
 
-    Raises BagError for a bag that cannot be read and TruthError where there is no truth, or it does not fit the bag.
+    Raises:
+        BagError: The bag cannot be read.
+        TruthError: There is no ground truth, or it does not match the bag.
     """
     with open_bag(path) as bag:
         truth = _truth_of(bag)
@@ -338,10 +333,15 @@ def _truth_of(bag: Bag) -> GroundTruth:
 
 
 def image_sources(folder: Path, truth: Path | None = None) -> list[LabelledSource]:
-    """The labelled pictures below ``folder``, a source for each scene they name.
+    """Open a folder of labelled images; one source for each scene.
 
-    ``truth``, a path from here or from the folder, is by default its persons.json. Raises TruthError for labels that
-    do not fit and ImageError for images that are missing.
+    Args:
+        folder: Folder of the images.
+        truth: Label file, relative to the working directory or to ``folder``; default: persons.json.
+
+    Raises:
+        TruthError: The labels are invalid.
+        ImageError: Images are missing.
     """
     path = truth or folder / LABELS_FILE
     if not path.exists() and (folder / path).exists():
@@ -350,7 +350,7 @@ def image_sources(folder: Path, truth: Path | None = None) -> list[LabelledSourc
     missing = [picture.image for picture in pictures if not (folder / picture.image).is_file()]
     if missing:
         raise ImageError(
-            f"{len(missing)} of {len(pictures)} images of {path} are not there; the first: {missing[0]}",
+            f"{len(missing)} of {len(pictures)} images of {path} are missing; the first: {missing[0]}",
             where=str(folder),
             remedy="give the folder that the paths in the list start from by --images",
         )
@@ -365,7 +365,7 @@ def _picture_source(folder: Path, scene: str, pictures: Sequence[LabelledImage])
     ranged = any(box.distance_m is not None for picture in pictures for box in picture.boxes)
     frames = tuple(
         LabelledFrame(
-            stamp=number * PICTURE_NS,
+            stamp=number * IMAGE_NS,
             name=picture.image,
             block=number,
             persons=tuple(
@@ -374,7 +374,7 @@ def _picture_source(folder: Path, scene: str, pictures: Sequence[LabelledImage])
             ),
             ignore=tuple((box.x, box.y, box.w, box.h) for box in picture.ignore),
             complete=picture.complete,
-            # The camera of a picture in which nobody's distance is known is not known either.
+            # Without any distance the camera is unknown as well.
             ranged=ranged and (not picture.boxes or any(box.distance_m is not None for box in picture.boxes)),
         )
         for number, picture in enumerate(pictures)

@@ -1,11 +1,10 @@
-"""Verdicts: what became of each person and each detection in a frame.
+"""Match detections with ground truth, by boxes or by presence.
 
-By boxes: the detections, best score first, take the free person they overlap most, given an IoU of at least
-``least_iou`` (see `socialbot.vision.metrics.scores`). Hits and misses belong to the distance band of the true person, a
-false alarm to that of the distance which the detector gave it. By presence: in each band, is somebody there or not?
+By boxes, each detection, best score first, takes the unmatched person of the largest IoU, at least ``least_iou``. True
+positives and misses belong to the distance band of the person, false positives to that of the detected distance. By
+presence, each band is matched as a whole: is a person there?
 
-Hardly visible people and what lies in an ``ignore`` box are neither asked for nor held against a detector. In a frame
-that is not complete nothing is a false alarm.
+Hardly visible people and ``ignore`` boxes are not scored. A frame that is not complete has no false positives.
 """
 
 from __future__ import annotations
@@ -39,10 +38,8 @@ FALSE, SPARED = -1, -2
 
 Kind = Literal["hit", "false", "missed", "spared"]
 
-NEAR_IOU = 0.1
-"""From this overlap on, a false alarm is taken to come from what it overlaps."""
-INSIDE = 0.5
-"""A detection of which this share lies within a thing or an ignored box belongs to it."""
+NEAR_IOU = 0.1  # A false positive is caused by the region it overlaps by this IoU.
+INSIDE = 0.5  # A detection belongs to an object or ignored region that contains this share of it.
 
 POOR_BOX = "poor box"
 DOUBLE = "double"
@@ -54,12 +51,12 @@ CAUSES = {
     HARDLY_VISIBLE: "overlaps somebody of whom less than a quarter is visible",
     NOTHING_KNOWN: "nothing that the truth knows of is there",
 }
-"""What the causes mean that are not the kind of a thing."""
+"""Meaning of the causes that are not kinds of objects."""
 
 
 @dataclass(frozen=True)
 class Rules:
-    """How frames are judged: distance ``bands`` (m), the IoU of a hit, by boxes or by presence."""
+    """Matching rules: distance ``bands`` (m), least IoU, and matching by boxes or by presence."""
 
     bands: tuple[Band, ...] = BANDS
     least_iou: float = LEAST_IOU
@@ -67,11 +64,11 @@ class Rules:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """The names of all bands, nearest first, then those of people beyond them and of unknown distance."""
+        """Names of all bands, nearest first, then "outside" and "unknown"."""
         return (*map(band_key, self.bands), OUTSIDE, UNKNOWN)
 
     def key_of(self, distance_m: float | None) -> str:
-        """The name of the band that ``distance_m`` is in."""
+        """Name of the band of ``distance_m``."""
         if distance_m is None:
             return UNKNOWN
         return next((band_key(band) for band in self.bands if band[0] <= distance_m < band[1]), OUTSIDE)
@@ -79,10 +76,15 @@ class Rules:
 
 @dataclass(frozen=True)
 class Match:
-    """One hit, false alarm or missed person, or a detection that is spared.
+    """Result of matching one detection or person.
 
-    ``score`` is the detection's, and ``person`` the true person's id where there is one. ``box`` is the detection's,
-    of a missed person the true one; by presence it is empty. ``cause`` says where a false alarm comes from.
+    Args:
+        kind: "hit" (true positive), "false" (false positive), "missed", or "spared" (not scored).
+        band: Name of the distance band.
+        box: Box of the detection, or of the missed person; empty when matching by presence.
+        score: Score of the detection.
+        person: Id of the matched or missed person.
+        cause: Cause of a false positive.
     """
 
     kind: Kind
@@ -94,19 +96,19 @@ class Match:
 
 
 def band_key(band: Band) -> str:
-    """A band as ``--bands`` and the JSON name it: "2-10"."""
+    """Name of a band in ``--bands`` and JSON: "2-10"."""
     return f"{band[0]:g}-{band[1]:g}"
 
 
 def parse_bands(text: str) -> tuple[Band, ...]:
-    """The bands in "0-2,2-10,10-20". Raises ParameterError when they overlap, or are no bands."""
+    """Parse bands such as "0-2,2-10,10-20". Raises ParameterError for invalid or overlapping bands."""
     bands = tuple(_band(word.strip(), text) for word in text.split(","))
     for nearer, farther in itertools.pairwise(bands):
         if farther[0] < nearer[1]:
             raise ParameterError(
                 f"{band_key(farther)} does not lie beyond {band_key(nearer)}",
                 where="--bands",
-                remedy="name the bands from near to far, without overlap",
+                remedy="list the bands from near to far, without overlap",
             )
     return bands
 
@@ -118,7 +120,7 @@ def _band(word: str, text: str) -> Band:
         low, high = 0.0, 0.0
     if not 0 <= low < high < math.inf:
         raise ParameterError(
-            f"{word!r} in {text!r} is no band",
+            f"{word!r} in {text!r} is not a band",
             where="--bands",
             remedy="write metres as NEAR-FAR, such as 0-2,2-10,10-20",
         )
@@ -126,11 +128,16 @@ def _band(word: str, text: str) -> Band:
 
 
 def pair(found: np.ndarray, people: np.ndarray, spared: np.ndarray, least_iou: float = LEAST_IOU) -> list[int]:
-    """Whom each detection finds: an index into ``people``, or `FALSE`, or `SPARED`.
+    """Greedy matching of boxes of shape (n, 4), x, y, w, h.
 
-    ``found``, best first, ``people`` and ``spared`` are boxes of shape (n, 4), x, y, w, h. Each detection takes the
-    free person it overlaps most, given an IoU of at least ``least_iou``; where there is none, it is spared if it
-    overlaps one of ``spared`` as much.
+    Args:
+        found: Detections, best first.
+        people: People to be found.
+        spared: People who are not scored; a detection that matches only them is `SPARED`.
+        least_iou: Least IoU of a match.
+
+    Returns:
+        For each detection an index into ``people``, `FALSE` or `SPARED`.
     """
     free = np.ones(len(people), dtype=bool)
     result = []
@@ -146,7 +153,7 @@ def pair(found: np.ndarray, people: np.ndarray, spared: np.ndarray, least_iou: f
 
 
 def ranked(found: Iterable[PersonDetection]) -> list[PersonDetection]:
-    """``found``, best first; of equal scores box, distance and track decide, so that their order does not matter."""
+    """Sort detections by score; box, distance and track break ties, so the input order does not matter."""
 
     def key(person: PersonDetection) -> tuple[float | str, ...]:
         distance = math.inf if person.distance_m is None else person.distance_m
@@ -156,7 +163,7 @@ def ranked(found: Iterable[PersonDetection]) -> list[PersonDetection]:
 
 
 def judge(frame: LabelledFrame, found: Iterable[PersonDetection], rules: Rules) -> tuple[Match, ...]:
-    """The verdicts on what was ``found`` in ``frame``, whatever its order."""
+    """Match the detections of a frame."""
     return _by_presence(frame, ranked(found), rules) if rules.presence else _by_boxes(frame, ranked(found), rules)
 
 
@@ -184,17 +191,16 @@ def _by_boxes(frame: LabelledFrame, found: Sequence[PersonDetection], rules: Rul
 
 
 def _by_presence(frame: LabelledFrame, found: Sequence[PersonDetection], rules: Rules) -> tuple[Match, ...]:
-    """One verdict for each band where somebody is, or seems to be."""
+    """One match for each band with a person or a detection."""
     there, perhaps, seen = set[str](), set[str](), dict[str, float]()
     for person in frame.persons:
         (there if person.counts else perhaps).add(rules.key_of(person.distance_m))
     ignored = _array(frame.ignore)
     scored = [each for each in found if not _within(np.array((each.x, each.y, each.w, each.h)), ignored)]
     for detection in scored:
-        # The first of a band is its best.
         seen.setdefault(rules.key_of(detection.distance_m if frame.ranged else None), detection.score)
     if UNKNOWN in there and scored:
-        # Somebody of unknown distance is found by whatever is found.
+        # Any detection finds a person of unknown distance.
         seen[UNKNOWN] = scored[0].score
     matches = []
     for band in rules.keys:
@@ -209,7 +215,7 @@ def _by_presence(frame: LabelledFrame, found: Sequence[PersonDetection], rules: 
 def _cause(
     box: np.ndarray, frame: LabelledFrame, asked: Sequence[Person], hit: set[int], hidden: Sequence[Person]
 ) -> str:
-    """Where a false alarm comes from: what it overlaps most of all that is known to be there."""
+    """Cause of a false positive: the person or object that it overlaps most."""
     causes = [
         *((DOUBLE if number in hit else POOR_BOX, person.box) for number, person in enumerate(asked)),
         *((HARDLY_VISIBLE, person.box) for person in hidden),
@@ -221,7 +227,7 @@ def _cause(
     best = int(np.argmax(overlaps))
     if overlaps[best] >= NEAR_IOU:
         return causes[best][0]
-    # A small detection on a large thing, such as a head on a poster.
+    # A small detection on a large object, such as a head on a poster.
     things = _array((thing.x, thing.y, thing.w, thing.h) for thing in frame.objects)
     inside = _inside(box, things)
     return frame.objects[int(np.argmax(inside))].kind if len(things) and inside.max() >= INSIDE else NOTHING_KNOWN
@@ -232,7 +238,7 @@ def _within(box: np.ndarray, regions: np.ndarray) -> bool:
 
 
 def _inside(box: np.ndarray, regions: np.ndarray) -> np.ndarray:
-    """The share of ``box``, shape (4,), that lies in each of ``regions``, (n, 4)."""
+    """Share of ``box`` that lies in each of ``regions`` (n, 4)."""
     corner = np.maximum(box[:2], regions[:, :2])
     opposite = np.minimum(box[:2] + box[2:], regions[:, :2] + regions[:, 2:])
     area = box[2] * box[3]

@@ -1,4 +1,4 @@
-"""The evaluated pipeline: what the robot runs, all boxes of its detector, and its speed."""
+"""Run the perception pipeline on the images of a source, record all boxes, and measure its speed."""
 
 from __future__ import annotations
 
@@ -37,25 +37,23 @@ __all__ = [
 ]
 
 
-FLOOR_SHARE = 0.2
-"""Curves begin at this share of the score that a detector is believed from."""
+FLOOR_SHARE = 0.2  # Curves start at this share of the threshold.
 
-_NOT_SET = ("detector", "threads")
-"""Parameters of the node that have options of their own."""
+_NOT_SET = ("detector", "threads")  # These have options of their own.
 
 Persons = tuple[PersonDetection, ...]
 
 
 @dataclass(frozen=True)
 class PipelineSettings:
-    """A detector by name, one of `DETECTORS`, and what differs from the defaults of the node `PersonDetector`."""
+    """Name of a detector in `DETECTORS`, and changed parameters of the node `PersonDetector`."""
 
     detector: str
     changes: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def spec(self) -> DetectorSpec:
-        """The detector's description. Raises ParameterError when there is none of that name."""
+        """The registered detector. Raises ParameterError for an unknown name."""
         if self.detector not in DETECTORS:
             remedy = suggestion(self.detector, DETECTORS)
             raise ParameterError(f"no detector {self.detector!r}", where="--detector", remedy=remedy)
@@ -63,30 +61,31 @@ class PipelineSettings:
 
     @property
     def values(self) -> dict[str, Any]:
-        """Every parameter of the node. Raises ParameterError for one that does not fit."""
+        """All parameters of the node. Raises ParameterError for an invalid one."""
         return check_parameters(PersonDetector, {**self.changes, "detector": self.detector}, where="--set")
 
     @property
     def tracked(self) -> bool:
-        """Whether people are followed from frame to frame."""
+        """Whether a tracker is used."""
         return self.values["tracker"] != "none"
 
     @property
     def sure(self) -> float:
-        """The score from which a detection alone is believed."""
+        """Score from which a detection counts alone."""
         threshold = self.values["threshold"]
         return self.spec.sure if threshold < 0 else threshold
 
     @property
     def floor(self) -> float:
-        """The least score of the boxes that curves are drawn from."""
+        """Least score of the boxes for curves."""
         return min(self.spec.weak, FLOOR_SHARE * self.spec.sure, self.sure)
 
 
 def with_changes(pipeline: PipelineSettings, changes: Sequence[str]) -> PipelineSettings:
-    """``pipeline`` with changes written as NAME=VALUE, or DETECTOR.NAME=VALUE for that detector only.
+    """Apply changes of the form NAME=VALUE, or DETECTOR.NAME=VALUE for that detector only.
 
-    Raises ParameterError for what cannot be read, or does not fit.
+    Raises:
+        ParameterError: A change is malformed, or its name or value is unknown.
     """
     changed = dict(pipeline.changes)
     for change in changes:
@@ -115,10 +114,9 @@ def _value(name: str, text: str) -> Any:
 
 
 class RecordingDetector:
-    """A detector that shows another's boxes, and keeps those that it holds back in ``seen``.
+    """Detector that runs another one at the threshold ``floor`` and keeps all its boxes in ``seen``.
 
-    ``threshold`` is what the pipeline asks for; the other detector is asked for everything above ``floor``. Greedy
-    suppression makes both the same: the boxes above a higher threshold do not depend on those below it.
+    It returns the boxes above its own threshold. With greedy suppression these do not depend on the boxes below it.
     """
 
     def __init__(self, detector: Detector, floor: float) -> None:
@@ -131,7 +129,7 @@ class RecordingDetector:
         self.seen = Detections.none()
 
     def detect(self, image: np.ndarray) -> Detections:
-        """The people in ``image`` that reach the threshold."""
+        """Detect people that reach the threshold."""
         self._detector.threshold = min(self._floor, self.threshold)
         self._detector.horizon = self.horizon
         self._detector.camera_height = self.camera_height
@@ -140,7 +138,7 @@ class RecordingDetector:
 
 
 class _ReplayDetector:
-    """A detector that says again what a recorder saw in the last picture."""
+    """Detector that returns the recorded boxes of the last image."""
 
     def __init__(self, recorder: RecordingDetector, floor: float) -> None:
         self._recorder = recorder
@@ -154,14 +152,16 @@ class _ReplayDetector:
 
 
 class EvaluatedPipeline:
-    """A detector with what follows it. With ``recording`` it also gives every box down to a low score."""
+    """Perception pipeline that, with ``recording``, also returns all boxes down to a low score."""
 
     def __init__(
         self, settings: PipelineSettings, *, threads: int = 1, consecutive: bool = True, recording: bool = True
     ) -> None:
-        """Pictures that are not ``consecutive`` are not tracked.
+        """Build the pipeline; images that are not ``consecutive`` are not tracked.
 
-        Raises InstallationError or ParameterError when the detector cannot be made.
+        Raises:
+            InstallationError: A package of the detector is missing.
+            ParameterError: Its settings are invalid.
         """
         spec, floor, values = settings.spec, settings.floor, settings.values
         own = {each.name: values[each.name] for each in fields(DetectorSettings) if each.name != "threads"}
@@ -183,7 +183,7 @@ class EvaluatedPipeline:
         )
 
     def find(self, image: np.ndarray, stamp: int, info: CameraInfo | None = None) -> tuple[Persons, Persons]:
-        """The people in ``image``, and every box that the detector saw (none without ``recording``).
+        """The people in ``image``, and all boxes of the detector (none without ``recording``).
 
         Raises MessageError for an uncalibrated camera.
         """
@@ -206,15 +206,19 @@ def _above(found: Detections, threshold: float) -> Detections:
 
 
 Told = Callable[[int], None]
-"""Told of every frame that a job has done: how many so far."""
+"""Progress callback: number of processed frames."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """What to look through, with what; ``name`` is for people.
+    """Work unit: a pipeline on the images of a source.
 
-    ``frames`` is how many are expected. ``outermost`` has, by stamp, the x farthest to the right and the y farthest
-    down at which a box of the truth begins: none may lie outside its picture.
+    Args:
+        name: Display name.
+        images: Images to process.
+        pipeline: Detector and settings.
+        frames: Expected number of images.
+        outermost: Largest x and y of the ground truth boxes by stamp, which must lie inside the image.
     """
 
     name: str
@@ -226,7 +230,7 @@ class Job:
 
 @dataclass(frozen=True)
 class FoundFrame:
-    """What was found in one picture: by the pipeline, and every box of the detector down to low scores."""
+    """Result for one image: people of the pipeline, and ``raw`` boxes of the detector down to a low score."""
 
     stamp: int
     width: int
@@ -237,7 +241,7 @@ class FoundFrame:
 
 @dataclass(frozen=True)
 class Found:
-    """What a job has found, frame by frame; ``damaged`` pictures were left out, the first for the reason given."""
+    """Results of a job by frame; ``damaged`` images are skipped, the first for the reason given."""
 
     frames: tuple[FoundFrame, ...]
     damaged: int = 0
@@ -245,8 +249,8 @@ class Found:
 
 
 def run_job(job: Job, told: Told) -> Found:
-    """Does ``job``. Raises SocialbotError for footage or a detector that cannot be used."""
-    # Many jobs run side by side; one thread each is the fastest, and gives the same figures for any number.
+    """Run a job. Raises SocialbotError for unusable images or detectors."""
+    # Jobs run in parallel, so one thread each is the fastest.
     cv2.setNumThreads(1)
     pipeline = EvaluatedPipeline(job.pipeline, threads=1, consecutive=job.images.consecutive)
     frames: list[FoundFrame] = []
@@ -269,22 +273,21 @@ def _check_size(job: Job, stamp: int, name: str, width: int, height: int) -> Non
     x, y = job.outermost.get(stamp, (0.0, 0.0))
     if x >= width or y >= height:
         raise TruthError(
-            f"a box begins at {x:g}, {y:g}, outside the picture of {width}x{height} pixels",
+            f"a box begins at {x:g}, {y:g}, outside the image of {width}x{height} pixels",
             where=name or f"{job.name}: frame {stamp}",
-            remedy="are the boxes those of this picture, in its own size?",
+            remedy="check that the boxes belong to this image, in its original size",
         )
 
 
 FRAMES = 80
-WARM_UP = 5
-"""The first pictures are not counted: caches are cold, and a tracker knows nobody."""
+WARM_UP = 5  # Not counted: caches are cold and the tracker is empty.
 
 
 @dataclass(frozen=True)
 class Speed:
-    """Pictures a second with ``threads``, and how long a picture takes: the middle one and the slowest of twenty, ms.
+    """Throughput with ``threads``, and median and 95th percentile of the time per image, ms.
 
-    ``decode_ms`` is the part of the middle that goes into decoding.
+    ``decode_ms`` is the median time for decoding.
     """
 
     frames: int
@@ -301,9 +304,9 @@ class Speed:
 
 
 def measure(jobs: Sequence[Job], threads: int) -> Speed | None:
-    """The speed of the pipeline of ``jobs`` on stretches from the middle of their footage; None without good pictures.
+    """Measure the speed on images from the middle of each job; None without readable images.
 
-    Raises SocialbotError when the footage or the detector cannot be used.
+    Raises SocialbotError for unusable images or detectors.
     """
     (result,) = run_in_processes(_measure, [(tuple(jobs), threads)], 1)
     return result
@@ -325,7 +328,7 @@ def _measure(jobs: Sequence[Job], threads: int) -> Speed | None:
 
 
 def _times(job: Job, threads: int, jobs: int) -> list[tuple[float, float]]:
-    """Seconds for decoding and for all that follows, for each picture of a stretch of ``job``."""
+    """Seconds for decoding and for the rest, for each measured image of ``job``."""
     cv2.setNumThreads(threads)
     pipeline = EvaluatedPipeline(job.pipeline, threads=threads, consecutive=job.images.consecutive, recording=False)
     times: list[tuple[float, float]] = []
@@ -342,6 +345,6 @@ def _times(job: Job, threads: int, jobs: int) -> list[tuple[float, float]]:
 
 
 def _stretch(job: Job, count: int) -> list[EncodedImage]:
-    """``count`` pictures from the middle of the job's footage, read beforehand."""
+    """``count`` images from the middle of the job, read in advance."""
     begin = max(0, (job.frames - count) // 2)
     return list(itertools.islice(job.images.read(), begin, begin + count))

@@ -21,10 +21,7 @@ __all__ = [
 
 @dataclass
 class Score:
-    """True positives, false positives and misses, and what follows from them.
-
-    A rate that would be nothing divided by nothing is None.
-    """
+    """Counts of true positives, false positives and misses; rates without data are None."""
 
     tp: int = 0
     fp: int = 0
@@ -32,17 +29,17 @@ class Score:
 
     @property
     def precision(self) -> float | None:
-        """The share of detections that are people; None without detections."""
+        """TP / (TP + FP)."""
         return _share(self.tp, self.tp + self.fp)
 
     @property
     def recall(self) -> float | None:
-        """The share of people that were found; None without people."""
+        """TP / (TP + FN)."""
         return _share(self.tp, self.tp + self.fn)
 
     @property
     def f1(self) -> float | None:
-        """The harmonic mean of both; None without people and detections."""
+        """Harmonic mean of precision and recall."""
         return _share(2 * self.tp, 2 * self.tp + self.fp + self.fn)
 
     def __add__(self, other: Score) -> Score:
@@ -54,7 +51,7 @@ def _share(part: int, whole: int) -> float | None:
 
 
 class ScoredFrame(msgspec.Struct, frozen=True):
-    """One frame (``stamp``, ns, of its image): who was found, who was missed, and the boxes that fit nobody."""
+    """Found and missed people and false positives of one frame; ``stamp`` (ns) is that of its image."""
 
     stamp: int
     found: tuple[TruthPerson, ...] = ()
@@ -63,21 +60,26 @@ class ScoredFrame(msgspec.Struct, frozen=True):
 
     @property
     def score(self) -> Score:
-        """The counts, at all distances."""
+        """Counts at all distances."""
         return Score(len(self.found), len(self.false), len(self.missed))
 
     @property
     def errors(self) -> int:
-        """How many were missed or seen where nobody is."""
+        """Number of misses and false positives."""
         return len(self.missed) + len(self.false)
 
 
 @dataclass
 class Scores:
-    """The scores by band ("2-10 m", ..., "outside", "unknown"), and each frame by itself.
+    """Scores by band ("2-10 m", ..., "outside", "unknown") and by frame.
 
-    ``frames`` were judged; ``missing_frames`` have a truth but no detections message and were left out,
-    ``unjudged_frames`` the other way round. ``ignored`` people were hardly visible.
+    Args:
+        bands: Scores by band.
+        frames: Number of scored frames.
+        missing_frames: Frames with ground truth but without a detections message.
+        unjudged_frames: Detections messages without ground truth.
+        ignored: Number of hardly visible people.
+        by_frame: Results of each scored frame.
     """
 
     bands: dict[str, Score] = field(default_factory=dict)
@@ -89,17 +91,17 @@ class Scores:
 
     @property
     def overall(self) -> Score:
-        """All bands together."""
+        """Sum of all bands."""
         return sum(self.bands.values(), Score())
 
 
 def band_name(band: Band) -> str:
-    """A band as people write it: "2-10 m"."""
+    """Display name of a band: "2-10 m"."""
     return f"{band[0]:g}-{band[1]:g} m"
 
 
 def score(truth: GroundTruth, detections: Iterable[PersonDetections], bands: Sequence[Band] = BANDS) -> Scores:
-    """Judges ``detections`` by ``truth``. Of several messages with one stamp the last counts."""
+    """Score ``detections`` by ``truth``; the last of several messages with one stamp counts."""
     answers = {message.stamp: message for message in detections}
     result = Scores(bands={name: Score() for name in (*map(band_name, bands), OUTSIDE, UNKNOWN)})
     for frame in truth.frames:
@@ -151,7 +153,7 @@ def _band_of(distance: float | None, bands: Sequence[Band]) -> str:
 DRAWS = 1000
 COVERAGE = 0.95
 LEAST_BLOCKS = 4
-"""With fewer blocks of people or detections there is no interval: there would be nothing to draw from."""
+"""With fewer blocks of people or detections there is no interval."""
 _SEED = 20211108
 
 Interval = tuple[float, float]
@@ -159,7 +161,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class FrameMatches:
-    """The verdicts on one frame; frames of one ``block`` belong together."""
+    """Matches of one frame, and its ``block`` of the bootstrap."""
 
     block: Hashable
     matches: tuple[Match, ...]
@@ -167,7 +169,7 @@ class FrameMatches:
 
 @dataclass(frozen=True)
 class PrecisionRecallCurve:
-    """Precision and recall for falling thresholds, each of shape (n,); ``scores`` are the thresholds."""
+    """Recall and precision, shape (n,), at the falling thresholds ``scores``."""
 
     recall: np.ndarray
     precision: np.ndarray
@@ -176,10 +178,14 @@ class PrecisionRecallCurve:
 
 @dataclass(frozen=True)
 class BandScore:
-    """The score of one band.
+    """Score of one band.
 
-    ``intervals`` are those of "precision", "recall", "f1" and "ap" where they are defined. ``ap`` and
-    ``curve`` judge the detector alone, at all its thresholds; ``causes`` count the false alarms.
+    Args:
+        score: Counts of the pipeline.
+        intervals: Intervals of "precision", "recall", "f1" and "ap", where defined.
+        ap: Average precision of the detector alone.
+        curve: Curve of the detector alone.
+        causes: Number of false positives by cause.
     """
 
     score: Score
@@ -191,7 +197,7 @@ class BandScore:
 
 @dataclass(frozen=True)
 class SceneScore:
-    """The scores of one scene by band, and of all bands together; ``blocks`` were drawn from for the intervals."""
+    """Scores of one scene by band and overall, with the number of frames and of bootstrap blocks."""
 
     bands: Mapping[str, BandScore]
     overall: BandScore
@@ -200,10 +206,12 @@ class SceneScore:
 
 
 def score_scene(scored: Sequence[FrameMatches], raw: Sequence[FrameMatches], keys: Sequence[str]) -> SceneScore:
-    """The scores of a scene by bands named ``keys``.
+    """Score a scene.
 
-    ``judged`` are the verdicts on what the pipeline says, ``raw`` those on every box of the detector down to low
-    scores, of the same frames in the same order.
+    Args:
+        scored: Matches of the pipeline, frame by frame.
+        raw: Matches of all boxes of the detector down to a low score, for the same frames.
+        keys: Names of the bands.
     """
     names = list(dict.fromkeys(frame.block for frame in scored))
     index = {name: number for number, name in enumerate(names)}
@@ -215,13 +223,13 @@ def score_scene(scored: Sequence[FrameMatches], raw: Sequence[FrameMatches], key
 
 
 def average_precision(recall: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """The area under curves of shape (..., n) whose recall rises along the last axis, shape (...,)."""
+    """Area under curves of shape (..., n) with rising recall, by all-point interpolation."""
     falling = np.maximum.accumulate(precision[..., ::-1], axis=-1)[..., ::-1]
     return np.sum(np.diff(recall, axis=-1, prepend=0.0) * falling, axis=-1)
 
 
 def _draws(blocks: int) -> np.ndarray:
-    """How often each block is drawn, shape (DRAWS, blocks)."""
+    """Bootstrap weights, shape (DRAWS, blocks)."""
     if not blocks:
         return np.zeros((DRAWS, 0), dtype=np.int64)
     return np.random.default_rng(_SEED).multinomial(blocks, np.full(blocks, 1 / blocks), size=DRAWS)
@@ -249,7 +257,7 @@ def _band_score(
 
 
 def _intervals(score: Score, drawn: np.ndarray) -> dict[str, Interval]:
-    """The intervals of the rates; ``drawn`` holds hits, false alarms and misses of each draw, shape (draws, 3)."""
+    """Intervals of the rates from the TP, FP and FN of each draw, shape (draws, 3)."""
     hits, false, missed = drawn.T
     rates = {
         "precision": (score.precision, _ratio(hits, hits + false)),
@@ -260,7 +268,7 @@ def _intervals(score: Score, drawn: np.ndarray) -> dict[str, Interval]:
 
 
 def _interval(values: np.ndarray, figure: float) -> Interval:
-    """The middle of ``values`` that are numbers, widened to ``figure``."""
+    """Central interval of the finite ``values``, extended to contain ``figure``."""
     known = values[~np.isnan(values)]
     if not known.size:
         return figure, figure
@@ -275,7 +283,7 @@ def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
 def _curve(
     raw: Sequence[FrameMatches], blocks: np.ndarray, draws: np.ndarray, keys: set[str]
 ) -> tuple[PrecisionRecallCurve | None, float | None, np.ndarray]:
-    """The curve of a band, its area, and the areas of all draws."""
+    """Curve of a band, its area, and the areas of all draws."""
     people = np.zeros(draws.shape[1], dtype=np.int64)
     found: list[tuple[float, bool, int]] = []
     for block, frame in zip(blocks, raw, strict=True):
@@ -290,7 +298,7 @@ def _curve(
     scores = np.array([score for score, _, _ in found], dtype=np.float64)
     hit = np.array([hit for _, hit, _ in found], dtype=bool)
     of_block = np.array([block for _, _, block in found], dtype=np.intp)
-    # Detections of one score come and go together: only the last of them is a point of the curve.
+    # Detections of equal score give one point of the curve.
     last = np.append(np.diff(scores) != 0, True)[: len(scores)]
     weights = np.vstack([np.ones(draws.shape[1], dtype=np.int64), draws])
     areas = np.full(len(weights), np.nan)
@@ -303,7 +311,7 @@ def _curve(
         if not there:
             continue
         precision = np.divide(hits, all_found, out=np.ones(len(hits)), where=all_found > 0)
-        # Over the number of hits, and divided once, so that what is perfect is 1 and not a rounding error less.
+        # Dividing once makes a perfect area exactly 1.
         areas[number] = average_precision(hits, precision) / there
         if number == 0:
             curve = PrecisionRecallCurve(hits / there, precision, scores[last])

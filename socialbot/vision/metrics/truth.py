@@ -1,4 +1,4 @@
-"""Ground truth: who really is in each frame, and where.
+"""Ground truth files: the people in each frame, with boxes and distances.
 
 A JSON file beside its bag::
 
@@ -8,12 +8,11 @@ A JSON file beside its bag::
             {"id": "p1", "x": 300.0, "y": 120.5, "w": 60.0, "h": 170.0, "distance_m": 5.2, "visible": 1.0}],
          "objects": [{"kind": "shadow", "x": 310.0, "y": 280.0, "w": 90.0, "h": 40.0}]}]}
 
-Stamps are those of the images, in ns and ascending. ``scene``, ``split``, ``light`` and ``objects`` may be missing.
-Other fields are passed over. Objects are things that may be taken for a person; those of the whole recording stand
-there all the time.
+Stamps are those of the images, in ns and ascending. ``scene``, ``split``, ``light`` and ``objects`` are optional, and
+other fields are ignored. Objects may be taken for a person; those of the file are visible in all frames.
 
-A bag may hold the same as a topic, ``/ground_truth/persons`` of type std_msgs/msg/String: a `TruthMessage` as JSON
-for each image, at its time. Its ``objects`` are all there are at that moment.
+A bag may instead have the topic ``/ground_truth/persons`` (std_msgs/msg/String) with a `TruthMessage` as JSON for each
+image. Its ``objects`` are all objects of that image.
 """
 
 from __future__ import annotations
@@ -33,18 +32,18 @@ __all__ = [
 ]  # fmt: skip
 
 TRUTH_TOPIC = "/ground_truth/persons"
-"""The topic of a bag that holds its truth."""
+"""Topic of ground truth in a bag."""
 
 LEAST_VISIBLE = 0.25
 """People of whom a smaller share is visible are not scored."""
 
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Split = Literal["", "tune", "held-back"]
-"""What a recording is for: choosing settings, or judging them; the empty one is for neither."""
+"""Use of a recording: for tuning, held back for evaluation, or neither."""
 
 
 class TruthPerson(msgspec.Struct, frozen=True, kw_only=True):
-    """One person in one frame: box (pixels, clipped to the image), horizontal distance, visible share (0 to 1)."""
+    """Person in one frame: box (pixels, clipped), horizontal distance (m), visible share (0 to 1)."""
 
     id: str
     x: float
@@ -56,7 +55,7 @@ class TruthPerson(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TruthObject(msgspec.Struct, frozen=True, kw_only=True):
-    """A thing that may be taken for a person: its kind ("coat stand", "poster", "shadow", ...) and box in pixels."""
+    """Object that may be taken for a person: kind ("coat stand", "poster", "shadow", ...) and box in pixels."""
 
     kind: str
     x: float
@@ -66,10 +65,7 @@ class TruthObject(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TruthFrame(msgspec.Struct, frozen=True, kw_only=True):
-    """The people in one frame, and the things that are there only now; ``stamp`` (ns) is the image's.
-
-    ``light`` names the state of the lamps and the sun.
-    """
+    """People in one frame, and objects visible only there; ``light`` names the state of lamps and sun."""
 
     stamp: int
     persons: tuple[TruthPerson, ...]
@@ -78,7 +74,7 @@ class TruthFrame(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """The people in every frame of a recording; ``objects`` are there in all of them."""
+    """Ground truth of a recording; ``objects`` are visible in all frames."""
 
     schema: Literal["socialbot/truth"] = "socialbot/truth"
     version: Literal[1] = 1
@@ -90,7 +86,7 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TruthMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """The truth of one frame as a bag holds it; ``objects`` are all things that are there in this frame."""
+    """Ground truth of one frame in a bag, with all its ``objects``."""
 
     schema: Literal["socialbot/truth_frame"]
     version: Literal[1]
@@ -104,8 +100,6 @@ class TruthMessage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _Header(msgspec.Struct):
-    """A file has to say what it is."""
-
     schema: Literal["socialbot/truth"]
     version: Literal[1]
 
@@ -122,7 +116,7 @@ def truth_beside(bag: Path) -> Path:
 
 
 def load_truth(path: str | Path) -> GroundTruth:
-    """The ground truth in the file ``path``. Raises TruthError, with the file's name, when it does not fit."""
+    """Load a ground truth file. Raises TruthError, with the path, if it is invalid."""
     where = str(path)
     try:
         data = Path(path).read_bytes()
@@ -137,9 +131,10 @@ def load_truth(path: str | Path) -> GroundTruth:
 
 
 def truth_from_messages(texts: Iterable[str], where: str) -> GroundTruth:
-    """The truth of a bag from the ``texts`` on its topic; ``where`` names the bag in errors.
+    """Parse the ``texts`` on the ground truth topic of a bag; ``where`` names the bag in errors.
 
-    Raises TruthError when there are none, one does not fit, or they speak of several image topics, scenes or splits.
+    Raises:
+        TruthError: There are none, one is invalid, or they differ in image topic, scene or split.
     """
     messages = [_truth_message(number, text, where) for number, text in enumerate(texts)]
     if not messages:

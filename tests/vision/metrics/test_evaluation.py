@@ -124,7 +124,7 @@ def test_damaged_pictures_are_counted_and_left_out(tmp_path):
 def test_pictures_that_are_all_damaged(tmp_path):
     folder = drawn_pictures(tmp_path / "room", 1)
     (folder / "0.png").write_bytes(b"no picture")
-    with pytest.raises(ImageError, match=r"none of its pictures can be read; the first: .*0\.png"):
+    with pytest.raises(ImageError, match=r"none of its images can be read; the first: .*0\.png"):
         evaluated(image_sources(folder))
 
 
@@ -132,7 +132,7 @@ def test_truth_of_another_time(tmp_path):
     bag = drawn_bag(tmp_path, frames=1)
     path = tmp_path / "clip.truth.json"
     path.write_text(path.read_text().replace(str(START), "12345"))
-    with pytest.raises(TruthError, match=f"clip: no picture has the stamp .* {START}, the first frame 12345"):
+    with pytest.raises(TruthError, match=f"clip: no image has the stamp .* {START}, the first frame 12345"):
         evaluated([bag_source(bag)])
 
 

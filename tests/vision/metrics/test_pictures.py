@@ -51,7 +51,7 @@ def test_what_may_be_missing(tmp_path):
         ([{**GOOD, "ignore": [[1, 2, 3, 4]]}], "ignore"),
         ([{**GOOD, "ignore": [], "boxes": [{"x": 0.1, "y": 0.2, "w": 0.3, "h": 0.9}]}], "at most 1.*\n.*pixels"),
         ([GOOD, GOOD], "twice, as entries 0 and 1"),
-        ([{**GOOD, "boxes": [{**BOX, "x": -31}]}], "outside the picture"),
+        ([{**GOOD, "boxes": [{**BOX, "x": -31}]}], "outside the image"),
         ([{**GOOD, "image": ""}], "empty"),
         ([3], "entry 0"),
     ],
