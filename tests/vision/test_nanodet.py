@@ -82,9 +82,7 @@ def test_changed_weights_are_refused(monkeypatch, tmp_path):
     (tmp_path / "models").mkdir()
     (tmp_path / "models" / "nanodet.onnx").write_bytes(weights()[:-1] + b"\0")
     monkeypatch.setattr(module.resources, "files", lambda package: tmp_path)
-    with pytest.raises(
-        InstallationError, match=f"wrong weights(.|\n)*expected {SHA256}(.|\n)*reinstall"
-    ):
+    with pytest.raises(InstallationError, match=f"wrong weights(.|\n)*expected {SHA256}(.|\n)*reinstall"):
         weights()
 
 

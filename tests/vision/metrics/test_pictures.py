@@ -41,7 +41,7 @@ def test_what_may_be_missing(tmp_path):
     [
         ("", "truncated"),
         ("{}", "list|array"),
-        ("[]", "no pictures"),
+        ("[]", "no images in the list"),
         ([{"boxes": []}], "entry 0.*image"),
         ([GOOD, {"image": "b.jpg"}], r"entry 1 \(b.jpg\).*boxes"),
         ([{**GOOD, "boxes": [{**BOX, "w": 0}]}], r"entry 0 \(a.jpg\).*w"),
