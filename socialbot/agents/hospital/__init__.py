@@ -1,4 +1,4 @@
-"""The hospital: robots patrol and disinfect rooms, with nurses who let them and tidy up."""
+"""Hospital: robots patrol and disinfect rooms, with the permission and help of nurses."""
 
 from typing import TYPE_CHECKING
 

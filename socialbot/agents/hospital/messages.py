@@ -111,20 +111,9 @@ class Refusal(Content, frozen=True):
 
 
 AnyContent = (
-    Register
-    | Plan
-    | Belief
-    | Start
-    | Stop
-    | End
-    | Ready
-    | Done
-    | Report
-    | Problem
-    | Finished
-    | InitialTrigger
-    | Refusal
-)
+    Register | Plan | Belief | Start | Stop | End | Ready | Done | Report | Problem | Finished
+    | InitialTrigger | Refusal
+)  # fmt: skip
 
 
 class AclMessage(Structured, frozen=True, kw_only=True):

@@ -1,6 +1,6 @@
-// A nurse, by the screen in the room: makes sure who the robot is, allows the patrol, tidies the room.
+// Screen of a nurse: authenticates the robot, permits the patrol, tidies the room.
 //
-// The plans of a mission come from the coordinator.
+// The coordinator sends the plans of a mission.
 
 kind(nurse_disinfected).
 can(a_authenticate_nurse). can(a_authorize_patrol). can(a_adapt_room).

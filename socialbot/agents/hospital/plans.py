@@ -307,13 +307,13 @@ class _Translation:
                     steps = [Update("-", self.named("trigger_", stage)[source(ANYTHING)])] if again else []
                     plans.append(self.rule(Change.ADDED, "trigger_", stage, self.start, [*steps, self.goal(stage)]))
                 plans.append(self.rule(Change.WANTED, "", stage, _milestone(index), [Do(self.named("", stage))]))
-            plans.append(self.success(agent, index, told=index in begins and index > 0, ends=index == mine[-1]))
+            plans.append(self.success(agent, index, from_other=index in begins and index > 0, ends=index == mine[-1]))
         return plans + last
 
-    def success(self, agent: str, index: int, *, told: bool, ends: bool) -> Plan:
+    def success(self, agent: str, index: int, *, from_other: bool, ends: bool) -> Plan:
         stage = self.plan[index]
         # A belief from another agent that stays would hide the same action later on.
-        steps: list[Step] = [Update("-", _milestone(index)[source(ANYTHING)] if told else _milestone(index))]
+        steps: list[Step] = [Update("-", _milestone(index)[source(ANYTHING)] if from_other else _milestone(index))]
         context = _milestone(index)
         if index + 1 < len(self.plan):
             after = self.plan[index + 1]
@@ -323,7 +323,7 @@ class _Translation:
             if agent == next((each for each in stage.agents if each in after.agents), stage.agents[0]):
                 for other in after.agents:
                     if other not in stage.agents:
-                        steps += self.told(other, index + 1)
+                        steps += self.tell_steps(other, index + 1)
             if goes_on:
                 steps.append(self.goal(after))
             if goes_on or len(steps) > 1:
@@ -332,7 +332,7 @@ class _Translation:
             steps.append(Do(END))
         return self.rule(Change.ADDED, "success_", stage, context, steps)
 
-    def told(self, other: str, index: int) -> list[Step]:
+    def tell_steps(self, other: str, index: int) -> list[Step]:
         trigger = self.named("trigger_", self.plan[index])
         return [Do(literal(".send", (self.term(other), TELL, what))) for what in (Atom(f"milestone{index}"), trigger)]
 

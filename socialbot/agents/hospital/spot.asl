@@ -1,22 +1,22 @@
-// Spot: sees whether rooms are fit to be disinfected, and opens doors with its arm.
+// Spot: checks whether rooms are fit for disinfection, and opens doors with its arm.
 //
-// Performance: it finds out whether a room is unfit, and reports that to the coordinator.
+// Performance: it detects rooms that are not fit, and reports them to the coordinator.
 // Environment: the ward: partially observable, dynamic, sequential, discrete, with other agents.
-// Actuators: legs, an arm, words to the coordinator, to UVD robots and nurses.
-// Sensors: where it is (at), its battery (battery_low), what its actions come to (success_..., failure).
+// Actuators: legs, an arm, messages to the coordinator, UVD robots and nurses.
+// Sensors: place (at), battery (battery_low), results of actions (success_..., failure).
 //
-// The plans of a mission come from the coordinator. What is here is what it mends by itself.
+// The coordinator sends the plans of a mission. This file has the recovery plans.
 
 kind(spotrobot).
 can(a_navigate_to). can(a_open_door). can(a_approach_nurse). can(a_authenticate_nurse).
 can(a_authorize_patrol). can(a_patrol_room). can(a_authorize_disinfect). can(a_charge).
 
-// What passes: somebody who is away for a moment, a partner who is late.
+// Passing problems: an absent nurse, a person in the room, a late partner.
 passes("nurse absent").
 passes("person in the room").
 passes("partner absent").
 
-// A door in its way it opens by itself.
+// Open a closed door.
 @opens_door
 +failure(Action, "closed door") : not tried(Action, "closed door") & at(Room) & Room \== corridor & .my_name(Me)
     <- +tried(Action, "closed door"); by_myself(a_open_door(Me, Room)); again(Action).
@@ -32,7 +32,7 @@ passes("partner absent").
 @tells
 +failure(Action, Reason) <- problem(Action, Reason).
 
-// Between missions it sees to its battery.
+// Charge the battery between missions.
 @charges_when_idle
 +battery_low : idle & .my_name(Me) <- by_myself(a_charge(Me)).
 @charges_when_free

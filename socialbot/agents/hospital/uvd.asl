@@ -2,15 +2,15 @@
 //
 // Performance: it disinfects at least 85 % of the rooms, even when 25 to 100 % of the plans fail.
 // Environment: the ward: partially observable, dynamic, sequential, discrete, with other agents.
-// Actuators: wheels, the light, words to Spot.
-// Sensors: where it is (at), its battery (battery_low), what its actions come to (success_..., failure).
+// Actuators: wheels, the light, messages to Spot.
+// Sensors: place (at), battery (battery_low), results of actions (success_..., failure).
 //
-// The plans of a mission come from the coordinator. What is here is what it mends by itself.
+// The coordinator sends the plans of a mission. This file has the recovery plans.
 
 kind(uvdrobot).
 can(a_navigate_to). can(a_authorize_disinfect). can(a_disinfect_room). can(a_charge).
 
-// What passes: somebody who walks through the room turns the light off; a partner who is late.
+// Passing problems: a person in the room, who stops the light; a late partner.
 passes("person in the room").
 passes("partner absent").
 
@@ -30,7 +30,7 @@ passes("partner absent").
 @tells
 +failure(Action, Reason) <- problem(Action, Reason).
 
-// Between missions it sees to its battery.
+// Charge the battery between missions.
 @charges_when_idle
 +battery_low : idle & .my_name(Me) <- by_myself(a_charge(Me)).
 @charges_when_free

@@ -1,4 +1,4 @@
-"""The warehouse: a gripper sorts boxes from stacks onto carriers, which take them away."""
+"""Warehouse: a gripper sorts boxes from stacks onto carriers, which take them away."""
 
 from socialbot.core.registry import AgentPackage
 

@@ -174,10 +174,10 @@ class gripper_put_on_carrier(PhasedAction):  # noqa: N801
     def begin(self, gripper: str, box: str, carrier: str, bay: str) -> None:
         super().begin(gripper, box, carrier, bay)
         self.loaded = predicate("lb_load_completed", carrier)
-        self.load_request = self.tell("del")
-        self.told: SentRequest | None = None
+        self.load_request = self.inform("del")
+        self.report: SentRequest | None = None
 
-    def tell(self, operation: Operation) -> SentRequest:
+    def inform(self, operation: Operation) -> SentRequest:
         return self.gripper.ask(self.args[2], operation, belief=self.loaded, cause=self.id)
 
     def plan(self) -> tuple[Phase, ...]:
@@ -193,13 +193,13 @@ class gripper_put_on_carrier(PhasedAction):  # noqa: N801
         """Inform the carrier once the fingers are up; returns whether it has accepted."""
         if not self.is_high():
             return False
-        if self.told is None:
-            self.told = self.tell("add")
-        return self.is_known(self.told)
+        if self.report is None:
+            self.report = self.inform("add")
+        return self.is_known(self.report)
 
     def is_known(self, asked: SentRequest) -> bool:
         if asked.state in ("refused", "timeout"):
-            self.fail(f"{self.args[2]} does not want to know whether it was loaded: {asked.reason}")
+            self.fail(f"{self.args[2]} does not accept the report of its load: {asked.reason}")
         return asked.accepted
 
 

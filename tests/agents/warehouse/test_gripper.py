@@ -187,7 +187,7 @@ class TestActionsOfTheGripper:
         hall = carrying()
         trial = hall.attempt(GRIPPER, "gripper_put_on_carrier", GRIPPER, "box_a2", "carrier_a", "base_a")
         self.answer_all(hall, trial, "refused", "grippers may not change beliefs")
-        assert trial.end == "carrier_a does not want to know whether it was loaded: grippers may not change beliefs"
+        assert trial.end == "carrier_a does not accept the report of its load: grippers may not change beliefs"
 
     def test_a_carrier_that_does_not_answer_fails_the_action(self) -> None:
         hall = carrying()

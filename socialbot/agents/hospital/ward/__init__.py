@@ -1,1 +1,1 @@
-"""The ward of the hospital: as it is built, as it really is, what goes wrong in it, and how it is drawn."""
+"""Ward of the hospital: description, simulation, faults and drawing. It does not depend on missions."""
