@@ -20,64 +20,26 @@ if TYPE_CHECKING:
         Fact,
         FactCondition,
         FactConjunction,
-    )
+    )  # fmt: skip
     from socialbot.deliberation.options import DeliberationOptions, option_infos
     from socialbot.deliberation.requests import Policies, RequestClient, RequestServer, SentRequest
     from socialbot.deliberation.rules import ReactiveRule, RuleEffect
     from socialbot.deliberation.sensing import FactSensor, fluent, instance, predicate, sensed_by
 
 __all__ = [
-    "DeliberationOptions",
-    "Deliberator",
-    "Desire",
-    "Dnf",
-    "FLUENT",
-    "Fact",
-    "FactBase",
-    "FactCondition",
-    "FactConjunction",
-    "FactSensor",
-    "INSTANCE",
-    "Observer",
-    "PREDICATE",
-    "PlanAction",
-    "Policies",
-    "ReactiveRule",
-    "RequestClient",
-    "RequestServer",
-    "RuleEffect",
-    "SentRequest",
-    "fluent",
-    "instance",
-    "load_beliefs",
-    "load_desires",
-    "load_rules",
-    "option_infos",
-    "parse_fact",
-    "parse_facts",
-    "predicate",
-    "register",
-    "restore_mind",
-    "save_mind",
-    "sensed_by",
-]
+    "DeliberationOptions", "Deliberator", "Desire", "Dnf", "FLUENT", "Fact", "FactBase", "FactCondition",
+    "FactConjunction", "FactSensor", "INSTANCE", "Observer", "PREDICATE", "PlanAction", "Policies", "ReactiveRule",
+    "RequestClient", "RequestServer", "RuleEffect", "SentRequest", "fluent", "instance", "load_beliefs",
+    "load_desires", "load_rules", "option_infos", "parse_fact", "parse_facts", "predicate", "register",
+    "restore_mind", "save_mind", "sensed_by",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name on its first use, as other rooms only need the messages."""
     if name in __all__:
-        for module in (
-            "messages",
-            "_fact_index",
-            "options",
-            "facts",
-            "rules",
-            "actions",
-            "sensing",
-            "deliberator",
-            "requests",
-            "files",
-        ):
+        modules = "messages _fact_index options facts rules actions sensing deliberator requests files"
+        for module in modules.split():
             found = import_module(f"{__name__}.{module}")
             if name in vars(found):
                 return vars(found)[name]

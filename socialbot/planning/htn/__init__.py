@@ -5,15 +5,6 @@ from socialbot.planning.htn.planner import TaskPlanner, progressed
 from socialbot.planning.htn.tree import TaskAnswer, TaskFault, TaskLimits, TaskNode, TaskTree, TaskVerdict
 
 __all__ = [
-    "Item",
-    "TaskAnswer",
-    "TaskDomain",
-    "TaskFault",
-    "TaskLimits",
-    "TaskNode",
-    "TaskPlanner",
-    "TaskState",
-    "TaskTree",
-    "TaskVerdict",
-    "progressed",
-]
+    "Item", "TaskAnswer", "TaskDomain", "TaskFault", "TaskLimits", "TaskNode", "TaskPlanner", "TaskState",
+    "TaskTree", "TaskVerdict", "progressed",
+]  # fmt: skip

@@ -12,29 +12,13 @@ from socialbot.planning.pddl.domain import (
     in_time,
     parse_plan,
     problem_text,
-)
+)  # fmt: skip
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.pddl.state import Derivation, PddlState
 from socialbot.planning.pddl.validation import PlanEvent, PlanFault, validate_plan
 
 __all__ = [
-    "OBJECT",
-    "CausalOrder",
-    "Derivation",
-    "PddlAction",
-    "PddlDomain",
-    "PddlPlan",
-    "PddlProblem",
-    "PddlState",
-    "PlanEvent",
-    "PlanFault",
-    "PlanStep",
-    "Signature",
-    "causal_order",
-    "in_time",
-    "parse_plan",
-    "problem_text",
-    "read_domain",
-    "read_problem",
-    "validate_plan",
-]
+    "CausalOrder", "Derivation", "OBJECT", "PddlAction", "PddlDomain", "PddlPlan", "PddlProblem", "PddlState",
+    "PlanEvent", "PlanFault", "PlanStep", "Signature", "causal_order", "in_time", "parse_plan", "problem_text",
+    "read_domain", "read_problem", "validate_plan",
+]  # fmt: skip

@@ -4,13 +4,6 @@ from socialbot.planning.planners.engines import Kairos, Popf, Unified, make_plan
 from socialbot.planning.planners.planner import ChildPlanner, Planner, PlannerAnswer, PlannerLimits, PlannerVerdict
 
 __all__ = [
-    "ChildPlanner",
-    "Kairos",
-    "Planner",
-    "PlannerAnswer",
-    "PlannerLimits",
-    "PlannerVerdict",
-    "Popf",
-    "Unified",
+    "ChildPlanner", "Kairos", "Planner", "PlannerAnswer", "PlannerLimits", "PlannerVerdict", "Popf", "Unified",
     "make_planner",
-]
+]  # fmt: skip

@@ -44,7 +44,27 @@ _VERDICTS = {
 }
 
 
-class Kairos(ChildPlanner):
+class _ProgramPlanner(ChildPlanner):
+    """Planner program with limits; `_answer` interprets its output unless it was cancelled."""
+
+    def _run(self, search: SearchJob, command: list[str], memory_mb: int, grace_s: float = 0.0) -> PlannerAnswer:
+        limited = guarded(command, memory_mb, search.left_s * search.limits.threads + 2.0)
+        ended = run(limited, search.folder, search.left_s + grace_s, search.cancelled)
+        cancelled = PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
+        return replace(cancelled if ended.how == "cancelled" else self._answer(ended, search), seconds=ended.seconds)
+
+    def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
+        raise NotImplementedError
+
+    def _out_of_limits(self, ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer | None:
+        if ended.how == "late":
+            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} found no plan in {limits.timeout_s:g} s")
+        if any(word in ended.errors.lower() for word in ("bad_alloc", "out of memory", "memoryerror")):
+            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} found no plan in {limits.memory_mb} MB")
+        return None
+
+
+class Kairos(_ProgramPlanner):
     """Temporal and numeric planner; deterministic with one thread. Raises InstallationError if it is not installed.
 
     If its first plan is too long, a greedy search gets half of the time to find a shorter one. The default search of
@@ -76,23 +96,26 @@ class Kairos(ChildPlanner):
         return replace(found, seconds=answer.seconds + other.seconds)
 
     def _search(self, search: SearchJob, *options: str) -> PlannerAnswer:
-        left_s, limits = search.left_s, search.limits
+        limits = search.limits
         words = ["--format", "json", "--timeout", str(UNHURRIED_S), "--memory", str(limits.memory_mb)]
         solve = [self.command, "solve", DOMAIN_FILE, PROBLEM_FILE, *words, "--threads", str(limits.threads), *options]
-        command = guarded(solve, 2 * limits.memory_mb + THREAD_MB * limits.threads, left_s * limits.threads + 2.0)
-        ended = run(command, search.folder, left_s, search.cancelled)
-        return replace(self._answer(ended, search), seconds=ended.seconds)
+        return self._run(search, solve, 2 * limits.memory_mb + THREAD_MB * limits.threads)
 
     def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
-        if ended.how == "cancelled":
-            return PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
         plans = _plans(ended.output)
         if not plans:
-            return _without(ended, search.limits)
+            return self._without_plan(ended, search.limits)
         best = min(plans, key=lambda plan: plan.makespan_s)
         if search.limits.makespan_s is not None and not in_time(best, search.limits.makespan_s):
             return PlannerAnswer(PlannerVerdict.SOLVED, best)  # too long for the caller
         return self._checked(best, search)
+
+    def _without_plan(self, ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer:
+        late = replace(ended, how="late") if ended.code == 11 else ended
+        out = replace(late, errors="out of memory") if ended.code == 12 else late
+        verdict = _VERDICTS.get(ended.code, PlannerVerdict.FAILED)
+        message = f"kairos {ended.crash}" if verdict is PlannerVerdict.FAILED else f"kairos: {_reason(ended)}"
+        return self._out_of_limits(out, limits) or PlannerAnswer(verdict, message=message)
 
     def _checked(self, plan: PddlPlan, search: SearchJob) -> PlannerAnswer:
         """Return the plan if the validator of Kairos accepts it."""
@@ -139,17 +162,6 @@ def _seconds(number: float | None) -> float:
     return round(float(number or 0.0), 6)
 
 
-def _without(ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer:
-    if ended.how == "late" or ended.code == 11:
-        return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"kairos found no plan in {limits.timeout_s:g} s")
-    if ended.code == 12 or "bad_alloc" in ended.errors:
-        return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"kairos found no plan in {limits.memory_mb} MB")
-    verdict = _VERDICTS.get(ended.code, PlannerVerdict.FAILED)
-    if verdict is PlannerVerdict.FAILED:
-        return PlannerAnswer(verdict, message=f"kairos {ended.crash}")
-    return PlannerAnswer(verdict, message=f"kairos: {_reason(ended)}")
-
-
 def _reason(ended: ChildExit) -> str:
     """Return the first error or note without its code."""
     lines = [line.strip() for line in (ended.errors + ended.output).splitlines()]
@@ -161,7 +173,7 @@ _SOLUTION = re.compile(r"^;+ *Solution Found", re.MULTILINE | re.IGNORECASE)
 _STEP = re.compile(r"\s*[0-9.]+\s*:\s*\(")
 
 
-class Popf(ChildPlanner):
+class Popf(_ProgramPlanner):
     """POPF on the PATH, or at ``path``. Raises InstallationError if it is missing.
 
     It supports neither negative conditions nor derived predicates. It calls some solvable problems unsolvable, so this
@@ -182,28 +194,17 @@ class Popf(ChildPlanner):
 
     def search(self, search: SearchJob) -> PlannerAnswer:
         improve = [] if search.target_s is None else ["-n"]
-        left_s, limits = search.left_s, search.limits
-        command = guarded(
-            [self.command, *improve, DOMAIN_FILE, PROBLEM_FILE],
-            limits.memory_mb,
-            left_s * limits.threads + 2.0,
-        )
-        ended = run(command, search.folder, left_s, search.cancelled)
-        return replace(self._answer(ended, search.limits), seconds=ended.seconds)
+        command = [self.command, *improve, DOMAIN_FILE, PROBLEM_FILE]
+        return self._run(search, command, search.limits.memory_mb)
 
-    def _answer(self, ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer:
-        if ended.how == "cancelled":
-            return PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
+    def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
         plan = _last_plan(ended.output, whole=ended.how == "by itself")
         if plan is not None:
             return PlannerAnswer(PlannerVerdict.SOLVED, plan)
-        if ended.how == "late":
-            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"popf found no plan in {limits.timeout_s:g} s")
-        if "unsolvable" in ended.output.lower():
+        if ended.how != "late" and "unsolvable" in ended.output.lower():
             return PlannerAnswer(PlannerVerdict.GAVE_UP, message="popf says that there is no plan, which is no proof")
-        if "bad_alloc" in ended.errors or "out of memory" in ended.errors.lower():
-            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"popf found no plan in {limits.memory_mb} MB")
-        return PlannerAnswer(PlannerVerdict.FAILED, message=f"popf {ended.crash}")
+        failed = PlannerAnswer(PlannerVerdict.FAILED, message=f"popf {ended.crash}")
+        return self._out_of_limits(ended, search.limits) or failed
 
 
 def _last_plan(output: str, *, whole: bool) -> PddlPlan | None:
@@ -224,7 +225,7 @@ LIBRARIES_MB = 4000
 """Address space (MB) that the library reserves beside the memory of the engine."""
 
 
-class Unified(ChildPlanner):
+class Unified(_ProgramPlanner):
     """Engine of unified-planning by name. Raises InstallationError without the library.
 
     Its start takes one or two seconds of the timeout, and engines measure elapsed time. Its reader supports less of
@@ -244,24 +245,14 @@ class Unified(ChildPlanner):
     def search(self, search: SearchJob) -> PlannerAnswer:
         if search.target_s is not None:
             return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} does not search for shorter plans")
-        left_s, limits = search.left_s, search.limits
         worker = [sys.executable, "-m", "socialbot.planning.planners._unified_worker", self.engine]
-        command = guarded(
-            [*worker, DOMAIN_FILE, PROBLEM_FILE, f"{left_s:.3f}", ANSWER_FILE],
-            limits.memory_mb + LIBRARIES_MB,
-            left_s * limits.threads + 2.0,
-        )
-        ended = run(command, search.folder, left_s + GRACE_S, search.cancelled)
-        return replace(self._answer(ended, search), seconds=ended.seconds)
+        command = [*worker, DOMAIN_FILE, PROBLEM_FILE, f"{search.left_s:.3f}", ANSWER_FILE]
+        return self._run(search, command, search.limits.memory_mb + LIBRARIES_MB, GRACE_S)
 
     def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
-        limits = search.limits
-        if ended.how == "cancelled":
-            return PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
-        if ended.how == "late":
-            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} found no plan in {limits.timeout_s:g} s")
-        if "MemoryError" in ended.errors or "bad_alloc" in ended.errors:
-            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} found no plan in {limits.memory_mb} MB")
+        out = self._out_of_limits(ended, search.limits)
+        if out is not None:
+            return out
         if ended.code != 0:
             return PlannerAnswer(PlannerVerdict.FAILED, message=f"{self.name} {ended.crash}")
         return self._decoded(json.loads((search.folder / ANSWER_FILE).read_text("utf-8")))
