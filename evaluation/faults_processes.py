@@ -86,8 +86,8 @@ def process_name(pid: int) -> str:
         title = Path(f"/proc/{pid}/comm").read_text("utf-8").strip()
     except OSError:
         return ""
-    if "socialbot.runtime.fork_server_main" in words:
-        return "zygote" if title.startswith("python") else title
+    if "socialbot.runtime.fork_server" in words:
+        return "fork server" if title.startswith("python") else title
     arguments = words[words.index("socialbot") + 1 :] if "socialbot" in words else []
     if arguments[:1] == ["node"] and "--parent" in arguments:
         return arguments[arguments.index("--parent") - 1]

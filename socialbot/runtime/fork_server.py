@@ -1,48 +1,74 @@
-"""Where the processes of a graph come from: forks of a zygote, which start in a fraction of the time."""
+"""Start node processes as forks of a process that has imported their modules: they start in a fraction of the time.
+
+``python -m socialbot.runtime.fork_server FILE MODULE...`` is the server: it imports the modules and serves requests from
+file descriptor FILE until it breaks. It has neither threads nor rclpy, whose libraries start threads when they are
+loaded; a fork would lose them.
+
+Each fork is a child of the process that requested it, so it outlives the server and keeps its exit code.
+"""
 
 from __future__ import annotations
 
 import ctypes
+import gc
+import importlib
 import logging
 import os
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
 
 from socialbot.graph.node import Graph
-from socialbot.runtime.fork_server_main import Order
 from socialbot.runtime.processes import Process, blocked_signals, environment_of, start_process, until_parent_ends
+from socialbot.runtime.supervisor_channel import CHANNEL_VARIABLE
 
-log = logging.getLogger("socialbot.nursery")
+log = logging.getLogger("socialbot.fork_server")
 
 ANSWER_S = 30.0
-"""So long a zygote may take to import what it needs, and to fork."""
+"""Time limit for the imports of the server, and for a fork."""
 
-ZYGOTES = 3
-"""So many are tried before all processes are started without one."""
+MAX_SERVERS = 3
+"""Number of servers that are started; later processes start without one."""
 
-LOOK_AGAIN_S = 0.005
-LONGEST_ANSWER = 64
+POLL_S = 0.005
+MAX_ANSWER_BYTES = 64
+MAX_REQUEST_BYTES = 2**17
+
+# From the headers of Linux.
+PR_SET_NAME = 15
 PR_SET_CHILD_SUBREAPER = 36
-"""From Linux' headers."""
+
+
+@dataclass(frozen=True)
+class ForkRequest:
+    """A fork that runs ``socialbot *arguments`` under a process ``name`` with more environment ``variables``.
+
+    File descriptors come with it: the log, and the supervisor channel if there is one.
+    """
+
+    name: str
+    arguments: list[str]
+    variables: dict[str, str] = field(default_factory=dict)
 
 
 class Fork:
-    """A child of this process that something else has forked, as `subprocess.Popen` has its own."""
+    """A forked child of this process, with the interface of `subprocess.Popen`."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
         self._code: int | None = None
 
     def poll(self) -> int | None:
-        """Its exit code, minus the signal that ended it; None while it lives."""
+        """Return the exit code, or minus the signal that killed it; None while it runs."""
         if self._code is None:
             pid, status = os.waitpid(self.pid, os.WNOHANG)
             if pid:
@@ -50,49 +76,49 @@ class Fork:
         return self._code
 
     def wait(self, timeout: float | None = None) -> int:
-        """Waits for its exit code. Raises subprocess.TimeoutExpired after ``timeout`` s."""
+        """Wait for the exit code. Raises subprocess.TimeoutExpired after ``timeout`` s."""
         deadline = None if timeout is None else time.monotonic() + timeout
         while (code := self.poll()) is None:
             if deadline is not None and time.monotonic() > deadline:
                 raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
-            time.sleep(LOOK_AGAIN_S)
+            time.sleep(POLL_S)
         return code
 
     def send_signal(self, sig: int) -> None:
-        """Sends it a signal, if it lives."""
+        """Send a signal, if it still runs."""
         if self.poll() is None:
             os.kill(self.pid, sig)
 
     def kill(self) -> None:
-        """Kills it, if it lives."""
+        """Kill it, if it still runs."""
         self.send_signal(signal.SIGKILL)
 
 
 class ForkServer:
-    """Starts processes with nodes of ``graph``, whose logs lie in ``folder``; `close` when no more are needed.
+    """Starts processes with nodes of ``graph`` and logs in ``folder``; call `close` at the end.
 
-    What it has started outlives it, and its zygote. Where there can be no zygote, processes start as any program does.
+    Started processes outlive it. Without a working server they start as any program does.
     """
 
     def __init__(self, graph: Graph, folder: Path) -> None:
-        # Others may do anything when they are imported, threads included.
-        own = {placement.type.__module__ for placement in graph.placements}
-        self._modules = sorted(module for module in own if module.startswith("socialbot."))
+        # Modules of users may do anything when they are imported, such as starting threads.
+        modules = {config.type.__module__ for config in graph.placements}
+        self._modules = sorted(module for module in modules if module.startswith("socialbot."))
         self._folder = folder
-        self._left = ZYGOTES if sys.platform == "linux" else 0
-        self._zygote: subprocess.Popen[bytes] | None = None
-        self._line: socket.socket | None = None
+        self._servers_left = MAX_SERVERS if sys.platform == "linux" else 0
+        self._server: subprocess.Popen[bytes] | None = None
+        self._socket: socket.socket | None = None
 
     def prepare(self) -> None:
-        """Starts the zygote, which takes a while to be ready."""
-        if self._line is not None or not self._left:
+        """Start the server, which takes a while to be ready."""
+        if self._socket is not None or not self._servers_left:
             return
-        self._left -= 1
-        self._line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._line.settimeout(ANSWER_S)
+        self._servers_left -= 1
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.settimeout(ANSWER_S)
         with theirs, blocked_signals():
-            self._zygote = subprocess.Popen(
-                [sys.executable, "-m", "socialbot.runtime.fork_server_main", str(theirs.fileno()), *self._modules],
+            self._server = subprocess.Popen(
+                [sys.executable, "-m", "socialbot.runtime.fork_server", str(theirs.fileno()), *self._modules],
                 env=environment_of(self._folder),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -109,57 +135,135 @@ class ForkServer:
         variables: Mapping[str, str] | None = None,
         lifeline: int | None = None,
     ) -> Process:
-        """Starts ``socialbot *arguments``, as `start_process` does."""
+        """Start ``socialbot *arguments`` as `start_process` does."""
         self.prepare()
-        pid = self._order(arguments, log, variables or {}, lifeline)
+        pid = self._request(arguments, log, variables or {}, lifeline)
         return start_process(arguments, log, variables=variables, lifeline=lifeline) if pid is None else Fork(pid)
 
     @property
-    def zygote(self) -> int | None:
-        """The id of the zygote, if there is one."""
-        return None if self._zygote is None else self._zygote.pid
+    def server_pid(self) -> int | None:
+        """The process id of the server, if it runs."""
+        return None if self._server is None else self._server.pid
 
     def close(self) -> None:
-        """Ends the zygote."""
-        if self._zygote is not None:
-            self._zygote.kill()
-            self._zygote.wait()
-        if self._line is not None:
-            self._line.close()
-        self._zygote = self._line = None
+        """Stop the server."""
+        if self._server is not None:
+            self._server.kill()
+            self._server.wait()
+        if self._socket is not None:
+            self._socket.close()
+        self._server = self._socket = None
 
-    def _order(
+    def _request(
         self, arguments: list[str], file: Path, variables: Mapping[str, str], lifeline: int | None
     ) -> int | None:
-        """The id of a fork; None where there is no zygote any more."""
-        if self._line is None:
+        """Return the process id of a fork; None without a working server."""
+        if self._socket is None:
             return None
-        order = msgspec.json.encode(Order(file.stem, until_parent_ends(arguments), dict(variables)))
+        request = msgspec.json.encode(ForkRequest(file.stem, until_parent_ends(arguments), dict(variables)))
         with file.open("ab") as output:
             files = [output.fileno(), *([] if lifeline is None else [lifeline])]
             try:
-                with _adopting():
-                    socket.send_fds(self._line, [order], files)
-                    if answer := self._line.recv(LONGEST_ANSWER):
+                with _adopting_orphans():
+                    socket.send_fds(self._socket, [request], files)
+                    if answer := self._socket.recv(MAX_ANSWER_BYTES):
                         return int(answer)
-                error = "the zygote has ended"
+                error = "the fork server has stopped"
             except OSError as failure:
                 error = str(failure)
-        log.warning("%s is started without a zygote: %s", file.stem, error)
+        log.warning("%s starts without a fork server: %s", file.stem, error)
         self.close()
         return None
 
 
 @contextmanager
-def _adopting() -> Iterator[None]:
-    """Orphans beneath this process become its children. Raises OSError where that cannot be."""
-    _be_subreaper(True)
+def _adopting_orphans() -> Iterator[None]:
+    """Make orphaned descendants children of this process. Raises OSError if the kernel refuses."""
+    _set_subreaper(True)
     try:
         yield
     finally:
-        _be_subreaper(False)
+        _set_subreaper(False)
 
 
-def _be_subreaper(wanted: bool) -> None:
+def _set_subreaper(wanted: bool) -> None:
     if ctypes.CDLL(None, use_errno=True).prctl(PR_SET_CHILD_SUBREAPER, int(wanted), 0, 0, 0):
-        raise OSError(ctypes.get_errno(), "orphans cannot be adopted")
+        raise OSError(ctypes.get_errno(), "cannot adopt orphans")
+
+
+def main() -> None:
+    """Run the server."""
+    connection = socket.socket(fileno=int(sys.argv[1]))
+    for module in sys.argv[2:]:
+        importlib.import_module(module)
+    from socialbot.__main__ import prepare, run
+
+    prepare("node")
+    if threading.active_count() > 1 or "rclpy" in sys.modules:
+        sys.exit("there are threads, which forks would lose")
+    gc.collect()
+    gc.freeze()
+    if serve(connection):
+        run()
+
+
+def serve(connection: socket.socket) -> bool:
+    """Fork for each request. Returns True in a prepared fork, and False when the connection breaks."""
+    while True:
+        data, files, _, _ = socket.recv_fds(connection, MAX_REQUEST_BYTES, 2)
+        if not data:
+            return False
+        request = msgspec.json.decode(data, type=ForkRequest)
+        pid = fork_orphan()
+        if pid == 0:
+            connection.close()
+            prepare_fork(request, files)
+            return True
+        for file in files:
+            os.close(file)
+        connection.send(str(pid).encode())
+
+
+def fork_orphan() -> int:
+    """Fork a process that becomes a child of the adopting ancestor. Returns its id; in it, 0."""
+    reader, writer = os.pipe()
+    between = os.fork()
+    if between == 0:
+        parent = os.getpid()
+        try:
+            pid = os.fork()
+        except OSError:
+            os._exit(1)
+        if pid:
+            os.write(writer, str(pid).encode())
+            os._exit(0)
+        os.close(reader)
+        os.close(writer)
+        while os.getppid() == parent:
+            time.sleep(0.001)
+        return 0
+    os.close(writer)
+    os.waitpid(between, 0)
+    with open(reader, "rb") as pipe:
+        pid = pipe.read()
+    if not pid:
+        sys.exit("cannot fork")
+    return int(pid)
+
+
+def prepare_fork(request: ForkRequest, files: Sequence[int]) -> None:
+    """Give this fork its session, log, environment, arguments and name."""
+    os.setsid()
+    log_file, *channel = files
+    os.dup2(log_file, 1)
+    os.dup2(log_file, 2)
+    os.close(log_file)
+    os.environ.update(request.variables)
+    for file in channel:
+        os.environ[CHANNEL_VARIABLE] = str(file)
+    sys.argv = ["socialbot", *request.arguments]
+    ctypes.CDLL(None).prctl(PR_SET_NAME, request.name.encode(), 0, 0, 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -30,7 +30,7 @@ class Launch:
         self._folder = folder
         self._sim_time = sim_time
         self._composed = composed
-        self._nursery = ForkServer(graph, folder)
+        self._fork_server = ForkServer(graph, folder)
         self._processes: dict[str, Process] = {}
         self.exit_codes: dict[str, int] = {}
 
@@ -50,7 +50,7 @@ class Launch:
 
     def start(self, name: str, arguments: list[str]) -> Process:
         """Starts ``socialbot *arguments`` as the process ``name``, with its log in the folder."""
-        process = self._processes[name] = self._nursery.start(arguments, log_file(self._folder, name))
+        process = self._processes[name] = self._fork_server.start(arguments, log_file(self._folder, name))
         return process
 
     def check(self) -> None:
@@ -62,7 +62,7 @@ class Launch:
 
     def stop(self) -> None:
         """Ends all processes; then ``exit_codes`` holds how they ended."""
-        self._nursery.close()
+        self._fork_server.close()
         self.exit_codes.update(end_processes(self._processes))
 
     @property

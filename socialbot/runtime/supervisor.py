@@ -169,7 +169,7 @@ class Supervisor:
         self._rotation = rotation or Rotation()
         self._rotate_at = 0.0
         self._attended = math.inf
-        self._nursery = ForkServer(graph, folder)
+        self._fork_server = ForkServer(graph, folder)
         self._variables = variables
         self._file = folder / "graph.yaml"
         self._bring_up = BringUp((), self._activate, 0.0)
@@ -242,7 +242,7 @@ class Supervisor:
 
     def stop(self) -> None:
         """Ends all processes."""
-        self._nursery.close()
+        self._fork_server.close()
         end_processes({name: one.process for name, one in self.members.items() if one.process is not None})
         for member in self.members.values():
             self._part(member)
@@ -261,7 +261,7 @@ class Supervisor:
     def _start(self, member: Member) -> None:
         line, theirs = channel_pair()
         with theirs:
-            member.process = self._nursery.start(
+            member.process = self._fork_server.start(
                 node_arguments(self._file, member.nodes),
                 log_file(self._folder, member.name),
                 variables={
