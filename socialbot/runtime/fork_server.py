@@ -1,8 +1,8 @@
 """Start node processes as forks of a process that has imported their modules: they start in a fraction of the time.
 
-``python -m socialbot.runtime.fork_server FILE MODULE...`` is the server: it imports the modules and serves requests from
-file descriptor FILE until it breaks. It has neither threads nor rclpy, whose libraries start threads when they are
-loaded; a fork would lose them.
+``python -m socialbot.runtime.fork_server FILE MODULE...`` is the server. It imports the modules and serves requests
+from file descriptor FILE until that breaks. It has neither threads nor rclpy, whose libraries start threads when they
+are loaded; a fork would lose them.
 
 Each fork is a child of the process that requested it, so it outlives the server and keeps its exit code.
 """
