@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from socialbot.core.clock import SECOND
 from socialbot.runs.report import recorded
-from socialbot.runs.state import AgentMoment, HeadNow, Moment, Seen
+from socialbot.runs.state import AgentMind, DetectedPerson, HeadView, RunState
 
 SIZE = (720, 360)
 SCENE = (480, 360)
@@ -33,7 +33,7 @@ def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size)
 
 
-def frame(moment: Moment, jpeg: bytes, did: Sequence[str]) -> Image.Image:
+def frame(moment: RunState, jpeg: bytes, did: Sequence[str]) -> Image.Image:
     """The run at a moment: left what is seen and said, right what goes on in Waldo, and what he ``did``."""
     picture = Image.new("RGB", SIZE, PAPER)
     scene = Image.open(io.BytesIO(jpeg)).convert("RGB")
@@ -50,13 +50,13 @@ def frame(moment: Moment, jpeg: bytes, did: Sequence[str]) -> Image.Image:
     return picture
 
 
-def sights(moment: Moment) -> list[str]:
+def sights(moment: RunState) -> list[str]:
     """Who is seen, in words."""
     persons = moment.sight.persons if moment.sight else ()
     return [f"{person.track_id}, {person.distance_m:.1f} m away" for person in persons if person.distance_m is not None]
 
 
-def draw_person(canvas: Canvas, person: Seen, scale: float) -> None:
+def draw_person(canvas: Canvas, person: DetectedPerson, scale: float) -> None:
     """A box with id and distance."""
     left, top, right, bottom = (
         scale * value for value in (person.x, person.y, person.x + person.w, person.y + person.h)
@@ -68,7 +68,7 @@ def draw_person(canvas: Canvas, person: Seen, scale: float) -> None:
     canvas.text((left + 5, max(top - 19, 2)), text, font=font(13), fill="white")
 
 
-def draw_robot(canvas: Canvas, head: HeadNow | None) -> None:
+def draw_robot(canvas: Canvas, head: HeadView | None) -> None:
     """Waldo's face, below left in the scene; his eyes are wide while he follows somebody."""
     left, top = MARGIN, SCENE[1] - 68
     wide = 6 if head is not None and head.mode == "track" else 3
@@ -90,7 +90,7 @@ def draw_bubble(canvas: Canvas, text: str) -> None:
     canvas.text((left + 12, top + 10), text, font=font(18), fill=INK)
 
 
-def draw_mind(canvas: Canvas, at_s: float, agent: AgentMoment | None, seen: Sequence[str], did: Sequence[str]) -> None:
+def draw_mind(canvas: Canvas, at_s: float, agent: AgentMind | None, seen: Sequence[str], did: Sequence[str]) -> None:
     """What is seen, believed, wanted and done; what is new is marked."""
     x, y = SCENE[0] + MARGIN, MARGIN
     canvas.text((x, y), f"{at_s:.1f} s", font=font(15), fill=FADED)

@@ -18,7 +18,7 @@ from socialbot.core.process import Ending
 if TYPE_CHECKING:
     from socialbot.graph.node import Graph
     from socialbot.runs.record import RunTrace
-    from socialbot.runs.run import Office, Pictures
+    from socialbot.runs.run import CommandSender, ImageSource
     from socialbot.runs.serving import Serving
     from socialbot.runtime.live_run import LiveRun
 
@@ -65,7 +65,7 @@ def inspect(
 
 
 @contextmanager
-def attached(file: str, machine: str | None) -> Iterator[tuple[LiveRun, Office]]:
+def attached(file: str, machine: str | None) -> Iterator[tuple[LiveRun, CommandSender]]:
     """Observe the running graph that ``file`` describes; return its live run and the command client."""
     from socialbot.bridge.graph_observer import observe_graph
     from socialbot.core.clock import WallClock
@@ -97,7 +97,7 @@ def graph_of(file: str, machine: str | None) -> Graph:
 
 
 @contextmanager
-def client_node(graph: Graph) -> Iterator[tuple[Pictures | None, Office]]:
+def client_node(graph: Graph) -> Iterator[tuple[ImageSource | None, CommandSender]]:
     """Run a ROS node beside ``graph`` which receives camera images and sends requests to agents."""
     from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.inspection import CommandClient, LiveImages, live_image_topic
@@ -124,13 +124,13 @@ def watched(
     """
     from socialbot.runs.bag_images import pictures_of
     from socialbot.runs.report import recorded
-    from socialbot.runs.run import Shut
+    from socialbot.runs.run import NoCommands
     from socialbot.runs.serving import Address, serving, token_given
     from socialbot.runtime.live_run import LiveRun
 
     with ExitStack() as stack:
-        pictures: Pictures | None = None
-        office: Office = Shut(INLINE)
+        pictures: ImageSource | None = None
+        office: CommandSender = NoCommands(INLINE)
         if over_ros:
             pictures, office = stack.enter_context(client_node(graph))
         if bag is not None:

@@ -16,21 +16,22 @@ from socialbot.runs.run import Picture
 from socialbot.vision.images import as_jpeg
 
 KEPT = 300
-"""So many pictures that were asked for last are kept."""
+"""Size of the cache."""
 
 PATIENCE_S = 20.0
-"""So long a picture is waited for whose place in the bag is still looked for."""
+"""Limit for waiting for the index."""
 
 
 class BagPictures:
-    """The pictures of the topic ``topic`` of the bag at ``path``.
+    """Pictures of a topic of a bag.
 
-    Where they are in the bag is looked up by a thread, from the first on; whoever wants one that has not been come
-    upon yet waits. One thread may ask at a time.
+    A thread indexes the bag; requests for pictures that are not indexed yet wait. Only one thread may ask at a time.
+
+    Raises:
+        BagError: There is no such bag or topic.
     """
 
     def __init__(self, path: Path, topic: str) -> None:
-        """Raises BagError when there is no such bag or topic."""
         self._path = path
         self._topic = topic
         self._bag = open_bag(path)
@@ -44,7 +45,7 @@ class BagPictures:
         threading.Thread(target=self._look_up, name="pictures", daemon=True).start()
 
     def at(self, stamp: int) -> Picture | None:
-        """The newest picture that is not later than ``stamp`` (ns); None when there is none, or it is damaged."""
+        """Return the newest picture up to ``stamp`` (ns), unless it is damaged."""
         with self._found:
             self._found.wait_for(lambda: self._done or (self._stamps and self._stamps[-1] > stamp), PATIENCE_S)
             count = bisect_right(self._stamps, stamp)
@@ -55,7 +56,6 @@ class BagPictures:
         return None if jpeg is None else Picture(place.stamp, jpeg)
 
     def close(self) -> None:
-        """Closes the bag."""
         self._closed = True
         self._bag.close()
 
@@ -69,7 +69,6 @@ class BagPictures:
             return None
 
     def _look_up(self) -> None:
-        """Goes through the bag once, in a bag of its own: files are read at one place at a time."""
         try:
             with open_bag(self._path) as bag:
                 for place in bag.places(self._topic):
@@ -90,9 +89,10 @@ class BagPictures:
 
 @contextmanager
 def pictures_of(path: Path, topics: Collection[str]) -> Iterator[BagPictures | None]:
-    """The pictures of a bag as long as the block lasts: those of one of ``topics``; None when none has any.
+    """Open the pictures of the first of ``topics`` that has any.
 
-    Raises BagError.
+    Raises:
+        BagError: The bag cannot be opened.
     """
     with open_bag(path) as bag:
         found = next((topic.name for topic in bag.image_topics if topic.name in topics), None)

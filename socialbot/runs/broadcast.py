@@ -11,62 +11,58 @@ import msgspec
 
 from socialbot.core.clock import SECOND
 from socialbot.runs.narration import LogLine, told
-from socialbot.runs.run import Run, node_views
-from socialbot.runs.state import AgentMoment, Moment
+from socialbot.runs.run import RunView, node_views
+from socialbot.runs.state import AgentMind, RunState
 from socialbot.runs.timeline import Changed
 
 PERIOD_S = 0.1
 NODES_S = 1.0
-"""So often it is told how the nodes are."""
 
 QUIET_S = 5.0
-"""After so long without news a sign of life is sent, also while the run is being looked at: a page that hears none for
-three times as long takes the connection for lost."""
+"""Interval of keep-alive events; pages reconnect after three missing ones."""
 
 LONGEST_QUEUE = 50
-"""A page that has so much news waiting is sent away; it comes back and begins anew."""
+"""A page with more pending events is disconnected; it reconnects by itself."""
 
 MOST_LINES = 50
-"""So many lines of the log are told at once: nobody reads more of what passes by."""
 
 
 class News(msgspec.Struct, frozen=True):
-    """What is new: the moment, with those agents only that have changed; bars that are new or have changed; lines.
-
-    It began at ``began_s``, as in an `Overview`: a page may be older than the first record. What was before ``since_s``
-    is forgotten.
-    """
+    """Changes of a live run: state with the changed agents only, bars and log lines."""
 
     t: float
     began_s: float
     since_s: float
-    moment: Moment
+    moment: RunState
     bars: tuple[Changed, ...]
     log: tuple[LogLine, ...]
 
 
 Look = Callable[[Callable[[], Any]], Awaitable[Any]]
-"""Calls a function in the thread in which the run is looked at."""
+"""Calls a function in the thread of the run."""
 
 
 class Broadcast:
-    """Looks at the ``run`` as long as somebody listens; ``look`` calls a function in the run's thread.
+    """Sends the changes of ``run`` to all listening pages.
 
-    ``shut`` gives why nothing can be asked of agents, as `Office.shut`.
+    Args:
+        run: Returns the run.
+        shut: Returns why commands are refused.
+        look: Calls a function in the thread of the run.
     """
 
-    def __init__(self, run: Callable[[], Run], shut: Callable[[], str], look: Look) -> None:
+    def __init__(self, run: Callable[[], RunView], shut: Callable[[], str], look: Look) -> None:
         self._run = run
         self._shut = shut
         self._look = look
         self._pages: set[asyncio.Queue[bytes | None]] = set()
         self._task: asyncio.Task[None] | None = None
-        self._agents: dict[str, AgentMoment] = {}
+        self._agents: dict[str, AgentMind] = {}
         self._records = 0
-        self._last: Moment | None = None
+        self._last: RunState | None = None
 
     async def listen(self) -> AsyncIterator[bytes]:
-        """The events for one page, until it goes: first everything that holds, then what is new."""
+        """Yield the events for one page: the full state, then changes."""
         page: asyncio.Queue[bytes | None] = asyncio.Queue()
         run = self._run()
         yield _event("moment", await self._look(lambda: run.course.at(run.end)))
@@ -89,7 +85,7 @@ class Broadcast:
             self._pages.discard(page)
 
     def change(self) -> None:
-        """Tells every page that the run has ended, or is another one."""
+        """Tell all pages that the run has ended or changed."""
         for page in self._pages:
             page.put_nowait(_event("ended", {}))
             page.put_nowait(None)
@@ -97,7 +93,7 @@ class Broadcast:
         self._last = None
 
     async def close(self) -> None:
-        """Sends every page away."""
+        """Disconnect all pages."""
         for page in self._pages:
             page.put_nowait(None)
         if self._task is not None:
@@ -132,7 +128,7 @@ class Broadcast:
         return node_views(run, run.end)
 
     def _news(self) -> News | None:
-        """What is new since the last time; None when nothing is."""
+        """Return the changes since the last call, if there are any."""
         run = self._run()
         moment = run.course.at(run.end)
         changed = tuple(agent for agent in moment.agents if self._agents.get(agent.name) != agent)

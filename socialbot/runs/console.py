@@ -23,7 +23,7 @@ from socialbot.core.messages import (
 from socialbot.core.registry import phrases_of
 from socialbot.deliberation.messages import PlanExecutionInfo
 from socialbot.graph.node import Graph
-from socialbot.runs.narration import Narrator, Verb, Wording
+from socialbot.runs.narration import StoryNarrator, Verb, Wording
 
 _STYLES = {
     "sees": "cyan",
@@ -74,7 +74,7 @@ class Display:
         tells_story = any(node.type.deliberates for node in nodes)
         agents = [node.name for node in nodes]
         self._console = console
-        self._narrator = Narrator(Wording(phrases=phrases_of(graph))) if tells_story else None
+        self._narrator = StoryNarrator(Wording(phrases=phrases_of(graph))) if tells_story else None
         self._agent_styles = {name: _AGENT_STYLES[number % len(_AGENT_STYLES)] for number, name in enumerate(agents)}
         self._width = max(map(len, agents), default=0)
         self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None

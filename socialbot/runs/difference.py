@@ -10,8 +10,8 @@ import msgspec
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.history import History
-from socialbot.runs.narration import Teller
-from socialbot.runs.run import Told
+from socialbot.runs.narration import Narrator
+from socialbot.runs.run import RunRecords
 from socialbot.runs.why import Explanation, actions, explain
 
 DECIDED = frozenset(
@@ -32,15 +32,15 @@ DECIDED = frozenset(
         ),
     }
 )
-"""Kinds of records that are decisions, or tell what came of them."""
+"""Kinds of records that are decisions or their results."""
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """Two runs: how many decisions each has, and where they differ first, in words (empty when they do not).
+class DecisionComparison:
+    """Numbers of decisions of two runs, and their first difference in words.
 
-    They are ``exact`` when also all times and causes are the same; else every agent had the same desires and plans and
-    began the same steps, each in the same order.
+    The runs are ``exact`` if all times and causes are equal, too. Otherwise each agent had the same desires, plans and
+    steps in the same order.
     """
 
     recorded: int
@@ -50,12 +50,11 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """Whether the same was decided."""
         return not self.difference
 
     @property
     def told(self) -> str:
-        """In a sentence."""
+        """Return the comparison as a sentence."""
         if self.difference:
             return f"Decisions differ from the recorded ones: {self.difference}"
         if self.exact:
@@ -63,15 +62,15 @@ class Comparison:
         return "All desires, plans and steps are those that were recorded, in the same order."
 
 
-def compare(recorded: Iterable[TraceRecord], replayed: Iterable[TraceRecord]) -> Comparison:
-    """Compares the decisions of two runs."""
+def compare(recorded: Iterable[TraceRecord], replayed: Iterable[TraceRecord]) -> DecisionComparison:
+    """Compare the decisions of two runs."""
     first = [record for record in recorded if record.kind in DECIDED]
     second = [record for record in replayed if record.kind in DECIDED]
     difference = ""
     for agent in sorted({record.source for record in (*first, *second)}):
         for kinds in _LINES:
             difference = difference or _difference(agent, _line(first, agent, kinds), _line(second, agent, kinds))
-    return Comparison(len(first), len(second), first == second, difference)
+    return DecisionComparison(len(first), len(second), first == second, difference)
 
 
 _LINES = (
@@ -79,7 +78,7 @@ _LINES = (
     frozenset({"plan_start", "plan_end"}),
     frozenset({"step"}),
 )
-"""Kinds whose order within an agent is the same, whatever others do meanwhile."""
+"""Kinds whose order within an agent does not depend on other agents."""
 
 
 def _line(records: list[TraceRecord], agent: str, kinds: frozenset[str]) -> list[str]:
@@ -103,11 +102,11 @@ def _difference(agent: str, first: list[str], second: list[str]) -> str:
 
 DECISIONS = DECIDED - {"action", "said", "action_end"} | {"action", "utterance"}
 NEAR_PIXELS = 0.5
-"""Boxes that differ by less are the same: detectors round differently from machine to machine."""
+"""Smaller differences of boxes come from rounding on other machines."""
 
 
 class Setting(msgspec.Struct, frozen=True):
-    """A parameter or version, and what it is in each of the runs; None where a run does not have it."""
+    """Parameter or version in each of two runs; None where a run lacks it."""
 
     name: str
     first: Any
@@ -115,7 +114,7 @@ class Setting(msgspec.Struct, frozen=True):
 
 
 class Side(msgspec.Struct, frozen=True):
-    """A decision in one of the runs, with what led to it; None where this run decides nothing more."""
+    """Decision of one of the runs with its causes; None if it decides nothing more."""
 
     run: str
     at_s: float | None
@@ -123,7 +122,7 @@ class Side(msgspec.Struct, frozen=True):
 
 
 class Parting(msgspec.Struct, frozen=True):
-    """The first of some records that differ: what each run tells instead (empty: nothing more), and when (s)."""
+    """First different record of a kind in each run, with its time (s); empty if there is none."""
 
     what: str
     first: str
@@ -133,10 +132,10 @@ class Parting(msgspec.Struct, frozen=True):
 
 
 class Difference(msgspec.Struct, frozen=True):
-    """Two runs beside each other; they are the ``same`` when all decisions are, in what and when.
+    """Comparison of two runs, which are the ``same`` if all decisions and their times are equal.
 
-    ``counts`` are so many records of each kind in both. ``number`` is that of the first decision that differs;
-    ``causes`` say where the detections, and the beliefs of agents, part first.
+    ``counts`` holds the numbers of records by kind, ``number`` that of the first different decision. ``causes`` tells
+    where detections and beliefs differ first.
     """
 
     same: bool
@@ -151,7 +150,7 @@ class Difference(msgspec.Struct, frozen=True):
     causes: tuple[Parting, ...] = ()
 
     def text(self) -> Iterator[str]:
-        """In words, line by line."""
+        """Yield the comparison line by line."""
         first, second = self.runs
         if self.same:
             yield f"Both runs decide the same, at the same times: {self.decisions[0]} decisions."
@@ -180,8 +179,8 @@ class Difference(msgspec.Struct, frozen=True):
                 yield f"  {kind}: {one} | {other}"
 
 
-def difference(first: Told, second: Told) -> Difference:
-    """Compares two runs, agent by agent: what does not depend on each other may come in any order."""
+def difference(first: RunRecords, second: RunRecords) -> Difference:
+    """Compare two runs agent by agent; independent agents may act in any order."""
     runs = _names(first, second)
     decided = [_decisions(run.history) for run in (first, second)]
     found = _first_decision(first.history, second.history, *decided)
@@ -211,7 +210,6 @@ def _decisions(history: History) -> list[TraceRecord]:
 def _first_decision(
     first: History, second: History, ours: Sequence[TraceRecord], theirs: Sequence[TraceRecord]
 ) -> Decision | None:
-    """The first decision that differs, by its time in either run."""
     found: list[tuple[float, Decision]] = []
     for agent in dict.fromkeys(_agent(first, each) for each in ours) | dict.fromkeys(_agent(second, e) for e in theirs):
         one = [each for each in ours if _agent(first, each) == agent]
@@ -227,7 +225,7 @@ def _first_decision(
 
 
 def _agent(history: History, record: TraceRecord) -> str:
-    """Who decided it: what is said on a topic, somebody has decided to say."""
+    """Return the agent behind a decision; utterances have a topic as their source."""
     if record.kind != "utterance":
         return record.source
     cause = history.cause(record)
@@ -235,7 +233,6 @@ def _agent(history: History, record: TraceRecord) -> str:
 
 
 def _essence(record: TraceRecord) -> tuple[Any, ...]:
-    """What was decided, without ids and times."""
     detail = record.detail
     steps = tuple(detail.get("steps", ())) if record.kind == "plan_start" else ()
     return record.kind, record.what, str(detail.get("outcome", "")), str(detail.get("reason", "")), steps
@@ -245,14 +242,13 @@ def _alike(first: History, second: History, one: TraceRecord, other: TraceRecord
     return _essence(one) == _essence(other) and first.seconds(one.stamp) == second.seconds(other.stamp)
 
 
-def _side(name: str, run: Told, record: TraceRecord | None) -> Side:
+def _side(name: str, run: RunRecords, record: TraceRecord | None) -> Side:
     if record is None:
         return Side(name, None, None)
     return Side(name, run.history.seconds(record.stamp), explain(run.history, run.wording, record))
 
 
-def _partings(first: Told, second: Told, agent: str) -> Iterator[Parting]:
-    """Where what is seen, and what the agent believes, differs first."""
+def _partings(first: RunRecords, second: RunRecords, agent: str) -> Iterator[Parting]:
     wanted: list[tuple[str, Callable[[TraceRecord], bool], Callable[[TraceRecord], Any]]] = [
         ("detections", lambda each: each.kind == "detection", _boxes),
         (
@@ -271,8 +267,8 @@ def _partings(first: Told, second: Told, agent: str) -> Iterator[Parting]:
 
 
 def _first_parting(
-    first: Told,
-    second: Told,
+    first: RunRecords,
+    second: RunRecords,
     ours: Sequence[TraceRecord],
     theirs: Sequence[TraceRecord],
     essence: Callable[[TraceRecord], Any],
@@ -288,40 +284,39 @@ def _first_parting(
 
 
 def _boxes(record: TraceRecord) -> Any:
-    """The people of a frame, to the pixel."""
     return [
         (one.get("track_id"), *(round(float(one[side]) / NEAR_PIXELS) for side in "xywh"))
         for one in record.detail.get("persons", ())
     ]
 
 
-def _said(run: Told, record: TraceRecord | None) -> str:
-    return "" if record is None else Teller(run.history, run.wording).clause(record).told()
+def _said(run: RunRecords, record: TraceRecord | None) -> str:
+    return "" if record is None else Narrator(run.history, run.wording).clause(record).told()
 
 
-def _time(run: Told, record: TraceRecord | None) -> float | None:
+def _time(run: RunRecords, record: TraceRecord | None) -> float | None:
     return None if record is None else run.history.seconds(record.stamp)
 
 
 # What is around it
 
 
-def _names(first: Told, second: Told) -> tuple[str, str]:
+def _names(first: RunRecords, second: RunRecords) -> tuple[str, str]:
     if first.title != second.title:
         return first.title, second.title
     return f"{first.title} (1)", f"{second.title} (2)"
 
 
-def _count(kind: str, first: Told, second: Told) -> tuple[int, int]:
+def _count(kind: str, first: RunRecords, second: RunRecords) -> tuple[int, int]:
     one, other = (sum(record.kind == kind for record in run.history) for run in (first, second))
     return one, other
 
 
 SETTINGS = ("graph", "runner", "composed", "parameters", "versions")
-"""What of results.json says how it was run."""
+"""Keys of results.json that describe how a run was made."""
 
 PLACES = ("folder", "mind_file", "memory_file")
-"""Parameters that say where a run keeps its files: no two have the same."""
+"""Parameters that name files of a run."""
 
 
 def _settings(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[Setting]:

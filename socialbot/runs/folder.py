@@ -20,24 +20,27 @@ from socialbot.graph.status import NodeStatus
 from socialbot.runs.history import History
 from socialbot.runs.narration import Wording
 from socialbot.runs.plan_trees import PlanTree, trees_at
-from socialbot.runs.record import DIAGNOSTICS, SCORED, SEEN, TRACE, NodeTold
-from socialbot.runs.run import GraphView, NodesThen, Picture, Pictures, graph_view
-from socialbot.runs.state import Course
+from socialbot.runs.record import DIAGNOSTICS, SCORED, SEEN, TRACE, NodeReport
+from socialbot.runs.run import GraphView, ImageSource, NodeHistory, Picture, graph_view
+from socialbot.runs.state import StateIndex
 from socialbot.runs.timeline import Timeline, timeline_of
 from socialbot.vision.metrics.scores import ScoredFrame
 
 T = TypeVar("T")
 RUNS = Path("runs")
-"""Where runs are kept that are not told otherwise."""
+"""Default folder of runs."""
 
 
 class RecordedRun:
-    """A run that was recorded in ``folder``. ``damage`` says what of it could not be read."""
+    """Run in a folder. ``damage`` lists unreadable parts.
+
+    Raises:
+        RunError: The folder holds no run.
+    """
 
     live = False
 
-    def __init__(self, folder: Path, pictures: Pictures | None = None) -> None:
-        """Raises RunError when the folder holds no run."""
+    def __init__(self, folder: Path, pictures: ImageSource | None = None) -> None:
         self.folder = folder
         self.damage: list[str] = []
         self.results: Mapping[str, Any] = self._results()
@@ -47,7 +50,7 @@ class RecordedRun:
         self.history = History(self._records(folder / TRACE), start=start if isinstance(start, int) else None)
         self.wording = wording_of(self._graph)
         self._world: WorldView | None = None if self._graph is None else world_view_of(self._graph)
-        self._nodes = NodesThen([each.name for each in self._graph.placements] if self._graph else [])
+        self._nodes = NodeHistory([each.name for each in self._graph.placements] if self._graph else [])
         self._read_seen()
         path = folder / SCORED
         self.scored: list[ScoredFrame] = list(self._lines(path, ScoredFrame)) if path.is_file() else []
@@ -55,55 +58,51 @@ class RecordedRun:
 
     @property
     def title(self) -> str:
-        """The name of the graph, and of the bag that was replayed, or of the folder."""
+        """Name of the graph, and of the bag or folder."""
         bag = self.results.get("bag", {}).get("path")
         graph = str(self.results.get("graph") or (self._graph.name if self._graph else ""))
         return ": ".join(filter(None, (graph.capitalize(), Path(bag).name if bag else self.folder.resolve().name)))
 
     @property
     def end(self) -> int:
-        """The stamp (ns) of the last record."""
         return self.history.end
 
     @property
     def described(self) -> Graph | None:
-        """The graph that ran, where the record tells."""
+        """Graph of the run, if recorded."""
         return self._graph
 
     @property
     def stage(self) -> WorldView | None:
-        """The world of the agents, as far as it was seen; None where there is none to tell of."""
+        """World view of the run, if it has one."""
         return self._world
 
     @property
     def health(self) -> list[tuple[float, Health]]:
-        """What nodes said of their health, each time it changed, and when (s from the start)."""
+        """Changes of node health with their times (s)."""
         return self._nodes.health
 
     @property
-    def told(self) -> Mapping[str, Sequence[tuple[float, NodeTold]]]:
-        """What each node told of itself on /diagnostics, and when (s from the start), in order."""
+    def told(self) -> Mapping[str, Sequence[tuple[float, NodeReport]]]:
+        """Diagnostics of each node with their times (s)."""
         return self._nodes.told
 
     @property
     def sees(self) -> bool:
-        """Whether its pictures are at hand."""
         return self._pictures is not None
 
     @property
-    def course(self) -> Course:
-        """What held when."""
+    def course(self) -> StateIndex:
         return self._course
 
     @cached_property
-    def _course(self) -> Course:
-        course = Course(self.history, self.wording)
+    def _course(self) -> StateIndex:
+        course = StateIndex(self.history, self.wording)
         course.prepare()
         return course
 
     @property
     def timeline(self) -> Timeline:
-        """Everything as bars."""
         return self._timeline
 
     @cached_property
@@ -111,24 +110,19 @@ class RecordedRun:
         return timeline_of(self.history, self.wording)
 
     def picture(self, stamp: int) -> Picture | None:
-        """What the camera saw at ``stamp`` (ns), where its pictures are at hand."""
         return None if self._pictures is None else self._pictures.at(stamp)
 
     def world(self, stamp: int) -> str | None:
-        """The floor or the ward at ``stamp`` (ns) as SVG."""
         return self._world.picture(stamp, "") if self._world else None
 
     def trees(self, stamp: int) -> tuple[PlanTree, ...]:
-        """The plans of the agents at ``stamp`` (ns)."""
         return trees_at(self.history, stamp, self.wording)
 
     def nodes(self, stamp: int) -> tuple[NodeStatus, ...]:
-        """How the nodes were at ``stamp`` (ns), as far as the record tells."""
         fates: Mapping[str, Any] = self.results.get("nodes", {})
         return () if self._graph is None else self._nodes.at(self.history.seconds(stamp), fates)
 
     def graph(self) -> GraphView:
-        """The nodes, and how they are connected; empty where the record does not tell."""
         return GraphView() if self._graph is None else graph_view(self._graph, self._nodes.machines)
 
     # What is read
@@ -166,20 +160,20 @@ class RecordedRun:
         path = self.folder / SEEN
         if self._graph is None or not path.is_file():
             return
-        kinds = {**self._graph.topics(), DIAGNOSTICS: NodeTold}
+        kinds = {**self._graph.topics(), DIAGNOSTICS: NodeReport}
         for line in self._lines(path, _Line):
             kind = kinds.get(line.topic)
             if kind is not None:
                 self._see(msgspec.json.decode(line.message, type=kind))
 
-    def _see(self, message: Message | NodeTold) -> None:
-        if isinstance(message, NodeTold | Health):
+    def _see(self, message: Message | NodeReport) -> None:
+        if isinstance(message, NodeReport | Health):
             self._nodes.take(self.history.seconds(message.stamp), message)
         elif self._world is not None:
             self._world.take(message)
 
     def _lines(self, path: Path, kind: type[T]) -> Iterator[T]:
-        """The lines of a file and its older parts; one that cannot be read is noted, but for one that was cut off."""
+        """Yield the lines of a file and its older parts; unreadable ones are noted, except for a cut-off last line."""
         decoder = msgspec.json.Decoder(kind)
         for part in parts(path):
             try:
@@ -201,7 +195,7 @@ class _Line(msgspec.Struct):
 
 
 def wording_of(graph: Graph | None) -> Wording:
-    """How a run of ``graph`` calls things: an agent as people call it, unless several are called so."""
+    """Return the names and phrases for a graph; nodes that share a display name keep their own."""
     placements = graph.placements if graph is not None else ()
     called = {each.name: each.type.display_name for each in placements}
     count = Counter(called.values())
@@ -209,16 +203,21 @@ def wording_of(graph: Graph | None) -> Wording:
     return Wording(names, phrases_of(graph))
 
 
-def open_run(folder: Path, pictures: Pictures | None = None) -> RecordedRun:
-    """The run that was recorded in ``folder``; its ``pictures`` are handed in by who can read its bag.
+def open_run(folder: Path, pictures: ImageSource | None = None) -> RecordedRun:
+    """Open the run in ``folder``; unreadable parts are skipped and listed in ``damage``.
 
-    Raises RunError when there is none. What is damaged is left out, and said in ``damage``.
+    Raises:
+        RunError: The folder holds no run.
     """
     return RecordedRun(folder, pictures)
 
 
 def newest_run(folder: Path = RUNS) -> Path:
-    """The folder of the run below ``folder`` that was written to last. Raises RunError when there is none."""
+    """Return the folder of the latest run below ``folder``.
+
+    Raises:
+        RunError: There is no run.
+    """
     found = list(folder.glob(f"*/{TRACE}"))
     if not found:
         raise RunError("there is no run yet", where=str(folder), remedy="give the folder of a run")

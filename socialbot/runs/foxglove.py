@@ -29,7 +29,7 @@ from socialbot.runs.standard_messages import (
     mounting_of,
     neck_of,
 )
-from socialbot.runs.streams import Sentence, beats, detections_of, minds_of, poses_of, sentences_of
+from socialbot.runs.streams import EventSentence, beats, detections_of, minds_of, poses_of, sentences_of
 
 ANNOTATIONS = "/humans/bodies/image_annotations"
 DETECTIONS = "/humans/bodies/detections"
@@ -43,17 +43,21 @@ _OK, _WARNING, _ERROR = 0, 1, 2
 _LEVELS = {"ok": _OK, "": _OK, "paused": _WARNING, "waiting": _WARNING, "degraded": _WARNING, "ended": _WARNING}
 
 Item = tuple[int, str, Any]
-"""A time (ns), a topic and a ROS message or one of socialbot."""
+"""Time (ns), topic and message."""
 
 
 def export_foxglove(run: RecordedRun, bag: Bag | None, out: Path) -> dict[str, int]:
-    """Writes ``run``, with the pictures of its ``bag``, to the new file ``out``; returns the messages by topic.
+    """Write a run and the pictures of its bag to a new file.
 
-    Raises BagError when the file exists or cannot be written, or the bag is broken.
+    Returns:
+        The numbers of messages by topic.
+
+    Raises:
+        BagError: The file exists or cannot be written, or the bag is damaged.
     """
     if out.exists():
         raise BagError("already exists", where=str(out), remedy="give another name, or remove it first")
-    show = _Show(run, "" if bag is None else _picture_frame(bag))
+    show = _FoxgloveExport(run, "" if bag is None else _picture_frame(bag))
     streams = [
         sorted(stream, key=itemgetter(0))
         for stream in (show.people(), show.log(), show.minds(), show.head(), show.diagnostics())
@@ -84,7 +88,6 @@ def _pictures(bag: Bag) -> Iterator[Item]:
 
 
 def _picture_frame(bag: Bag) -> str:
-    """The frame that the pictures are in; empty when there are none."""
     (topic, *_) = bag.image_topics
     for _, picture in bag.messages({topic.name: topic.name}):
         assert isinstance(picture, CompressedImage | Image)
@@ -92,8 +95,8 @@ def _picture_frame(bag: Bag) -> str:
     return ""
 
 
-class _Show:
-    """Makes the messages of ``run``, with pictures in ``frame`` (empty: what the graph says)."""
+class _FoxgloveExport:
+    """Converts a run to ROS messages, with pictures in ``frame`` (empty: as in the graph)."""
 
     def __init__(self, run: RecordedRun, frame: str) -> None:
         self.types = RosbagsTypes()
@@ -187,7 +190,7 @@ class _Show:
             "foxglove_msgs/msg/ImageAnnotations", timestamp=time, circles=[], points=boxes, texts=texts, metadata=[]
         )
 
-    def _log(self, sentence: Sentence) -> Any:
+    def _log(self, sentence: EventSentence) -> Any:
         return self.types.make(
             "rcl_interfaces/msg/Log",
             stamp=self._standard.time(sentence.stamp),

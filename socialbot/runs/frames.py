@@ -16,7 +16,7 @@ from socialbot.core.messages import PersonDetection, TraceRecord
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.frozen import encoded
 from socialbot.runs.pages import Chart, Series, part
-from socialbot.runs.run import Run
+from socialbot.runs.run import RunView
 from socialbot.vision.metrics.scores import Score, ScoredFrame
 from socialbot.vision.metrics.truth import TruthPerson
 
@@ -65,7 +65,7 @@ class Still:
     caption: str
 
 
-def turning_points(run: Run) -> list[Shot]:
+def turning_points(run: RunView) -> list[Shot]:
     """Return the frames that led to speech, and those with the first, the most and the last persons, by time."""
     chosen: list[Shot] = []
     for shot in (*islice(_before_speech(run), MAX_SPEECH_FRAMES), *_first_most_last(run)):
@@ -75,13 +75,13 @@ def turning_points(run: Run) -> list[Shot]:
     return sorted(chosen, key=lambda shot: shot.detection.stamp)
 
 
-def shot_at(run: Run, stamp: int, why: str) -> list[Shot]:
+def shot_at(run: RunView, stamp: int, why: str) -> list[Shot]:
     """Return the newest frame at ``stamp`` (ns), if there is one."""
     detection = _last_detection(run, stamp)
     return [] if detection is None else [Shot(detection, why)]
 
 
-def stills(run: Run, shots: Sequence[Shot]) -> Markup:
+def stills(run: RunView, shots: Sequence[Shot]) -> Markup:
     """Return the pictures of ``shots`` with the detected persons; those without a picture are left out."""
     return part("frames", [still for shot in shots if (still := _still(run, shot)) is not None])
 
@@ -170,19 +170,19 @@ class Perception:
         return f"{self.run.history.seconds(frame.stamp):.2f} s: {', '.join(filter(None, parts))}"
 
 
-def _still(run: Run, shot: Shot) -> Still | None:
+def _still(run: RunView, shot: Shot) -> Still | None:
     stamp = shot.detection.stamp
     boxes = [_detected(person) for person in shot.detection.detail.get("persons", ())]
     return _still_of(run, stamp, boxes, f"{run.history.seconds(stamp):.2f} s: {shot.why}")
 
 
-def _still_of(run: Run, stamp: int, boxes: Sequence[LabelledBox], caption: str) -> Still | None:
+def _still_of(run: RunView, stamp: int, boxes: Sequence[LabelledBox], caption: str) -> Still | None:
     picture = run.picture(stamp)
     small = None if picture is None else encoded(picture.jpeg)
     return None if small is None else Still(*small, boxes, caption)
 
 
-def _first_most_last(run: Run) -> Iterator[Shot]:
+def _first_most_last(run: RunView) -> Iterator[Shot]:
     seen = [record for record in run.history if record.kind == "detection" and record.detail.get("persons")]
     if seen:
         most = max(seen, key=lambda record: len(record.detail["persons"]))
@@ -192,7 +192,7 @@ def _first_most_last(run: Run) -> Iterator[Shot]:
         yield Shot(seen[-1], "last person in view")
 
 
-def _before_speech(run: Run) -> Iterator[Shot]:
+def _before_speech(run: RunView) -> Iterator[Shot]:
     for record in run.history:
         if record.kind == "utterance":
             frame = next((each for each in run.history.chain(record) if each.kind == "detection"), None)
@@ -201,7 +201,7 @@ def _before_speech(run: Run) -> Iterator[Shot]:
                 yield Shot(frame, f"leads to “{record.what}”")
 
 
-def _last_detection(run: Run, stamp: int) -> TraceRecord | None:
+def _last_detection(run: RunView, stamp: int) -> TraceRecord | None:
     until = run.history.until(stamp)
     before = reversed(run.history.part(max(until - LOOKBACK_RECORDS, 0), until))
     return next((record for record in before if record.kind == "detection"), None)

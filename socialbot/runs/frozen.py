@@ -16,7 +16,7 @@ from socialbot.core.registry import WorldView
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.narration import told
 from socialbot.runs.plan_trees import PlanTrees
-from socialbot.runs.run import Shut, node_views, overview
+from socialbot.runs.run import NoCommands, node_views, overview
 from socialbot.runs.why import actions, considered, explain
 
 MAX_RECORDS = 20_000
@@ -50,7 +50,7 @@ def frozen(run: RecordedRun, world: WorldView | None, stamps: Iterable[int], shu
     records = history.part(max(0, len(history) - MAX_RECORDS), len(history))
     begin = records[0].stamp if len(records) < len(history) else history.start
     pictures = _pictures(run, stamps, records)
-    shown = overview(run, Shut(shut))
+    shown = overview(run, NoCommands(shut))
     has = msgspec.structs.replace(shown.has, pictures=bool(pictures), world=world is not None and bool(world))
     content = {
         "run": msgspec.structs.replace(shown, has=has, results={}, since_s=history.seconds(begin)),

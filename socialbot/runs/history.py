@@ -15,20 +15,22 @@ if TYPE_CHECKING:
 
 
 OF_TOPICS = frozenset({"detection", "utterance", "speech", "head", "motion"})
-"""Kinds of records whose source is a topic; that of all others is an agent."""
+"""Kinds of records whose source is a topic; the source of all others is an agent."""
 
 LONGEST_CHAIN = 1000
-"""So many links of a chain of causes are followed at most: who goes on from what it did last may do so for days."""
+"""Limit for chains of causes: an agent may continue from its last action for days."""
 
 
 REMEMBERED_CHAIN = 20
-"""So many links of it are kept of what still goes on when what was long ago is forgotten, and actions of a plan."""
+"""Links and actions of a plan that are kept for current items when older records are dropped."""
 
 
 class History:
-    """The records of a run by time, those of the same stamp in the order in which they came. It may grow.
+    """Records of a run in time order; records with the same stamp keep their order of arrival. It may grow.
 
-    ``start`` is the stamp (ns) that times in seconds are counted from; by default that of the first record.
+    Args:
+        records: The first records.
+        start: Stamp (ns) of 0 s; that of the first record by default.
     """
 
     def __init__(self, records: Iterable[TraceRecord] = (), *, start: int | None = None) -> None:
@@ -46,7 +48,7 @@ class History:
             self.append(record)
 
     def append(self, record: TraceRecord) -> None:
-        """Takes one more record: the next one, or one that comes late."""
+        """Add a record, which may be late."""
         if self._start is None:
             self._start = record.stamp
         if not self._stamps or record.stamp >= self._stamps[-1]:
@@ -62,9 +64,9 @@ class History:
             self._agents[record.source] = None
 
     def forget(self, count: int, still: Iterable[str] = ()) -> None:
-        """Forgets the first ``count`` records, and which ones came late. Agents and the start of time stay known.
+        """Drop the first ``count`` records.
 
-        Of what is ``still`` so, by the ids of its records, it remains known what led to it and what it has come to.
+        Causes and latest effects of the records with the ids ``still`` are kept.
         """
         roots = [record for record in map(self.find, still) if record is not None]
         kept = {id(record): record for root in roots for record in (*self._nearest(root), *self._newest(root))}
@@ -80,19 +82,15 @@ class History:
             self._refer(each)
 
     def hide(self, stamp: int) -> None:
-        """From now on what was before ``stamp`` (ns) is not told of, though some of its records may still be there."""
+        """Hide everything before ``stamp`` (ns), also records that are still stored."""
         if self._start is not None:
             self._since = max(self._since, stamp)
 
     def _nearest(self, record: TraceRecord) -> Iterator[TraceRecord]:
-        """A record and the first links of what led to it."""
         return islice((record, *self.before(record)), REMEMBERED_CHAIN)
 
     def _newest(self, record: TraceRecord) -> Iterator[TraceRecord]:
-        """What a record has come to: of its effects the newest, of the effects of that the newest and so on.
-
-        Of a plan these are several, as its actions may go on side by side.
-        """
+        """Yield the latest effect, its latest effect and so on; of a plan several, as its actions may be parallel."""
         for _ in range(REMEMBERED_CHAIN):
             effects = [effect for effect in self.effects(record) if effect.kind not in OF_TOPICS]
             if not effects:
@@ -116,73 +114,69 @@ class History:
 
     @property
     def agents(self) -> tuple[str, ...]:
-        """The agents, in the order in which they appear."""
+        """Names of the agents in order of appearance."""
         return tuple(self._agents)
 
     @property
     def start(self) -> int:
-        """The stamp (ns) at which time begins."""
+        """Stamp (ns) of 0 s."""
         return self._start or 0
 
     @property
     def forgotten(self) -> int:
-        """How many records are forgotten."""
+        """Number of dropped records."""
         return self._forgotten
 
     @property
     def since(self) -> int:
-        """The stamp (ns) since when all is known: the start, as long as nothing is forgotten."""
+        """Stamp (ns) from which the history is complete."""
         return max(self._since, self.start)
 
     @property
     def end(self) -> int:
-        """The stamp (ns) of the last record."""
+        """Stamp (ns) of the last record."""
         return self._stamps[-1] if self._stamps else self.start
 
     @property
     def duration_s(self) -> float:
-        """From the start to the last record (s)."""
         return self.seconds(self.end)
 
     def seconds(self, stamp: int) -> float:
-        """A stamp (ns) as s from the start, to the microsecond."""
+        """Convert a stamp (ns) to seconds from the start, to the microsecond."""
         return round((stamp - self.start) / SECOND, 6)
 
     def stamp(self, seconds: float) -> int:
-        """A time in s from the start as a stamp (ns)."""
+        """Convert seconds from the start to a stamp (ns)."""
         return self.start + nanoseconds(seconds)
 
     def until(self, stamp: int) -> int:
-        """How many records are not later than ``stamp`` (ns)."""
+        """Return the number of records up to ``stamp`` (ns)."""
         return bisect_right(self._stamps, stamp)
 
     def between(self, begin: int, end: int) -> Sequence[TraceRecord]:
-        """The records from ``begin`` to ``end`` (ns), both included."""
+        """Return the records from ``begin`` to ``end`` (ns), inclusive."""
         return self._records[bisect_left(self._stamps, begin) : bisect_right(self._stamps, end)]
 
     def back(self, begin: int, end: int) -> Iterator[TraceRecord]:
-        """The records from ``end`` back to ``begin`` (ns), both included, one by one."""
+        """Yield the records from ``end`` back to ``begin`` (ns), inclusive."""
         first = bisect_left(self._stamps, begin)
         return (self._records[place] for place in range(bisect_right(self._stamps, end) - 1, first - 1, -1))
 
     def part(self, begin: int, end: int) -> Sequence[TraceRecord]:
-        """The records from one place to another, which is not included."""
+        """Return the records from one index up to another."""
         return self._records[begin:end]
 
     def late(self, since: int) -> Sequence[int]:
-        """The places at which records came late, but for the first ``since`` of those."""
+        """Return the indices of late records after the first ``since`` of them."""
         return self._late[since:]
 
     def find(self, id: str) -> TraceRecord | None:
-        """The record with this id; the last one of several; None when there is none."""
+        """Return the newest record with this id."""
         found = self._by_id.get(id)
         return found[-1] if found else None
 
     def cause(self, record: TraceRecord) -> TraceRecord | None:
-        """The record that led to ``record``; None when that is no record.
-
-        Where the record does not name it, what can be told from the others counts (`Hints`).
-        """
+        """Return the record that caused ``record``, also if only `Hints` tell."""
         hint = self._hints.cause(record)
         if hint is not None:
             return hint
@@ -190,11 +184,11 @@ class History:
         return next((each for each in reversed(found) if each.stamp <= record.stamp and each is not record), None)
 
     def chain(self, record: TraceRecord) -> list[TraceRecord]:
-        """``record``, what led to it, what led to that and so on, as far as `before` goes. None of them comes twice."""
+        """Return ``record`` and the causes from `before`."""
         return [record, *self.before(record)]
 
     def before(self, record: TraceRecord) -> Iterator[TraceRecord]:
-        """What led to ``record``, what led to that and so on, one by one: `LONGEST_CHAIN` of them at most."""
+        """Yield the cause of ``record``, its cause and so on, each once, up to `LONGEST_CHAIN`."""
         seen = {id(record)}
         cause = self.cause(record)
         while cause is not None and id(cause) not in seen and len(seen) <= LONGEST_CHAIN:
@@ -203,33 +197,33 @@ class History:
             cause = self.cause(cause)
 
     def effects(self, record: TraceRecord) -> list[TraceRecord]:
-        """The records that name ``record`` as what led to them."""
+        """Return the records that name ``record`` as their cause."""
         named = (effect for name in names_of(record) for effect in self._by_cause.get(name, ()))
         return [effect for effect in named if self.cause(effect) is record]
 
 
 def names_of(record: TraceRecord) -> tuple[str, ...]:
-    """The ids by which others refer to a record; a request has a second one, by which its receiver knows it."""
+    """Return the ids of a record. A request has a second id, which its receiver uses."""
     if record.kind == "request" and isinstance(record.detail.get("id"), str):
         return record.id, record.detail["id"]
     return (record.id,)
 
 
 NEAR_NS = SECOND // 2
-"""What is said by another topic about the same thing is so near in time."""
+"""Largest time between records of different topics about the same thing."""
 
 DEEDS = {"message", "failure", "action_end", "action", "plan"}
-"""What an agent does itself that has it say something."""
+"""Kinds of records that make an agent send a message."""
 
 
 class Hints:
-    """Finds causes among the records just before: commands to a world follow from actions, words from deeds."""
+    """Finds causes that records do not name: the action behind a step, the plan or action behind a message."""
 
     def __init__(self, history: History) -> None:
         self._history = history
 
     def cause(self, record: TraceRecord) -> TraceRecord | None:
-        """What led to ``record``; None when nothing tells more than the record itself."""
+        """Return the cause of ``record`` if it can be derived."""
         mission = str(record.detail.get("mission" if record.kind == "said" else "label") or "")
         match record.kind:
             case "step" if not record.cause:
@@ -244,28 +238,25 @@ class Hints:
         return None
 
     def _last(self, record: TraceRecord, kinds: set[str], what: str = "") -> TraceRecord | None:
-        """The last record of the same agent, of these kinds and, where it is given, about ``what``."""
         for each in self._before(record):
             if each.source == record.source and each.kind in kinds and what in ("", each.what):
                 return each
         return None
 
     def _plan(self, record: TraceRecord, mission: str) -> TraceRecord | None:
-        """The plan of the mission in whose name its maker says something, which may be told of a moment later."""
+        """Return the plan of a mission, which may be recorded shortly after the message about it."""
         for each in self._history.between(record.stamp - NEAR_NS, record.stamp + NEAR_NS):
             if each.kind == "plan_start" and each.source == record.source and each.detail.get("label") == mission:
                 return each if mission else None
         return None
 
     def _given_up(self, record: TraceRecord) -> TraceRecord | None:
-        """The end of the plan in whose place this one comes."""
         for each in self._before(record):
             if each.kind == "plan_end" and (each.source, each.what) == (record.source, record.what):
                 return each
         return None
 
     def _problem(self, record: TraceRecord, mission: str) -> TraceRecord | None:
-        """The problem that the agent was told of, for which a plan was given up."""
         if record.detail.get("outcome") == "succeeded":
             return None
         for each in self._before(record):
@@ -275,6 +266,5 @@ class Hints:
         return None
 
     def _before(self, record: TraceRecord) -> Iterator[TraceRecord]:
-        """The records near in time and not later, the last one first."""
         near = self._history.back(record.stamp - NEAR_NS, record.stamp)
         return (each for each in near if each is not record)

@@ -15,34 +15,34 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs.history import OF_TOPICS, History
 
 if TYPE_CHECKING:
-    from socialbot.runs.run import Told
+    from socialbot.runs.run import RunRecords
 
 
 Verb = Literal["wants", "plans", "does", "asks", "tells", "reached", "fails", "drops", "rests", "refuses", "senses"]
 Origin = Literal["own", "rule", "request", "desire"]
 
 Phrases = Mapping[str, str]
-"""How actions are said, by name: ``moves from {1} to {2}``, with the objects of the action by number."""
+"""Phrases by action name, such as ``moves from {1} to {2}`` with the numbers of the arguments."""
 
 
 @dataclass(frozen=True)
 class Wording:
-    """Names of agents, where they are called otherwise than their nodes, and phrases for the steps of their plans."""
+    """Display names of agents and phrases for actions."""
 
     names: Mapping[str, str] = field(default_factory=dict)
     phrases: Phrases = field(default_factory=dict)
 
     def name(self, agent: str) -> str:
-        """What people call an agent."""
+        """Return the display name of an agent."""
         return self.names.get(agent, agent)
 
     def step(self, record: TraceRecord) -> str:
-        """What the step of a record does: ``moves from start to base_1``."""
+        """Return the phrase for a step, such as ``moves from start to base_1``."""
         action, *args = record.what.strip("()").split() or [""]
         return self.call(action, args)
 
     def call(self, action: str, args: Sequence[str]) -> str:
-        """What an action does; as plans write it where nobody has said how."""
+        """Return the phrase for an action, or the action in plan notation."""
         try:
             return self.phrases[action].format(*args)
         except (KeyError, IndexError):
@@ -50,7 +50,7 @@ class Wording:
 
 
 def plan_name(record: TraceRecord) -> str:
-    """What the plan of a record of the kind ``plan`` is called: its label, or else its text."""
+    """Return the name of the plan in a ``plan`` record: its label, or else its text."""
     detail = record.detail
     return str(detail.get("label") or detail.get("rule") or record.what)
 
@@ -63,7 +63,7 @@ _PAST = {
 
 
 def past(sentence: str) -> str:
-    """A sentence without subject, such as ``goes to room1``, told of the past: ``went to room1``."""
+    """Put a sentence without subject, such as ``goes to room1``, into the past tense."""
     first, space, rest = sentence.partition(" ")
     verb = first.rstrip(":")
     told = _PAST.get(verb)
@@ -81,10 +81,9 @@ _CALLED = {
     "add_desire": "published on add_desire",
     "kept": "kept from an earlier run",
 }
-"""What desires come from, in words, where no record tells of it."""
 
 ACTION_FAILED = "action_failed"
-"""Why something failed of which the end of the action itself tells."""
+"""Reason of failures that the end of the action already tells."""
 
 _PROVED = re.compile(r"\S+: note: no plan: .*", re.DOTALL)
 _SAID = re.compile(r"\b(?:note|error): ")
@@ -93,7 +92,7 @@ _ASKS = re.compile(r"\S+ asks (\S+) to (check|add|del) (belief|desire) (.*)")
 
 @dataclass(frozen=True)
 class StorySentence:
-    """What an agent does at ``stamp`` (ns), without its name. The turns of a run are ``main``."""
+    """Sentence about an agent, without its name."""
 
     stamp: int
     agent: str
@@ -103,15 +102,15 @@ class StorySentence:
 
 @dataclass(frozen=True)
 class _Reason:
-    """What desires came from; ``desire`` is the one that they prepare, if they do."""
+    """Origin of desires; ``desire`` is the one that they prepare."""
 
     origin: Origin
     text: str
     desire: str = ""
 
 
-class Narrator:
-    """Tells the records of a run one after the other. ``phrases`` say actions; others are said as in the plan."""
+class StoryNarrator:
+    """Tells the story of agents with plans in the present tense, record by record."""
 
     def __init__(self, wording: Wording) -> None:
         self.wording = wording
@@ -123,7 +122,7 @@ class Narrator:
         self._no_plan: dict[tuple[str, str], str] = {}
 
     def tell(self, record: TraceRecord) -> StorySentence | None:
-        """The sentence for a record; None when there is nothing to say about it."""
+        """Return the sentence for a record, if there is one."""
         told = self._tell(record)
         if record.kind in ("desire_fulfilled", "desire_dropped"):
             self._end(record)
@@ -132,17 +131,17 @@ class Narrator:
         return StorySentence(record.stamp, record.source, *told)
 
     def why(self, cause: str) -> str:
-        """What a desire came from, in words: the request, rule, other desire or file that ``cause`` names."""
+        """Return the origin of a desire in words."""
         reason = self._reasons.get(cause)
         return _CALLED.get(cause, cause) if reason is None else reason.text
 
     def origin(self, cause: str) -> Origin:
-        """What kind of thing a desire came from."""
+        """Return the kind of origin of a desire."""
         reason = self._reasons.get(cause)
         return "own" if reason is None else reason.origin
 
     def is_needless(self, record: TraceRecord) -> bool:
-        """Whether a desire was dropped only because what it prepared has ended, or something else has prepared that."""
+        """Return whether a desire was dropped only because it is no longer needed."""
         kind, ended = self._ends.get(record.cause, ("", ""))
         prepared = self._prepares.get((record.source, record.what), "")
         while kind == "desire_dropped" and prepared not in ("", ended):
@@ -217,7 +216,6 @@ class Narrator:
         self._no_plan.pop(name, None)
 
     def _planned_nothing(self, record: TraceRecord) -> tuple[Verb, str] | None:
-        """Why there is no plan; the same reason is told once, however often it is tried again."""
         name, message = (record.source, record.what), in_words(record.detail["message"])
         if self._no_plan.get(name) == message:
             return None
@@ -245,14 +243,13 @@ class Narrator:
 
 
 def _sight(detail: Mapping[str, Any]) -> str:
-    """How somebody was seen, or in how many pictures nobody was."""
     if detail.get("distance_m") is not None:
         return f", {detail['distance_m']} m away (score {detail['score']})"
     return f", in {detail['pictures']} pictures" if "pictures" in detail else ""
 
 
 def in_words(reason: str) -> str:
-    """A reason without what planners say to their makers."""
+    """Remove the technical output of planners from a reason."""
     return _SAID.sub("", _PROVED.sub("nothing that can be done leads there", reason))
 
 
@@ -295,7 +292,7 @@ PLAIN = {
     "heard": "heard again from",
 }
 PERSON = "person-"
-"""The ids of what people ask for begin with that."""
+"""Prefix of the ids of commands by people."""
 
 _STAMPED = re.compile(r"(.+)-(\d{6,})")
 _SPOKEN_BY_TOPIC = re.compile(r"(add|del)_(belief|desire)(_set)?")
@@ -303,36 +300,36 @@ _SPOKEN_BY_TOPIC = re.compile(r"(add|del)_(belief|desire)(_set)?")
 
 @dataclass(frozen=True)
 class Clause:
-    """What ``subject`` did: the name of an agent, or empty where ``text`` says that, too."""
+    """Text about a ``subject``, the name of an agent; the subject may be empty."""
 
     subject: str
     text: str
 
     def told(self, before: str = "") -> str:
-        """In words; who was spoken of ``before`` is ``it``."""
+        """Return the sentence; the subject of the sentence ``before`` becomes "it"."""
         subject = "it" if self.subject and self.subject == before else self.subject
         return f"{subject} {self.text}".strip()
 
 
-class Teller:
-    """Tells the records of a history."""
+class Narrator:
+    """Turns the records of a history into clauses in the past tense."""
 
     def __init__(self, history: History, wording: Wording) -> None:
         self._history = history
         self._wording = wording
 
     def when(self, stamp: int) -> str:
-        """A time as people read it."""
+        """Return a time in words."""
         return f"{self._history.seconds(stamp):.2f} s"
 
     def agent(self, record: TraceRecord) -> str:
-        """The agent that a record is of, as people call it; empty for what no agent did."""
+        """Return the display name of the agent behind a record; empty for detections."""
         chain = itertools.chain([record], self._history.before(record))
         of = next((each for each in chain if each.kind not in OF_TOPICS), None)
         return "" if record.kind == "detection" or of is None else self._wording.name(of.source)
 
     def clause(self, record: TraceRecord, about: TraceRecord | None = None) -> Clause:
-        """What a record says. ``about`` is what it led to: of the people in a frame those matter that it speaks of."""
+        """Return the clause of a record. ``about`` is its effect, which names the relevant persons of a frame."""
         if record.kind == "detection":
             return Clause("", self._frame(record, about))
         if record.kind == "rule":
@@ -393,11 +390,9 @@ class Teller:
         return f"{PLAIN.get(record.kind, record.kind)} {what}".rstrip()
 
     def _deed(self, action: str, args: list[str], what: str) -> str:
-        """An action in words, where somebody has said how."""
         return past(self._wording.call(action, args)) if action in self._wording.phrases else f"did {what}"
 
     def _place(self, step: TraceRecord) -> str:
-        """Which step of which plan it is."""
         plan = plan_of(self._history, step)
         if plan is None:
             return ""
@@ -417,7 +412,6 @@ class Teller:
         return ""
 
     def _frame(self, record: TraceRecord, about: TraceRecord | None) -> str:
-        """Who is in a frame: whom ``about`` names, or else all."""
         everybody = list(record.detail.get("persons", ()))
         named = [one for one in everybody if about and one.get("track_id") and f'"{one["track_id"]}"' in about.what]
         people = [_person(one) for one in named or everybody]
@@ -425,7 +419,7 @@ class Teller:
         return f"the frame at {self.when(record.stamp)} showed {shown}"
 
     def outside(self, record: TraceRecord) -> str:
-        """What led to a record and is no record itself, as a clause; empty when nothing is known of it."""
+        """Return the cause of a record as a clause if the cause is no record."""
         cause = record.cause
         stamped, by_topic = _STAMPED.fullmatch(cause), _SPOKEN_BY_TOPIC.fullmatch(cause)
         if not cause or record.kind == "detection":
@@ -445,7 +439,7 @@ class Teller:
 
 
 def plan_of(history: History, step: TraceRecord) -> TraceRecord | None:
-    """The plan that a step belongs to; another agent's, where that directs it."""
+    """Return the plan of a step, which may belong to another agent."""
     director, number = step.detail.get("directed_by", step.source), step.detail.get("plan")
     for each in history.before(step):
         if each.kind == "plan_start" and each.source == director and number in (None, each.detail.get("plan")):
@@ -465,11 +459,11 @@ def _person(person: dict[str, Any]) -> str:
 
 
 UNTOLD = {"detection", "motion", "plan", "planning", "mail", "progress"}
-"""Kinds of records that come again and again, or say what those around them say."""
+"""Kinds of records that are frequent or repeat others."""
 
 
 class LogLine(msgspec.Struct, frozen=True):
-    """A record in words; ``t`` is in s from the start, ``source`` the agent or topic, ``id`` that of the record."""
+    """Record in words; ``t`` is in seconds from the start, ``source`` the agent or topic."""
 
     id: str
     t: float
@@ -478,9 +472,9 @@ class LogLine(msgspec.Struct, frozen=True):
     text: str
 
 
-def told(run: Told, records: Iterable[TraceRecord]) -> list[LogLine]:
-    """Those of ``records`` that are worth telling."""
-    teller = Teller(run.history, run.wording)
+def told(run: RunRecords, records: Iterable[TraceRecord]) -> list[LogLine]:
+    """Return the lines of the log for ``records``; kinds without information of their own are left out."""
+    teller = Narrator(run.history, run.wording)
     return [
         LogLine(each.id, run.history.seconds(each.stamp), each.kind, each.source, teller.clause(each).told())
         for each in records
@@ -488,7 +482,7 @@ def told(run: Told, records: Iterable[TraceRecord]) -> list[LogLine]:
     ]
 
 
-def told_between(run: Told, begin: int, end: int, most: int) -> list[LogLine]:
-    """The last lines, at most so many, from ``begin`` to ``end`` (ns)."""
+def told_between(run: RunRecords, begin: int, end: int, most: int) -> list[LogLine]:
+    """Return the last ``most`` lines from ``begin`` to ``end`` (ns)."""
     newest = (each for each in run.history.back(begin, end) if each.kind not in UNTOLD)
     return told(run, reversed(list(islice(newest, most))))

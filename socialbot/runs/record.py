@@ -37,63 +37,58 @@ T = TypeVar("T", bound="RunTrace")
 RECORDED: tuple[type[Message], ...] = (
     PersonDetections, TraceRecord, ActionRequest, Utterance, SpeechStatus, HeadCommand, JointTrajectory,
 )  # fmt: skip
-"""The messages that a run is made of."""
+"""Message types of a run."""
 
 WELL = "well"
 NOTHING_WANTED = "nobody wants anything more"
 NOTHING_SHOWN = "there is nothing more to see"
 TIME_UP = "the time was up"
 STOPPED = "stopped by a signal"
-"""Why a run ended, as results.json says under ``ended``; the last when somebody did not want to wait.
-
-Of a run that failed the error is there.
-"""
+"""Reasons in results.json for the end of a run; a failed run has its error there."""
 
 TRACE, SEEN = "trace.jsonl", "seen.jsonl"
 
 SCORED = "scored.jsonl"
-"""The file that says whom the detector found and whom it missed, frame by frame, where the truth is known."""
+"""File with found, missed and false detections by frame, where ground truth is known."""
 
 DIAGNOSTICS = "/diagnostics"
-"""The topic on which nodes tell how they fare."""
 
 
 class SeenLine(msgspec.Struct, frozen=True):
-    """A line of seen.jsonl: a message of a topic."""
+    """Line of seen.jsonl: a message of a topic."""
 
     topic: str
     message: Any
 
 
-class NodeTold(msgspec.Struct, frozen=True):
-    """What a node tells of itself on /diagnostics at ``stamp`` (ns)."""
+class NodeReport(msgspec.Struct, frozen=True):
+    """Report of a node on /diagnostics at ``stamp`` (ns)."""
 
     stamp: int
     name: str
     values: Mapping[str, str]
 
 
-class Listener(Protocol):
-    """Somebody who looks on while a run is recorded."""
+class RunListener(Protocol):
+    """Observer of a run while it is recorded."""
 
-    def observe(self, topic: str, message: Message) -> None:
-        """Takes one message of the run."""
-        ...
+    def observe(self, topic: str, message: Message) -> None: ...
 
-    def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None:
-        """Takes what a node tells on /diagnostics."""
-        ...
+    def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None: ...
 
 
 class RunTrace:
-    """The trace of a run: takes its messages in order; each line is a TraceRecord as JSON.
+    """Trace of a run: writes each message as a TraceRecord to disk before the next one is processed.
 
-    Every line is on disk before the next message is looked at, so that nothing is lost when a run breaks off. Nodes may
-    keep files in its folder. With ``room`` (bytes) the trace keeps the newest that fits, and so does seen.jsonl.
+    Args:
+        folder: Folder of the run; nodes may keep files there.
+        room: Size limit (bytes) of the trace, and of seen.jsonl; the newest lines are kept.
+
+    Raises:
+        SocialbotError: The folder cannot be created, or holds a run.
     """
 
     def __init__(self, folder: Path, *, room: int | None = None) -> None:
-        """Raises SocialbotError when the folder cannot be made, or holds a run already."""
         self.folder = folder
         self._room = room
         try:
@@ -108,7 +103,7 @@ class RunTrace:
         self._seen: BoundedLog | None = None
         self._worldly: frozenset[str] = frozenset()
         self._last: dict[tuple[str, str], Message] = {}
-        self._listeners: tuple[Listener, ...] = ()
+        self._listeners: tuple[RunListener, ...] = ()
 
     def __enter__(self: T) -> T:
         return self
@@ -120,22 +115,21 @@ class RunTrace:
 
     @property
     def size(self) -> int:
-        """So many bytes the trace has."""
+        """Size of the trace (bytes)."""
         return self._trace.size
 
-    def tell(self, listener: Listener) -> None:
-        """Lets ``listener`` look on from now on."""
+    def tell(self, listener: RunListener) -> None:
+        """Add a listener."""
         self._listeners = (*self._listeners, listener)
 
     def describe(self, graph: Graph) -> None:
-        """Keeps ``graph`` in graph.yaml, and from now on in seen.jsonl what its world shows and how its nodes are."""
+        """Write graph.yaml, and record messages of simulators and node health in seen.jsonl from now on."""
         worlds = (placement for placement in graph.placements if placement.type.is_simulator)
         self._worldly = frozenset(topic for world in worlds for topic, _ in world.publications)
         self._seen = BoundedLog(self.folder / SEEN, self._room, self._lasting)
         (self.folder / "graph.yaml").write_text(dump_graph(graph), encoding="utf-8")
 
     def observe(self, topic: str, message: Message) -> None:
-        """Takes one message."""
         for listener in self._listeners:
             listener.observe(topic, message)
         record = trace_record(topic, message)
@@ -145,23 +139,22 @@ class RunTrace:
             self._see(topic, message)
 
     def write_results(self, results: dict[str, Any]) -> Path:
-        """Writes results.json."""
         path = self.folder / "results.json"
         path.write_bytes(msgspec.json.format(msgspec.json.encode(results), indent=2) + b"\n")
         return path
 
     def write_scored(self, frames: Iterable[ScoredFrame]) -> None:
-        """Writes scored.jsonl: a line for each frame that the truth was known of."""
+        """Write scored.jsonl: one line per frame with ground truth."""
         (self.folder / SCORED).write_bytes(self._encoder.encode_lines(frames))
 
     def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None:
-        """Takes what a node tells on /diagnostics at ``stamp`` (ns)."""
+        """Record a report of a node on /diagnostics."""
         for listener in self._listeners:
             listener.note_node(stamp, name, values)
-        self._write_seen(DIAGNOSTICS, NodeTold(stamp, name, values))
+        self._write_seen(DIAGNOSTICS, NodeReport(stamp, name, values))
 
     def _see(self, topic: str, message: Message) -> None:
-        """Keeps a message that tells something new: worlds and nodes say the same again and again."""
+        """Write a message that differs from the last one of its topic and sender."""
         sender = message.node if isinstance(message, Health) else ""
         last = self._last.get((topic, sender))
         if last is None or replace(last, stamp=message.stamp) != message:
@@ -169,16 +162,16 @@ class RunTrace:
             self._write_seen(topic, message)
 
     def _lasting(self) -> Iterator[bytes]:
-        """The lines that still hold though they were written before."""
+        """Return the lines that still hold when older ones are dropped."""
         return (self._encoder.encode(SeenLine(topic, message)) for (topic, _), message in self._last.items())
 
-    def _write_seen(self, topic: str, message: Message | NodeTold) -> None:
+    def _write_seen(self, topic: str, message: Message | NodeReport) -> None:
         if self._seen is not None:
             self._seen.write(self._encoder.encode(SeenLine(topic, message)))
 
 
 class RunRecord(RunTrace):
-    """A trace, and what was seen, done and said, to be scored and shown at the end. For runs that do end."""
+    """Trace of a finite run that also keeps detections, actions and utterances."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
@@ -187,7 +180,6 @@ class RunRecord(RunTrace):
         self.utterances: list[Utterance] = []
 
     def observe(self, topic: str, message: Message) -> None:
-        """Takes one message."""
         if isinstance(message, PersonDetections):
             self.detections.append(message)
         elif isinstance(message, ActionRequest):
@@ -198,12 +190,12 @@ class RunRecord(RunTrace):
 
 
 def room_of(megabytes: float) -> int:
-    """The room (bytes) of each of the two journals of a run that may have so many ``megabytes``."""
+    """Return the size limit (bytes) of each of the two logs of a run with ``megabytes`` in total."""
     return round(megabytes * 1_000_000 / 2)
 
 
 def trace_record(topic: str, message: Message) -> TraceRecord | None:
-    """``message`` as a record of the trace; None when the trace tells it already, or it is no step of a run."""
+    """Return ``message`` as a trace record, unless it is recorded otherwise."""
     match message:
         case TraceRecord():
             return message
@@ -275,7 +267,7 @@ RECORDED_PACKAGES = ("numpy", "opencv-python-headless", "rosbags", "msgspec", "k
 
 
 def versions() -> dict[str, str]:
-    """The versions of Python, socialbot and what matters most beneath it."""
+    """Return the versions of Python, socialbot and its main dependencies."""
     found = {"python": platform.python_version(), "socialbot": __version__}
     for package in RECORDED_PACKAGES:
         try:
@@ -288,17 +280,17 @@ def versions() -> dict[str, str]:
 Observer = Callable[[str, Message], None]
 
 EVENT_LOG_TOPIC = "told"
-"""Where such records come from: no topic of the graph."""
+"""Source of derived records; not a topic of the graph."""
 
 
 def event_log_topics(graph: Graph) -> dict[str, type[Message]]:
-    """The topics of ``graph`` whose messages tell what was decided."""
+    """Return the topics that the event log of ``graph`` reads, with their types."""
     log = event_log_of(graph)
     return {} if log is None else {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, log.kinds)}
 
 
 def with_event_log(graph: Graph, observe: Observer) -> Observer:
-    """``observe``, which also gets as records what the messages tell that it gets."""
+    """Return ``observe`` extended by the records that the event log of ``graph`` derives."""
     log = event_log_of(graph)
     if log is None:
         return observe

@@ -20,7 +20,7 @@ from socialbot.runs.history import OF_TOPICS
 from socialbot.runs.pages import Page, Section, bundle, charts, part, render, table, timeline, write_html
 from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, STOPPED, TIME_UP, WELL
 from socialbot.runs.report_tables import band_section, event_section, node_section, settings_section, story_sections
-from socialbot.runs.run import Run
+from socialbot.runs.run import RunView
 from socialbot.runs.story import Story, Summary, story_of
 from socialbot.runs.why import actions
 
@@ -165,7 +165,7 @@ def verdict_of(run: RecordedRun) -> tuple[str, bool]:
     return ("ended well", True) if ended in ENDED_WELL else ("failed", False)
 
 
-def difference_page(first: Run, second: Run, found: Difference) -> Page:
+def difference_page(first: RunView, second: RunView, found: Difference) -> Page:
     """Return the page that compares two runs."""
     runs = (first, second)
     sides = ""
@@ -204,13 +204,13 @@ def _difference_lead(found: Difference) -> str:
     return f"Decision {found.number} of {found.agent} is the first that {how}."
 
 
-def _side(run: Run, side: Side) -> dict[str, Any]:
+def _side(run: RunView, side: Side) -> dict[str, Any]:
     frame_s = None if side.why is None else side.why.frame_s
     shots = [] if frame_s is None else shot_at(run, run.history.stamp(frame_s), "the frame at the end of the chain")
     return {"title": side.run, "why": side.why, "frame": stills(run, shots)}
 
 
-def _timelines(runs: tuple[Run, Run], found: Difference) -> list[tuple[str, str]]:
+def _timelines(runs: tuple[RunView, RunView], found: Difference) -> list[tuple[str, str]]:
     until_s = max(run.history.duration_s for run in runs)
     sides = found.sides or (None, None)
     return [

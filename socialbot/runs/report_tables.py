@@ -13,11 +13,11 @@ from socialbot.core.messages import Health
 from socialbot.graph.status import SILENT_S, NodeStatus
 from socialbot.runs.difference import PLACES
 from socialbot.runs.folder import RecordedRun
-from socialbot.runs.narration import Teller
+from socialbot.runs.narration import Narrator
 from socialbot.runs.pages import Cells, Chart, Section, Series, charts, folded, settings, table
-from socialbot.runs.record import NodeTold
-from socialbot.runs.run import Run
-from socialbot.runs.story import DesireTold, PlanTold, RequestTold, Story, WordTold
+from socialbot.runs.record import NodeReport
+from socialbot.runs.run import RunView
+from socialbot.runs.story import DesireRecord, MessageRecord, PlanRecord, RequestRecord, Story
 
 MAX_EVENTS = 300
 EVENTS = {"failure", "desire_refused", "refused", "silent", "heard", "command", "dropped"}
@@ -86,9 +86,9 @@ def band_section(results: Mapping[str, Any]) -> Section:
     )
 
 
-def event_section(run: Run) -> Section:
+def event_section(run: RunView) -> Section:
     """Return failures, refusals and commands as sentences."""
-    teller = Teller(run.history, run.wording)
+    teller = Narrator(run.history, run.wording)
     found = [record for record in run.history if record.kind in EVENTS]
     rows = [
         [(f"{run.history.seconds(record.stamp):.2f} s", "r"), (teller.clause(record).told(), "")]
@@ -159,7 +159,7 @@ def _desires(story: Story) -> Markup:
     return table(heads, [_desire(story, desire) for desire in story.desires], right=range(3, 8))
 
 
-def _desire(story: Story, desire: DesireTold) -> Cells:
+def _desire(story: Story, desire: DesireRecord) -> Cells:
     how = (desire.how or "still wanted") + (f": {desire.reason}" if desire.reason else "")
     return [
         (desire.agent, ""),
@@ -183,7 +183,7 @@ def _plans(story: Story) -> Markup:
     )
 
 
-def _plan(story: Story, plan: PlanTold) -> Cells:
+def _plan(story: Story, plan: PlanRecord) -> Cells:
     how = (plan.outcome or "still executed") + (f": {plan.reason}" if plan.reason else "")
     return [
         (plan.agent, ""),
@@ -198,7 +198,7 @@ def _plan(story: Story, plan: PlanTold) -> Cells:
     ]
 
 
-def _requests(story: Story, requests: Iterable[RequestTold]) -> Markup:
+def _requests(story: Story, requests: Iterable[RequestRecord]) -> Markup:
     rows = [
         [
             (story.when(request.asked), "r"),
@@ -213,7 +213,7 @@ def _requests(story: Story, requests: Iterable[RequestTold]) -> Markup:
     return table(("asked", "agent", "what", "last answer", "result", "id"), rows, right=(0, 3))
 
 
-def _words(story: Story, words: Iterable[WordTold]) -> Markup:
+def _words(story: Story, words: Iterable[MessageRecord]) -> Markup:
     rows = [
         [
             (story.when(word.stamp), "r"),
@@ -263,7 +263,7 @@ def _reason(health: Health) -> str:
     return health.reason or (f"nothing on {', '.join(health.silent)}" if health.silent else "")
 
 
-Reports = Mapping[str, Sequence[tuple[float, NodeTold]]]
+Reports = Mapping[str, Sequence[tuple[float, NodeReport]]]
 """Diagnostics of each node with their times (s), in order."""
 
 
@@ -309,7 +309,7 @@ def _node_chart(measure: Measure, reports: Reports) -> Chart | None:
     return Chart(measure.title, tuple(series), y_label=measure.unit, marks=marks) if series else None
 
 
-def _points(course: Sequence[tuple[float, NodeTold]], key: str) -> Iterator[tuple[float, float | None]]:
+def _points(course: Sequence[tuple[float, NodeReport]], key: str) -> Iterator[tuple[float, float | None]]:
     """Yield the values over time, None where the node was silent."""
     before_s = -math.inf
     for at_s, node in course:
@@ -338,7 +338,7 @@ def _thinned(points: Sequence[tuple[float, float | None]]) -> list[tuple[float, 
     return kept
 
 
-def _restarts(course: Iterable[tuple[float, NodeTold]]) -> Iterator[float]:
+def _restarts(course: Iterable[tuple[float, NodeReport]]) -> Iterator[float]:
     known: str | None = None
     for at_s, node in course:
         process = node.values.get("pid")

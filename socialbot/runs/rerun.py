@@ -22,14 +22,14 @@ CAMERA = f"{WORLD}/camera"
 PICTURE = f"{CAMERA}/picture"
 PEOPLE = f"{WORLD}/people"
 DISTANCES, HEAD, LOG, MINDS = "distance_m", "head", "log", "minds"
-"""Entities. What is below `WORLD` is in the frame of the robot's foot: x forward, y left, z up."""
+"""Entity paths. Those below `WORLD` are in the base frame: x forward, y left, z up."""
 
 BEHIND_M, AHEAD_M = (-5.0, 3.0, 5.0), (4.0, 0.0, 0.8)
-"""From where the world is looked at, and at what."""
+"""Position and target of the viewer."""
 
 
 def layout(run: RecordedRun, blueprint: Any) -> Any:
-    """The views of ``run``, made with the module ``rerun.blueprint``; those of people only where some were seen."""
+    """Return the views of a run, made with ``rerun.blueprint``."""
     sees = any(record.kind == "detection" for record in run.history)
     turns = any(record.kind == "motion" for record in run.history)
     # Sentences begin with who did it.
@@ -69,10 +69,10 @@ def _with_panels(blueprint: Any, views: Any) -> Any:
 
 
 RUN, STAMP = "run", "stamp"
-"""Timelines: seconds from the start of the run, and the time of the robot."""
+"""Timelines: seconds from the start, and robot time."""
 
 WIDEST = 65_535
-"""Pixels; no JPEG is wider, so that pictures keep the size that boxes are told in."""
+"""Largest width of a JPEG, so that pictures keep their size."""
 
 Colour = tuple[int, int, int]
 
@@ -83,13 +83,15 @@ GREY: Colour = (154, 160, 166)
 GAZE: Colour = (255, 213, 74)
 
 BODY_M, SHOULDERS_M = 1.7, 0.22
-"""How tall people are drawn, and half as wide."""
+"""Height and half width of drawn bodies."""
 
 
 def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
-    """Writes ``run``, with the pictures of its ``bag``, to the new file ``out``.
+    """Write a run and the pictures of its bag to a new file.
 
-    Raises InstallationError when Rerun is not installed, BagError when the file exists or cannot be written.
+    Raises:
+        InstallationError: Rerun is not installed.
+        BagError: The file exists or cannot be written.
     """
     if out.exists():
         raise BagError("already exists", where=str(out), remedy="give another name, or remove it first")
@@ -104,7 +106,7 @@ def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
     except (OSError, RuntimeError) as error:
         raise BagError(f"cannot be written: {error}", where=str(out)) from error
     recording.send_recording_name(run.title)
-    show = _Show(rerun, recording, run)
+    show = _RerunExport(rerun, recording, run)
     if bag is not None:
         show.pictures(bag)
     show.people()
@@ -116,8 +118,8 @@ def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
 
 
 @dataclass
-class _Show:
-    """Logs what happened in ``run``."""
+class _RerunExport:
+    """Logs a run to a Rerun recording."""
 
     rerun: Any
     recording: Any
@@ -130,7 +132,6 @@ class _Show:
         self._colours: dict[str, Colour] = {}
 
     def pictures(self, bag: Bag) -> None:
-        """What the camera saw, and how it looks at the world."""
         (image, *_) = bag.image_topics
         info = bag.camera_info_topic_for(image.name)
         self._place_camera(AHEAD, static=True)
@@ -143,7 +144,6 @@ class _Show:
                 self._log(PICTURE, self.rerun.EncodedImage(contents=jpeg, media_type="image/jpeg"))
 
     def people(self) -> None:
-        """Who was seen: boxes over the picture, bodies around the robot, and how far away they are."""
         for found in detections_of(self.run):
             self._at(found.stamp)
             self._boxes(found)
@@ -156,7 +156,6 @@ class _Show:
             self._log(f"{DISTANCES}/{track}", line, static=True)
 
     def head(self) -> None:
-        """Where the head points, if it was ever told to turn."""
         if not self._poses:
             return
         for joint in HeadPose._fields:
@@ -171,14 +170,12 @@ class _Show:
                 self._place_camera(pose)
 
     def log(self) -> None:
-        """What happened, in sentences."""
         for sentence in sentences_of(self.run):
             self._at(sentence.stamp)
             level = self.rerun.TextLogLevel.WARN if sentence.is_failure else self.rerun.TextLogLevel.INFO
             self._log(f"{LOG}/{sentence.source.strip('/')}", self.rerun.TextLog(sentence.text, level=level))
 
     def minds(self) -> None:
-        """What agents had in mind, whenever it changed."""
         for mind in minds_of(self.run):
             self._at(mind.stamp)
             self._log(f"{MINDS}/{mind.agent}", self.rerun.TextDocument(_document(mind), media_type="text/markdown"))
@@ -191,7 +188,7 @@ class _Show:
         self.recording.log(entity, what, static=static)
 
     def _place_camera(self, head: HeadPose, *, static: bool = False) -> None:
-        """A camera on the head looks as ``head`` does; lens and picture look along x."""
+        """Log the camera pose; a camera on the head follows it, and looks along x."""
         tilt, pan = (head.tilt, head.pan) if self._mounting.on_head else (0.0, 0.0)
         turned = _turned(pan, tilt - self._mounting.pitch_rad)
         place = self.rerun.Transform3D(translation=(0.0, 0.0, self._mounting.height_m), quaternion=turned)
@@ -229,20 +226,18 @@ class _Show:
         self._log(PEOPLE, bodies)
 
     def _gaze(self, pose: HeadPose) -> Any:
-        """An arrow from the head to where it looks."""
         level = math.cos(pose.tilt)
         ahead = (level * math.cos(pose.pan), level * math.sin(pose.pan), math.sin(pose.tilt))
         return self.rerun.Arrows3D(origins=[(0.0, 0.0, self._mounting.height_m)], vectors=[ahead], colors=[GAZE])
 
     def _colour(self, person: PersonDetection) -> Colour:
-        """Each track has its own, the same in every view."""
         if not person.track_id:
             return GREY
         return self._colours.setdefault(person.track_id, COLOURS[len(self._colours) % len(COLOURS)])
 
 
 def _turned(pan: float, tilt: float) -> Any:
-    """The quaternion (x, y, z, w) of a turn to the left, then up."""
+    """Return the quaternion (x, y, z, w) of a turn to the left, then up."""
     (sin_z, cos_z), (sin_y, cos_y) = ((math.sin(angle / 2), math.cos(angle / 2)) for angle in (pan, -tilt))
     return (-sin_z * sin_y, cos_z * sin_y, sin_z * cos_y, cos_z * cos_y)
 

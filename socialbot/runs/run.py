@@ -16,31 +16,28 @@ from socialbot.graph.status import NodeStatus, RollCall
 from socialbot.runs.history import History
 from socialbot.runs.narration import Wording, plan_name
 from socialbot.runs.plan_trees import PlanTree
-from socialbot.runs.record import NodeTold
-from socialbot.runs.state import Course
+from socialbot.runs.record import NodeReport
+from socialbot.runs.state import StateIndex
 from socialbot.runs.timeline import Timeline
 
 
 class Picture(msgspec.Struct, frozen=True):
-    """A picture of a camera and its stamp (ns)."""
+    """JPEG of a camera with its stamp (ns)."""
 
     stamp: int
     jpeg: bytes
 
 
-class Pictures(Protocol):
-    """The pictures of a run by time."""
+class ImageSource(Protocol):
+    """Pictures of a run by time."""
 
     def at(self, stamp: int) -> Picture | None:
-        """The newest one that is not later than ``stamp`` (ns)."""
+        """Return the newest picture up to ``stamp`` (ns)."""
         ...
 
 
 class NodeView(msgspec.Struct, frozen=True):
-    """A node of a graph, the machine it runs on (empty if unknown), and the topics that it takes and gives.
-
-    An ``agent`` has a mind.
-    """
+    """Node of a graph with its machine (empty if unknown) and topics; an ``agent`` has a mind."""
 
     name: str
     type: str
@@ -51,47 +48,39 @@ class NodeView(msgspec.Struct, frozen=True):
 
 
 class GraphView(msgspec.Struct, frozen=True):
-    """The nodes of a graph, and the kinds of the messages of its topics by their names."""
+    """Nodes of a graph, and message types by topic."""
 
     nodes: tuple[NodeView, ...] = ()
     topics: Mapping[str, str] = {}
 
 
-class Told(Protocol):
-    """What happened in a run, and how it calls things."""
+class RunRecords(Protocol):
+    """Records of a run with their wording."""
 
     @property
-    def title(self) -> str:
-        """What people call it."""
-        ...
+    def title(self) -> str: ...
 
     @property
-    def history(self) -> History:
-        """Its records."""
-        ...
+    def history(self) -> History: ...
 
     @property
-    def wording(self) -> Wording:
-        """How it calls agents and steps."""
-        ...
+    def wording(self) -> Wording: ...
 
     @property
     def results(self) -> Mapping[str, Any]:
-        """What results.json holds; empty as long as there is none."""
+        """Content of results.json; empty for a live run."""
         ...
 
 
-class Run(Told, Protocol):
-    """A run to look at. All stamps are ns."""
+class RunView(RunRecords, Protocol):
+    """Recorded or live run. All stamps are ns."""
 
     @property
-    def live(self) -> bool:
-        """Whether it still goes on."""
-        ...
+    def live(self) -> bool: ...
 
     @property
     def end(self) -> int:
-        """The stamp up to which it goes; later ones when it goes on."""
+        """Stamp of the last known time."""
         ...
 
     @property
@@ -100,38 +89,28 @@ class Run(Told, Protocol):
         ...
 
     @property
-    def course(self) -> Course:
-        """What held when."""
-        ...
+    def course(self) -> StateIndex: ...
 
     @property
-    def timeline(self) -> Timeline:
-        """Everything as bars."""
-        ...
+    def timeline(self) -> Timeline: ...
 
     def picture(self, stamp: int) -> Picture | None:
-        """What the camera saw at ``stamp``; None where there is no picture."""
+        """Return the newest picture up to ``stamp``."""
         ...
 
     def world(self, stamp: int) -> str | None:
-        """The world of the agents at ``stamp`` as SVG; None where there is none to draw."""
+        """Return the world at ``stamp`` as SVG."""
         ...
 
-    def trees(self, stamp: int) -> tuple[PlanTree, ...]:
-        """The plans of the agents at ``stamp``, and how far they have come."""
-        ...
+    def trees(self, stamp: int) -> tuple[PlanTree, ...]: ...
 
-    def nodes(self, stamp: int) -> tuple[NodeStatus, ...]:
-        """How the nodes were at ``stamp``, as far as they have told."""
-        ...
+    def nodes(self, stamp: int) -> tuple[NodeStatus, ...]: ...
 
-    def graph(self) -> GraphView:
-        """The nodes, and how they are connected."""
-        ...
+    def graph(self) -> GraphView: ...
 
 
 def graph_view(graph: Graph, machines: Mapping[str, str] | None = None) -> GraphView:
-    """A graph to be drawn; ``machines`` are those of its nodes, where they are known."""
+    """Return the nodes and topics of a graph; ``machines`` by node."""
     nodes = tuple(
         NodeView(
             placement.name,
@@ -146,48 +125,43 @@ def graph_view(graph: Graph, machines: Mapping[str, str] | None = None) -> Graph
     return GraphView(nodes, {topic: kind.__name__ for topic, kind in sorted(graph.topics().items())})
 
 
-def node_views(run: Run, stamp: int) -> list[dict[str, Any]]:
-    """How the nodes were at ``stamp`` (ns), each with its condition in words."""
+def node_views(run: RunView, stamp: int) -> list[dict[str, Any]]:
+    """Return the status of the nodes at ``stamp`` (ns) as plain data."""
     return [
         {**msgspec.to_builtins(each), "condition": each.condition, "well": each.is_well} for each in run.nodes(stamp)
     ]
 
 
 class Answer(Protocol):
-    """What became of it."""
+    """Answer of an agent to a command."""
 
     @property
-    def accepted(self) -> bool:
-        """Whether it is done."""
-        ...
+    def accepted(self) -> bool: ...
 
     @property
-    def reason(self) -> str:
-        """Why not."""
-        ...
+    def reason(self) -> str: ...
 
 
-class Office(Protocol):
-    """Takes what people ask of agents to them."""
+class CommandSender(Protocol):
+    """Sends commands of people to agents."""
 
     @property
     def shut(self) -> str:
-        """Why nothing can be asked; empty when it can."""
+        """Why commands are refused; empty if they are not."""
         ...
 
     async def ask(self, agent: str, command: Command, text: str) -> Answer | None:
-        """Asks an agent for something; None when it does not answer."""
+        """Send a command and return the answer; None without one."""
         ...
 
 
 @dataclass(frozen=True)
-class Shut:
-    """Where nothing can be asked."""
+class NoCommands:
+    """Command client that refuses all commands."""
 
     shut: str
 
-    async def ask(self, agent: str, command: Command, text: str) -> None:
-        """Does nothing."""
+    async def ask(self, agent: str, command: Command, text: str) -> None: ...
 
 
 T = TypeVar("T")
@@ -195,7 +169,7 @@ T = TypeVar("T")
 
 @dataclass
 class _Course(Generic[T]):
-    """What somebody has told, and when (s)."""
+    """Values with their times (s)."""
 
     times: list[float] = field(default_factory=list)
     told: list[T] = field(default_factory=list)
@@ -214,44 +188,43 @@ class _Course(Generic[T]):
         return (self.times[place - 1], self.told[place - 1]) if place else None
 
 
-class NodesThen:
-    """The nodes with these ``names`` in the course of a run. Times are s from its start."""
+class NodeHistory:
+    """Health and diagnostics of the nodes called ``names``. Times are seconds from the start."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = names
         self._health: dict[str, _Course[Health]] = {}
-        self._told: dict[str, _Course[NodeTold]] = {}
+        self._told: dict[str, _Course[NodeReport]] = {}
 
-    def take(self, at_s: float, told: Health | NodeTold) -> None:
-        """Takes what a node tells."""
+    def take(self, at_s: float, told: Health | NodeReport) -> None:
         if isinstance(told, Health):
             self._health.setdefault(told.node, _Course()).note(at_s, told)
         else:
             self._told.setdefault(told.name, _Course()).note(at_s, told)
 
     def forget(self, at_s: float) -> None:
-        """Forgets what was told before, but for what each of them had told last by ``at_s``."""
+        """Drop reports before ``at_s``, except for the latest one of each node."""
         for course in (*self._health.values(), *self._told.values()):
             course.forget(at_s)
 
     @property
     def health(self) -> list[tuple[float, Health]]:
-        """What they said of their health, and when, in order."""
+        """Changes of health with their times, in order."""
         said = (pair for course in self._health.values() for pair in zip(course.times, course.told, strict=True))
         return sorted(said, key=lambda pair: pair[0])
 
     @property
-    def told(self) -> Mapping[str, Sequence[tuple[float, NodeTold]]]:
-        """What each of them told on /diagnostics, and when, in order."""
+    def told(self) -> Mapping[str, Sequence[tuple[float, NodeReport]]]:
+        """Diagnostics of each node with their times, in order."""
         return {name: list(zip(course.times, course.told, strict=True)) for name, course in self._told.items()}
 
     @property
     def machines(self) -> Mapping[str, str]:
-        """The machines of the nodes that have told theirs."""
+        """Machines by node."""
         return {name: course.told[-1].values.get("machine", "") for name, course in self._told.items()}
 
     def at(self, now: float, fates: Mapping[str, Any]) -> tuple[NodeStatus, ...]:
-        """How they were at ``now``. ``fates`` is how they fared in the end, for those of the inline runner."""
+        """Return the status of the nodes at ``now``. ``fates`` holds the totals of an inline run."""
         if not self._told:
             return tuple(self._inline(now, name, fates.get(name, {})) for name in fates or self._names)
         roll = RollCall(dict.fromkeys(self._names, ""))
@@ -284,7 +257,7 @@ class NodesThen:
 
 
 class PlanView(msgspec.Struct, frozen=True):
-    """A plan that an agent has considered for an event, and how often it was chosen."""
+    """Plan that an agent considered, with counts."""
 
     label: str
     chosen: int
@@ -292,7 +265,7 @@ class PlanView(msgspec.Struct, frozen=True):
 
 
 class AgentView(msgspec.Struct, frozen=True):
-    """An agent: the name in the records, what people call it, and its plans."""
+    """Agent with its display name and plans."""
 
     name: str
     called: str
@@ -300,7 +273,7 @@ class AgentView(msgspec.Struct, frozen=True):
 
 
 class Has(msgspec.Struct, frozen=True):
-    """What there is to show; ``commands``: whether agents may be asked for something, and ``why_not``."""
+    """Available views of a run; ``why_not``: why agents take no commands."""
 
     pictures: bool
     world: bool
@@ -310,10 +283,9 @@ class Has(msgspec.Struct, frozen=True):
 
 
 class Overview(msgspec.Struct, frozen=True):
-    """A run in short. A page of its record opens at ``opens_s``, where there is something to see.
+    """Summary of a run for the page, which opens at ``opens_s``.
 
-    It began at ``began_s`` (s since 1970, where its time is not simulated). Of one that has
-    been live for long what was before ``since_s`` is forgotten.
+    ``began_s`` is in s since 1970 unless time is simulated. Everything before ``since_s`` was dropped.
     """
 
     title: str
@@ -328,8 +300,8 @@ class Overview(msgspec.Struct, frozen=True):
     results: Mapping[str, Any]
 
 
-def overview(run: Run, office: Office) -> Overview:
-    """``run`` in short; ``office`` takes what people ask of agents."""
+def overview(run: RunView, office: CommandSender) -> Overview:
+    """Return the overview of ``run``."""
     end = run.end
     return Overview(
         title=run.title,
@@ -352,14 +324,13 @@ def overview(run: Run, office: Office) -> Overview:
 
 
 def _opens_s(history: History) -> float:
-    """When the first word was said (s), where none was when something was done first, else the start."""
+    """Return the time (s) of the first utterance, or else of the first action, or else the start."""
     done = (each for each in history if each.kind in ("action", "step"))
     first = next((each for each in history if each.kind == "utterance"), None) or next(done, None)
     return history.seconds(first.stamp) if first is not None else 0.0
 
 
-def _agents(run: Run) -> Iterator[AgentView]:
-    """Those that have done something in the order in which they did, and those of which nothing is known yet."""
+def _agents(run: RunView) -> Iterator[AgentView]:
     chosen: dict[tuple[str, str], int] = {}
     rejected: dict[tuple[str, str], int] = {}
     for record in run.history:

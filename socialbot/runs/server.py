@@ -33,21 +33,21 @@ from socialbot.core.messages import Command
 from socialbot.runs.broadcast import Broadcast
 from socialbot.runs.narration import LogLine, told_between
 from socialbot.runs.pages import PAGE, live_page
-from socialbot.runs.run import Office, Run, Shut, node_views, overview
+from socialbot.runs.run import CommandSender, NoCommands, RunView, node_views, overview
 from socialbot.runs.why import explain, why_not
 
 JSON = "application/json"
 FRESH = {"Cache-Control": "no-store"}
-"""A moment that was asked for now is not to be taken from a cache later: another run may be shown by then."""
+"""Answers must not be cached: the server may show another run later."""
 
 
 def reply(content: Any, *, status: int = 200) -> Response:
-    """``content``, which may be made of structs, as JSON."""
+    """Return ``content``, which may hold structs, as JSON."""
     return Response(msgspec.json.encode(content), status, FRESH, JSON)
 
 
 def reply_error(status: int, what: str) -> Response:
-    """What is wrong with a request."""
+    """Return an error as JSON."""
     return reply({"error": what}, status=status)
 
 
@@ -74,15 +74,14 @@ HEADERS: Mapping[str, str] = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
-"""What every answer carries: a page that loads nothing but its own files, and is shown in no other page."""
+"""Headers of every answer: the page loads only its own files and must not be framed."""
 
 
-class Guard:
-    """Lets through to ``app`` what may pass, and answers all else itself.
+class AccessGuard:
+    """Middleware that checks host name, token and origin.
 
-    The server is called by its address or the name of its machine only, so that no page of another site that has its
-    name point here can read it. With a ``token`` that has to be brought: as bearer, or once in the address of the page,
-    which leaves a cookie. What changes something has to come from the page itself, or from no page at all.
+    The host must be an address or the name of this machine, against DNS rebinding. A ``token`` comes as a bearer token,
+    or once in the URL, which sets a cookie. Requests that change something must come from the page, or from no page.
     """
 
     def __init__(self, app: ASGIApp, token: str = "") -> None:
@@ -113,7 +112,6 @@ class Guard:
             await self._app(scope, receive, send_with_headers)
 
     async def _turned_away(self, scope: Scope, headers: Headers, receive: Receive, send: Send) -> bool:
-        """Answers a request that brings no token, and one that brings it in its address."""
         query = QueryParams(scope["query_string"])
         if "token" in query and _same(query["token"], self._token):
             rest = urlencode([(name, value) for name, value in query.multi_items() if name != "token"])
@@ -143,7 +141,7 @@ class Guard:
 
 
 def is_own_name(host: str) -> bool:
-    """Whether a Host header is an address, ``localhost``, or the name of this machine."""
+    """Return whether a Host header is an address, ``localhost``, or the name of this machine."""
     try:
         name = urlsplit(f"//{host}").hostname or ""
     except ValueError:
@@ -158,7 +156,7 @@ def is_own_name(host: str) -> bool:
 
 
 def foreign(headers: Headers) -> str:
-    """Why a request that changes something is refused; empty when it is not."""
+    """Return why a request that changes something is refused; empty if it is accepted."""
     if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
         return "only application/json is taken"
     origin = headers.get("origin")
@@ -184,42 +182,40 @@ log = logging.getLogger("socialbot.inspect")
 
 KEEP_UP_S = 2.0
 MOST_LINES = 500
-"""So many lines of the log are given at once."""
 
 LARGEST_COMMAND = 65_536
-"""So many bytes somebody may ask for at once."""
+"""Limit for the body of a command (bytes)."""
 
 SMALLEST_PACKED = 2048
-"""Answers of fewer bytes are not worth packing."""
+"""Smaller answers (bytes) are not compressed."""
 
 DRAWING_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
-"""A drawing is styled in place and loads nothing."""
+"""Drawings use inline styles and load nothing."""
 
 
 class Asked(msgspec.Struct, frozen=True):
-    """What a person asks of an agent."""
+    """Command of a person to an agent."""
 
     agent: str
     command: Command
     text: str = ""
 
 
-class Server:
-    """Answers what the page asks of ``run``; ``office`` takes what people ask of agents.
+class PageServer:
+    """Serves the page of ``run``; ``office`` takes commands.
 
-    The run is looked at in one thread of its own, in which alone a live one takes in what has happened, and pictures
-    are made in another; so neither waits for the other, nor the loop for any of them.
+    The run is read in one thread, which also processes the messages of a live run. Pictures are decoded in another.
     """
 
-    def __init__(self, run: Run, office: Office | None = None) -> None:
+    def __init__(self, run: RunView, office: CommandSender | None = None) -> None:
         self.run = run
-        self.office: Office = office or Shut("this run is not live")
+        self.office: CommandSender = office or NoCommands("this run is not live")
         self._desk = ThreadPoolExecutor(1, "inspect")
         self._darkroom = ThreadPoolExecutor(1, "pictures")
         self._broadcast = Broadcast(lambda: self.run, lambda: self.office.shut, self._look)
 
     def application(self, token: str = "") -> Starlette:
-        """The application; see `Guard` for the ``token``."""
+        """Return the application with a `AccessGuard`."""
 
         @asynccontextmanager
         async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -241,23 +237,23 @@ class Server:
             Mount("/page", StaticFiles(directory=PAGE, check_dir=False)),
         ]
         middleware = [
-            Middleware(Guard, token=token),
+            Middleware(AccessGuard, token=token),
             Middleware(GZipMiddleware, minimum_size=SMALLEST_PACKED, compresslevel=1),
         ]
         handlers: dict[Any, Any] = {HTTPException: _refused, RunError: _not_there}
         return Starlette(routes=routes, middleware=middleware, exception_handlers=handlers, lifespan=lifespan)
 
-    async def show(self, run: Run, office: Office | None = None) -> None:
-        """From now on shows another run: what was live has ended."""
-        self.run, self.office = run, office or Shut("this run has ended")
+    async def show(self, run: RunView, office: CommandSender | None = None) -> None:
+        """Show another run: the live one has ended."""
+        self.run, self.office = run, office or NoCommands("this run has ended")
         self._broadcast.change()
 
     async def close(self) -> None:
-        """Sends every page away that listens to what happens."""
+        """Disconnect all listening pages."""
         await self._broadcast.close()
 
     async def _keep_up(self) -> None:
-        """Has a live run take in what it has heard, also while nobody looks: who comes then need not wait for it."""
+        """Process the messages of a live run also while no page listens."""
         told = ""
         while True:
             await asyncio.sleep(KEEP_UP_S)
@@ -379,8 +375,8 @@ class Server:
         return reply({"accepted": answer.accepted, "reason": answer.reason})
 
 
-def _stamp(request: Request, run: Run, name: str = "t", default: float | None = None) -> int:
-    """A time of the query as a stamp (ns); by default the end."""
+def _stamp(request: Request, run: RunView, name: str = "t", default: float | None = None) -> int:
+    """Return a time of the query as a stamp (ns); the end by default."""
     text = request.query_params.get(name)
     if text is None:
         return run.end if default is None else run.history.stamp(default)
@@ -396,7 +392,7 @@ def _stamp(request: Request, run: Run, name: str = "t", default: float | None = 
 
 
 def _answered(ask: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
-    """``ask`` as an endpoint of Starlette, which takes functions."""
+    """Wrap a bound method, as Starlette expects functions."""
 
     async def answer(request: Request) -> Response:
         return await ask(request)

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import uvicorn
 
 from socialbot.core.errors import ParameterError
-from socialbot.runs.run import Office, Run
-from socialbot.runs.server import Server
+from socialbot.runs.run import CommandSender, RunView
+from socialbot.runs.server import PageServer
 
 TOKEN_VARIABLE = "SOCIALBOT_TOKEN"
 HOST = "127.0.0.1"
@@ -28,10 +28,7 @@ ENDED_WITHIN_S = 3.0
 
 @dataclass(frozen=True)
 class Address:
-    """Where to serve, and the token that who asks has to bring; without one only this machine may ask.
-
-    Port 0 means any that is free.
-    """
+    """Host, port (0: any free one) and token; only loopback hosts work without a token."""
 
     host: str = HOST
     port: int = PORT
@@ -46,14 +43,18 @@ class Address:
             )
 
     def url(self, port: int) -> str:
-        """What to open in a browser; the token is in it."""
+        """Return the URL with the token."""
         host = HOST if self.host in ("0.0.0.0", "::", "") else self.host
         shown = f"[{host}]" if ":" in host else host
         return f"http://{shown}:{port}/" + (f"?token={self.token}" if self.token else "")
 
 
 def token_given(token: str | None) -> str:
-    """The token of the command line, or of the environment. Raises ParameterError for one that does not do."""
+    """Return the token of the command line or of the environment.
+
+    Raises:
+        ParameterError: The token is too short or has other characters.
+    """
     found = os.environ.get(TOKEN_VARIABLE, "") if token is None else token
     if found and not (len(found) >= 8 and found.isascii() and found.replace("-", "").replace("_", "").isalnum()):
         remedy = "take 8 or more letters, digits, - and _"
@@ -62,7 +63,7 @@ def token_given(token: str | None) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches ``host``."""
+    """Return whether only this machine reaches ``host``."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -70,23 +71,27 @@ def is_loopback(host: str) -> bool:
 
 
 class Serving:
-    """A server that serves. ``url`` is where."""
+    """Running server at ``url``."""
 
-    def __init__(self, server: Server, url: str, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, server: PageServer, url: str, loop: asyncio.AbstractEventLoop) -> None:
         self.url = url
         self._server = server
         self._loop = loop
 
-    def show(self, run: Run, office: Office | None = None) -> None:
-        """From now on shows another run: what was live has ended."""
+    def show(self, run: RunView, office: CommandSender | None = None) -> None:
+        """Show another run: the live one has ended."""
         asyncio.run_coroutine_threadsafe(self._server.show(run, office), self._loop).result()
 
 
 @contextmanager
-def serving(run: Run, address: Address, office: Office | None = None) -> Iterator[Serving]:
-    """Serves ``run`` from a thread as long as the block lasts. Raises ParameterError when the address cannot be had."""
+def serving(run: RunView, address: Address, office: CommandSender | None = None) -> Iterator[Serving]:
+    """Serve ``run`` from a thread while the block lasts.
+
+    Raises:
+        ParameterError: The address is not available.
+    """
     with _listening(address) as ear:
-        server = Server(run, office)
+        server = PageServer(run, office)
         loop = asyncio.new_event_loop()
         served = _Uvicorn(
             uvicorn.Config(
@@ -112,7 +117,7 @@ def serving(run: Run, address: Address, office: Office | None = None) -> Iterato
 
 
 class _Uvicorn(uvicorn.Server):
-    """Leaves signals alone, and tells when it stands."""
+    """Server that ignores signals and reports its start."""
 
     def __init__(self, config: uvicorn.Config) -> None:
         super().__init__(config)

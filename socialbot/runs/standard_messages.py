@@ -18,21 +18,21 @@ from socialbot.core.messages import Image, JointTrajectory, PersonDetection, Per
 from socialbot.graph.node import Graph, check_parameters
 
 if TYPE_CHECKING:
-    from socialbot.runs.streams import Pose
+    from socialbot.runs.streams import HeadTarget
 
 
 BASE, PAN, TILT, CAMERA = "base_link", "head_pan_link", "head_tilt_link", "camera_link"
 OPTICAL = "camera_color_optical_frame"
-"""Frames, from the foot of the robot to its camera; the last looks along z, and is that of most drivers' pictures."""
+"""Frames from the base to the camera; the optical frame looks along z, with the usual name of drivers."""
 
 HEIGHT_M = 1.2
-"""The height of a head whose camera nobody looks through to tell distances."""
+"""Default height of the head."""
 
 Vector = tuple[float, float, float]
 
 
 class HeadPose(NamedTuple):
-    """Where a head points, rad: pan to the left, tilt up."""
+    """Head direction in rad: pan left, tilt up."""
 
     pan: float
     tilt: float
@@ -43,9 +43,9 @@ AHEAD = HeadPose(0.0, 0.0)
 
 @dataclass(frozen=True)
 class Mounting:
-    """A head and a camera ``height_m`` above the floor; the camera looks down by ``pitch_rad``.
+    """Camera ``height_m`` above the floor, tilted down by ``pitch_rad``, on the base or on the head.
 
-    It is fixed to the base or, with ``on_head``, to the head; its pictures are in the frame ``optical``.
+    ``optical`` is the frame of its pictures.
     """
 
     height_m: float = HEIGHT_M
@@ -55,7 +55,7 @@ class Mounting:
 
 
 def mounting_of(graph: Graph) -> Mounting:
-    """How the camera of ``graph`` sits: as its detector takes it to, which tells distances by that."""
+    """Return the camera mounting from the parameters of the detector."""
     seeing = parameters_of(graph, "mount_height_m", "pitch_rad")
     turning = parameters_of(graph, "camera_on_head")
     return Mounting(
@@ -67,7 +67,7 @@ def mounting_of(graph: Graph) -> Mounting:
 
 
 def parameters_of(graph: Graph, *names: str) -> Mapping[str, Any]:
-    """The parameters of the first node of ``graph`` that has those called ``names``; empty when there is none."""
+    """Return the parameters of the first node that has all ``names``; empty without one."""
     for placement in graph.placements:
         if placement.type.parameters().keys() >= set(names):
             return check_parameters(placement.type, placement.parameters, where=placement.place(graph.name))
@@ -75,7 +75,7 @@ def parameters_of(graph: Graph, *names: str) -> Mapping[str, Any]:
 
 
 def _camera_frame(graph: Graph) -> str:
-    """The frame of the pictures of the first camera of ``graph`` that names one, else that of most drivers."""
+    """Return the frame of the first camera that declares one."""
     for placement in graph.placements:
         if "frame_id" in placement.type.parameters() and Image in (
             port.message_type for _, port in placement.publications
@@ -86,7 +86,7 @@ def _camera_frame(graph: Graph) -> str:
 
 
 def place_of(person: PersonDetection, head: HeadPose = AHEAD) -> Vector | None:
-    """Where somebody stands (m) in the robot's base, seen by a camera that is turned as ``head`` is."""
+    """Return the position (m) of a person in the base frame; ``head`` is the direction of the camera."""
     if person.distance_m is None or person.bearing_rad is None:
         return None
     bearing = head.pan + _levelled(person.bearing_rad, person.elevation_rad, head.tilt)
@@ -94,7 +94,7 @@ def place_of(person: PersonDetection, head: HeadPose = AHEAD) -> Vector | None:
 
 
 def _levelled(bearing: float, elevation: float | None, tilt: float) -> float:
-    """The bearing in the level plane of a direction that is told from a head tilted up by ``tilt`` (all in rad)."""
+    """Return the horizontal bearing of a direction measured with a head tilted up by ``tilt`` (rad)."""
     if elevation is None or not tilt:
         return bearing
     ahead, left, up = (
@@ -106,29 +106,29 @@ def _levelled(bearing: float, elevation: float | None, tilt: float) -> float:
 
 
 HEAD_HZ = 20.0
-"""How often others are told where a head is."""
+"""Publishing rate of the head pose."""
 
 _KEPT = 32
-"""So many turns of each joint are remembered: of at least three seconds, as a head is told ten times a second."""
+"""Remembered turns of each joint: at least 3 s at ten targets a second."""
 
 
 @dataclass(frozen=True)
 class Neck:
-    """The joints by which the head of a graph pans and tilts."""
+    """Names of the pan and tilt joints."""
 
     pan: str
     tilt: str
 
 
 def neck_of(graph: Graph) -> Neck | None:
-    """The neck of the first node of ``graph`` that turns a head; None when there is no such node."""
+    """Return the joints of the first node that turns a head."""
     values = parameters_of(graph, "pan_joint", "tilt_joint")
     return Neck(values["pan_joint"], values["tilt_joint"]) if values else None
 
 
 @dataclass(frozen=True)
 class Turn:
-    """A joint on its way (rad) from ``start`` to ``target`` since ``begin`` (ns)."""
+    """Motion of a joint (rad) from ``start`` to ``target`` since ``begin`` (ns)."""
 
     start: float
     target: float
@@ -136,7 +136,6 @@ class Turn:
     duration_s: float
 
     def at(self, stamp: int) -> float:
-        """Where it is at ``stamp`` (ns)."""
         if self.duration_s <= 0:
             return self.target
         share = min(max((stamp - self.begin) / SECOND / self.duration_s, 0.0), 1.0)
@@ -144,33 +143,32 @@ class Turn:
 
 
 class Joints:
-    """The joints called ``names``: at 0 until they are told to go elsewhere."""
+    """Positions of joints, initially 0."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self._turns = {name: deque([Turn(0.0, 0.0, 0, 0.0)], maxlen=_KEPT) for name in names}
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What they are called."""
         return tuple(self._turns)
 
     def tell(self, told: JointTrajectory) -> None:
-        """They are ``told`` to go elsewhere; joints that are none of these do not count."""
+        """Process a target; unknown joints are ignored."""
         for name, target in zip(told.joint_names, told.positions, strict=False):
             if name in self._turns and math.isfinite(target):
                 start = self.at(name, told.stamp)
                 self._turns[name].append(Turn(start, target, told.stamp, told.duration_s))
 
     def at(self, name: str, stamp: int) -> float:
-        """Where (rad) the joint ``name`` is, or was, at ``stamp`` (ns)."""
+        """Return the position (rad) of a joint at ``stamp`` (ns)."""
         turns = self._turns[name]
         return next((turn for turn in reversed(turns) if turn.begin <= stamp), turns[0]).at(stamp)
 
 
 class HeadCourse:
-    """Where a head was at any time of a run, by the poses that it was told to take, which are in order."""
+    """Direction of a head over time, from its target poses in order."""
 
-    def __init__(self, poses: Iterable[Pose]) -> None:
+    def __init__(self, poses: Iterable[HeadTarget]) -> None:
         self._begins: list[int] = []
         self._turns: list[tuple[Turn, Turn]] = []
         for stamp, pan, tilt, duration_s in poses:
@@ -181,7 +179,6 @@ class HeadCourse:
             )
 
     def at(self, stamp: int) -> HeadPose:
-        """Where it pointed at ``stamp`` (ns)."""
         begun = bisect_right(self._begins, stamp)
         if not begun:
             return AHEAD
@@ -196,7 +193,7 @@ _CYLINDER, _TEXT = 3, 9
 _ADD, _DELETE_ALL = 0, 3
 _NO_BYTES = np.zeros(0, np.uint8)
 _SHOWN_S = 0.5
-"""So long a marker is shown if nothing new is said."""
+"""Lifetime of a marker."""
 
 Rotation = tuple[float, float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
@@ -207,33 +204,31 @@ _ID_LETTERS = 64
 
 
 def body_id(person: PersonDetection) -> str:
-    """The track of ``person`` as an id that may stand in the name of a topic: letters, digits and _, no digit first."""
+    """Return a track id that is valid in topic names: letters, digits and _, not starting with a digit."""
     words = _NO_LETTERS.sub("_", person.track_id)[:_ID_LETTERS].strip("_")
     return words if words[:1].isalpha() else f"b{words}"
 
 
 def fits_time(stamp: int) -> bool:
-    """Whether a Time of ROS can hold ``stamp`` (ns)."""
+    """Return whether ``stamp`` (ns) fits a ROS Time."""
     return stamp in _TIMES
 
 
 class StandardMessages:
-    """Makes them, with ``types``."""
+    """Builds standard ROS messages with ``types``."""
 
     def __init__(self, types: TypeFactory) -> None:
         self._make = types.make
 
     def time(self, stamp: int) -> Any:
-        """``stamp`` (ns) as a Time."""
         seconds, rest = divmod(stamp, SECOND)
         return self._make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
 
     def header(self, stamp: int, frame_id: str = "") -> Any:
-        """A Header."""
         return self._make("std_msgs/msg/Header", stamp=self.time(stamp), frame_id=frame_id)
 
     def camera(self, stamp: int, mounting: Mounting) -> Any:
-        """A TFMessage: where the camera sits, on the head or on the base, and the frame of its pictures."""
+        """Return a TFMessage with the camera and its optical frame."""
         holder, place = (TILT, ORIGIN) if mounting.on_head else (BASE, (0.0, 0.0, mounting.height_m))
         frames = [self._transform(stamp, holder, CAMERA, place, _looking_up(-mounting.pitch_rad))]
         if mounting.optical not in (BASE, PAN, TILT, CAMERA):
@@ -242,7 +237,7 @@ class StandardMessages:
         return self._frames(frames)
 
     def head(self, stamp: int, pose: HeadPose, height_m: float = HEIGHT_M) -> Any:
-        """A TFMessage: where the head points."""
+        """Return a TFMessage with the head."""
         turned = (0.0, 0.0, math.sin(pose.pan / 2), math.cos(pose.pan / 2))
         return self._frames(
             [
@@ -252,10 +247,7 @@ class StandardMessages:
         )
 
     def bodies(self, found: PersonDetections, head: HeadPose = AHEAD) -> Any:
-        """A TFMessage: a frame ``body_<id>`` for each person of whom it is known where they stand.
-
-        It is between their hips; how they are turned is not known.
-        """
+        """Return a TFMessage with a frame ``body_<id>`` at the hips of each located person."""
         frames = []
         for person in found.persons:
             place = place_of(person, head)
@@ -265,7 +257,7 @@ class StandardMessages:
         return self._frames(frames)
 
     def joints(self, stamp: int, names: Sequence[str], positions_rad: Sequence[float]) -> Any:
-        """A JointState."""
+        """Return a JointState."""
         return self._make(
             "sensor_msgs/msg/JointState",
             header=self.header(stamp),
@@ -276,7 +268,7 @@ class StandardMessages:
         )
 
     def markers(self, found: PersonDetections, head: HeadPose = AHEAD) -> Any:
-        """A MarkerArray for RViz: a cylinder with id and distance for each person; it takes the place of the last."""
+        """Return a MarkerArray with a cylinder and a label per person; it replaces the last one."""
         shapes = [self._marker(found.stamp, 0, _CYLINDER, action=_DELETE_ALL)]
         for number, person in enumerate(found.persons):
             place = place_of(person, head)
@@ -295,7 +287,7 @@ class StandardMessages:
         return self._make("visualization_msgs/msg/MarkerArray", markers=shapes)
 
     def boxes(self, found: PersonDetections) -> Any:
-        """A Detection2DArray of vision_msgs, in pixels, centres and sizes."""
+        """Return a Detection2DArray of vision_msgs, in pixels."""
         return self._make(
             "vision_msgs/msg/Detection2DArray",
             header=self.header(found.stamp, found.frame_id),
@@ -303,7 +295,7 @@ class StandardMessages:
         )
 
     def ids(self, found: PersonDetections) -> Any:
-        """An IdsList of hri_msgs: who is followed."""
+        """Return an IdsList of hri_msgs."""
         return self._make(
             "hri_msgs/msg/IdsList",
             header=self.header(found.stamp, found.frame_id),
@@ -311,7 +303,7 @@ class StandardMessages:
         )
 
     def region(self, found: PersonDetections, person: PersonDetection) -> Any:
-        """A NormalizedRegionOfInterest2D of hri_msgs: a person's box as shares, 0 to 1, of the picture's size."""
+        """Return a NormalizedRegionOfInterest2D of hri_msgs, as fractions of the picture."""
 
         def share(pixels: float, whole: int) -> float:
             return min(max(pixels / whole, 0.0), 1.0)
@@ -387,7 +379,6 @@ class StandardMessages:
         )
 
     def _pose(self, place: Vector) -> Any:
-        """A Pose at ``place`` that is not turned."""
         point = self._make("geometry_msgs/msg/Point", **_named("xyz", place))
         upright = self._make("geometry_msgs/msg/Quaternion", **_named("xyzw", (0.0, 0.0, 0.0, 1.0)))
         return self._make("geometry_msgs/msg/Pose", position=point, orientation=upright)
@@ -413,7 +404,7 @@ class StandardMessages:
 
 
 def _looking_up(angle: float) -> Rotation:
-    """A turn by ``angle`` (rad), up; one about y that is positive looks down."""
+    """Return the rotation by ``angle`` (rad) up; positive rotations about y look down."""
     return (0.0, -math.sin(angle / 2), 0.0, math.cos(angle / 2))
 
 

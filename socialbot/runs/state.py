@@ -13,8 +13,8 @@ from socialbot.runs.history import OF_TOPICS, History
 from socialbot.runs.narration import Wording, plan_name
 
 
-class Held(msgspec.Struct, frozen=True):
-    """Something believed, by whom it was told, and since when (s from the start); ``id`` is that of its record."""
+class BeliefView(msgspec.Struct, frozen=True):
+    """Belief with its source; ``since_s`` counts from the start of the run, ``id`` is that of its record."""
 
     id: str
     text: str
@@ -22,8 +22,8 @@ class Held(msgspec.Struct, frozen=True):
     since_s: float
 
 
-class Want(msgspec.Struct, frozen=True):
-    """A desire: its priority (0 to 1), and when (s from the start) its time is up, where it has such."""
+class DesireView(msgspec.Struct, frozen=True):
+    """Desire with its priority (0 to 1) and deadline (s from the start)."""
 
     id: str
     text: str
@@ -32,8 +32,8 @@ class Want(msgspec.Struct, frozen=True):
     due_s: float | None = None
 
 
-class Goal(msgspec.Struct, frozen=True):
-    """A goal of the engine, ``depth`` goals below the first one: the plan for it, and the step that this is at."""
+class GoalView(msgspec.Struct, frozen=True):
+    """Goal of the engine, ``depth`` goals below the first one, with its plan and current step."""
 
     id: str
     text: str
@@ -43,8 +43,8 @@ class Goal(msgspec.Struct, frozen=True):
     step: str = ""
 
 
-class PlanNow(msgspec.Struct, frozen=True):
-    """A plan that is carried out for a desire: ``done`` of so many ``steps``."""
+class ActivePlan(msgspec.Struct, frozen=True):
+    """Plan in execution for a desire."""
 
     id: str
     desire: str
@@ -54,8 +54,8 @@ class PlanNow(msgspec.Struct, frozen=True):
     done: int = 0
 
 
-class Doing(msgspec.Struct, frozen=True):
-    """An action, or a step of a plan, that goes on: how much of it (0 to 1) is done, where that is known."""
+class ActiveAction(msgspec.Struct, frozen=True):
+    """Action or plan step in execution; ``done`` is the fraction, if known."""
 
     id: str
     text: str
@@ -63,8 +63,8 @@ class Doing(msgspec.Struct, frozen=True):
     done: float | None = None
 
 
-class Ended(msgspec.Struct, frozen=True):
-    """Something that has ended: a ``desire``, ``goal``, ``plan`` or ``action``, when, and how."""
+class ResultView(msgspec.Struct, frozen=True):
+    """Result of a ``desire``, ``goal``, ``plan`` or ``action``."""
 
     id: str
     kind: str
@@ -73,21 +73,21 @@ class Ended(msgspec.Struct, frozen=True):
     outcome: str
 
 
-class AgentMoment(msgspec.Struct, frozen=True):
-    """An agent at a moment. ``ended`` is what came to an end last, the newest first; ``paused``: by a person."""
+class AgentMind(msgspec.Struct, frozen=True):
+    """State of an agent. ``ended`` lists the latest results first; ``paused`` by a person."""
 
     name: str
-    beliefs: tuple[Held, ...]
-    desires: tuple[Want, ...]
-    goals: tuple[Goal, ...]
-    plans: tuple[PlanNow, ...]
-    actions: tuple[Doing, ...]
-    ended: tuple[Ended, ...]
+    beliefs: tuple[BeliefView, ...]
+    desires: tuple[DesireView, ...]
+    goals: tuple[GoalView, ...]
+    plans: tuple[ActivePlan, ...]
+    actions: tuple[ActiveAction, ...]
+    ended: tuple[ResultView, ...]
     paused: bool = False
 
 
-class Seen(msgspec.Struct, frozen=True):
-    """A person as `socialbot.core.messages.PersonDetection` has them: box in pixels, distance in m, angles in rad."""
+class DetectedPerson(msgspec.Struct, frozen=True):
+    """Person in a frame, as in `PersonDetection`: pixels, m and rad."""
 
     x: float
     y: float
@@ -102,18 +102,18 @@ class Seen(msgspec.Struct, frozen=True):
     unseen_s: float = 0.0
 
 
-class Sight(msgspec.Struct, frozen=True):
-    """The persons in the last frame that was looked at, at ``at_s``; its size (pixels) is 0 if unknown."""
+class FrameView(msgspec.Struct, frozen=True):
+    """Persons in the latest frame; its size (pixels) is 0 if unknown."""
 
     id: str
     at_s: float
-    persons: tuple[Seen, ...]
+    persons: tuple[DetectedPerson, ...]
     width: int = 0
     height: int = 0
 
 
-class Spoken(msgspec.Struct, frozen=True):
-    """A sentence and what has become of it: waiting, started, finished, replaced, expired or failed."""
+class SpokenUtterance(msgspec.Struct, frozen=True):
+    """Utterance with its state: waiting, started, finished, replaced, expired or failed."""
 
     id: str
     text: str
@@ -121,8 +121,8 @@ class Spoken(msgspec.Struct, frozen=True):
     state: str
 
 
-class HeadNow(msgspec.Struct, frozen=True):
-    """How the head is held: track, centre or look, and where its joints go."""
+class HeadView(msgspec.Struct, frozen=True):
+    """Head mode (track, centre or look) and joint targets."""
 
     id: str
     mode: str
@@ -130,44 +130,41 @@ class HeadNow(msgspec.Struct, frozen=True):
     joints: str = ""
 
 
-class Moment(msgspec.Struct, frozen=True):
-    """A run at a time ``at_s``; all times are s from its start. ``records`` were made until then."""
+class RunState(msgspec.Struct, frozen=True):
+    """State of a run at ``at_s``; times are seconds from its start. ``records`` counts the records until then."""
 
     at_s: float
     records: int
-    agents: tuple[AgentMoment, ...]
-    sight: Sight | None = None
-    speech: tuple[Spoken, ...] = ()
-    head: HeadNow | None = None
+    agents: tuple[AgentMind, ...]
+    sight: FrameView | None = None
+    speech: tuple[SpokenUtterance, ...] = ()
+    head: HeadView | None = None
 
 
 ENDED = 5
-"""So much of what has ended is remembered."""
 
 
 @dataclass
-class MindThen:
-    """The mind of an agent at some point of a history; `take` brings it one record further."""
+class MindState:
+    """State of an agent that `take` advances record by record."""
 
     name: str
-    beliefs: dict[str, Held] = field(default_factory=dict)
-    desires: dict[str, Want] = field(default_factory=dict)
-    goals: dict[str, Goal] = field(default_factory=dict)
-    plans: dict[int, PlanNow] = field(default_factory=dict)
-    actions: dict[str, Doing] = field(default_factory=dict)
-    ended: tuple[Ended, ...] = ()
+    beliefs: dict[str, BeliefView] = field(default_factory=dict)
+    desires: dict[str, DesireView] = field(default_factory=dict)
+    goals: dict[str, GoalView] = field(default_factory=dict)
+    plans: dict[int, ActivePlan] = field(default_factory=dict)
+    actions: dict[str, ActiveAction] = field(default_factory=dict)
+    ended: tuple[ResultView, ...] = ()
     paused: bool = False
-    _shown: AgentMoment | None = None
+    _shown: AgentMind | None = None
 
-    def copy(self) -> MindThen:
-        """Another one that may go another way."""
+    def copy(self) -> MindState:
         parts = (self.beliefs, self.desires, self.goals, self.plans, self.actions)
-        return MindThen(self.name, *map(dict, parts), self.ended, self.paused, self._shown)  # type: ignore[arg-type]
+        return MindState(self.name, *map(dict, parts), self.ended, self.paused, self._shown)  # type: ignore[arg-type]
 
-    def moment(self) -> AgentMoment:
-        """The mind as it is."""
+    def moment(self) -> AgentMind:
         if self._shown is None:
-            self._shown = AgentMoment(
+            self._shown = AgentMind(
                 self.name,
                 tuple(self.beliefs.values()),
                 tuple(self.desires.values()),
@@ -180,12 +177,11 @@ class MindThen:
         return self._shown
 
     def ids(self) -> Iterator[str]:
-        """The records of all that holds and goes on."""
         for each in (self.beliefs, self.desires, self.goals, self.plans, self.actions):
             yield from (held.id for held in each.values())
 
     def take(self, record: TraceRecord, history: History, wording: Wording) -> None:
-        """Takes the next record of this agent."""
+        """Process the next record of this agent."""
         self._shown = None
         since = history.seconds(record.stamp)
         what, detail = record.what, record.detail
@@ -201,13 +197,13 @@ class MindThen:
             case "desire":
                 deadline = detail.get("deadline")
                 due = None if deadline is None else round(since + deadline, 6)
-                self.desires[what] = Want(record.id, what, since, detail.get("priority"), due)
+                self.desires[what] = DesireView(record.id, what, since, detail.get("priority"), due)
             case "desire_fulfilled" | "desire_dropped":
                 self.desires.pop(what, None)
                 self._end(record, "desire", what, since, record.kind.removeprefix("desire_"))
             case "goal":
                 above = self._goal_above(record, history)
-                self.goals[record.id] = Goal(record.id, what, since, 0 if above is None else above.depth + 1)
+                self.goals[record.id] = GoalView(record.id, what, since, 0 if above is None else above.depth + 1)
             case "plan":
                 goal = self.goals.get(record.cause)
                 if goal is not None:
@@ -221,19 +217,19 @@ class MindThen:
                 if not detail.get("beside"):
                     self.plans.clear()
                 number = detail.get("plan", 0)
-                self.plans[number] = PlanNow(record.id, what, number, since, len(detail.get("steps", ())))
+                self.plans[number] = ActivePlan(record.id, what, number, since, len(detail.get("steps", ())))
             case "plan_end":
                 self.plans.pop(detail.get("plan", 0), None)
                 self._end(record, "plan", what, since, str(detail.get("outcome", "")))
             case "step":
-                self.actions[record.id] = Doing(record.id, wording.step(record), since)
+                self.actions[record.id] = ActiveAction(record.id, wording.step(record), since)
             case "step_end":
                 self._step_end(record, since, history, wording)
             case "action" | "progress" | "action_end":
                 self._act(record, since, history)
 
     def note_done(self, step: TraceRecord) -> None:
-        """Takes the end of a step that was done, by this agent or another, for a plan of this one."""
+        """Process the end of a successful step of one of this agent's plans, also one that another agent executed."""
         number = step.detail.get("plan", next(iter(self.plans), 0))
         plan = self.plans.get(number)
         if plan is not None:
@@ -243,19 +239,18 @@ class MindThen:
     def _believe(self, record: TraceRecord, since: float) -> None:
         source, known = str(record.detail.get("source", "")), self.beliefs.get(record.what)
         if known is None:
-            self.beliefs[record.what] = Held(record.id, record.what, source, since)
+            self.beliefs[record.what] = BeliefView(record.id, record.what, source, since)
         elif source not in known.source.split(", "):
             self.beliefs[record.what] = replace(known, source=f"{known.source}, {source}")
 
-    def _goal_above(self, record: TraceRecord, history: History) -> Goal | None:
-        """The goal whose plan a record stems from."""
+    def _goal_above(self, record: TraceRecord, history: History) -> GoalView | None:
         cause = history.cause(record)
         while cause is not None and cause.kind in ("plan", "action", "failure"):
             cause = history.cause(cause)
         return None if cause is None else self.goals.get(cause.id)
 
     def _act(self, record: TraceRecord, since: float, history: History) -> None:
-        """An action of the engine. Where it carries out a step of a plan, that is what is shown."""
+        """Process an action of the engine; an action that carries out a plan step is shown as that step."""
         action = record if record.kind == "action" else history.find(record.cause)
         if action is None:
             return
@@ -266,14 +261,17 @@ class MindThen:
             return
         step = None if goal is None else self._step_behind(goal, history)
         if record.kind == "progress":
-            doing = step or self.actions.get(action.id) or Doing(action.id, action.what, history.seconds(action.stamp))
+            doing = (
+                step
+                or self.actions.get(action.id)
+                or ActiveAction(action.id, action.what, history.seconds(action.stamp))
+            )
             self.actions[doing.id] = replace(doing, done=record.detail.get("fraction"))
         elif step is None:
             self.actions.pop(action.id, None)
             self._end(record, "action", action.what, since, str(record.detail.get("outcome", "finished")))
 
-    def _step_behind(self, goal: Goal, history: History) -> Doing | None:
-        """The step of a plan that a goal is to carry out."""
+    def _step_behind(self, goal: GoalView, history: History) -> ActiveAction | None:
         record = history.find(goal.id)
         return None if record is None else self.actions.get(record.cause)
 
@@ -284,7 +282,6 @@ class MindThen:
         self._end(record, "action", text, since, str(record.detail.get("outcome", "")))
 
     def _drop(self, record: TraceRecord, since: float, history: History) -> None:
-        """An intention has ended, with all goals that led to the failure."""
         for each in history.before(record):
             if each.kind not in ("goal", "plan", "action", "failure"):
                 break
@@ -294,40 +291,39 @@ class MindThen:
                 self._end(record, "goal", goal.text, since, str(reason))
 
     def _end(self, record: TraceRecord, kind: str, text: str, at_s: float, outcome: str) -> None:
-        self.ended = (Ended(record.id, kind, text, at_s, outcome), *self.ended)[:ENDED]
+        self.ended = (ResultView(record.id, kind, text, at_s, outcome), *self.ended)[:ENDED]
 
 
 APART = 256
-"""So many records lie between two checkpoints."""
+"""Number of records between two checkpoints."""
 
 SENTENCES = 3
-"""So many sentences that were said last are told."""
 
 
 @dataclass
 class _Scene:
-    """Everything at some point of a history. Minds are shared with earlier scenes until they change."""
+    """State of the run at one record. Minds are shared with earlier scenes until they change."""
 
-    minds: dict[str, MindThen] = field(default_factory=dict)
+    minds: dict[str, MindState] = field(default_factory=dict)
     own: set[str] = field(default_factory=set)
     sight: TraceRecord | None = None
-    speech: tuple[Spoken, ...] = ()
-    head: HeadNow | None = None
+    speech: tuple[SpokenUtterance, ...] = ()
+    head: HeadView | None = None
 
     def fork(self) -> _Scene:
-        """Another one that goes on from here; this one is not to be changed any more."""
+        """Return a scene that continues from here; this one must not change any more."""
         return _Scene(dict(self.minds), set(), self.sight, self.speech, self.head)
 
-    def mind(self, name: str) -> MindThen:
-        """The mind of an agent, to be changed."""
+    def mind(self, name: str) -> MindState:
+        """Return the mind of an agent for changes."""
         if name not in self.own:
             self.own.add(name)
-            self.minds[name] = self.minds[name].copy() if name in self.minds else MindThen(name)
+            self.minds[name] = self.minds[name].copy() if name in self.minds else MindState(name)
         return self.minds[name]
 
 
-class Course:
-    """The moments of a history, which may grow."""
+class StateIndex:
+    """States of a history, which may grow, found from checkpoints."""
 
     def __init__(self, history: History, wording: Wording | None = None) -> None:
         self._history = history
@@ -336,12 +332,12 @@ class Course:
         self._latest: tuple[int, _Scene] = (0, _Scene())
         self._late = 0
 
-    def at(self, stamp: int) -> Moment:
-        """What held at ``stamp`` (ns), all records of that stamp included."""
+    def at(self, stamp: int) -> RunState:
+        """Return the state at ``stamp`` (ns), including all records of that stamp."""
         count = self._history.until(stamp)
         self._forget_what_has_changed()
         scene = self._scene(count)
-        return Moment(
+        return RunState(
             at_s=self._history.seconds(stamp),
             records=self._history.forgotten + count,
             agents=tuple(mind.moment() for mind in scene.minds.values()),
@@ -351,13 +347,13 @@ class Course:
         )
 
     def prepare(self) -> None:
-        """Goes through the history once, so that every moment is found fast from now on."""
+        """Build all checkpoints."""
         self.at(self._history.end)
 
     def forget(self, count: int) -> int:
-        """Has the history forget ``count`` of its first records, or some fewer, and says how many.
+        """Drop about ``count`` of the first records of the history and return how many.
 
-        What held then is where everything goes on from. The last record is kept, as a history without one has no end.
+        The state after them becomes the first checkpoint. The last record is kept, as a history needs an end.
         """
         self.prepare()
         parts = min(count, len(self._history) - 1) // APART
@@ -391,7 +387,6 @@ class Course:
         return scene
 
     def _forget_what_has_changed(self) -> None:
-        """Records that came late change all that was found out about later moments."""
         late = self._history.late(self._late)
         if late:
             self._late += len(late)
@@ -411,7 +406,7 @@ class Course:
             case "detection":
                 scene.sight = record
             case "utterance":
-                spoken = Spoken(record.id, record.what, since, "waiting")
+                spoken = SpokenUtterance(record.id, record.what, since, "waiting")
                 scene.speech = (*scene.speech, spoken)[-SENTENCES:]
             case "speech":
                 scene.speech = tuple(
@@ -421,16 +416,16 @@ class Course:
                     for spoken in scene.speech
                 )
             case "head":
-                scene.head = HeadNow(record.id, record.what, since, scene.head.joints if scene.head else "")
+                scene.head = HeadView(record.id, record.what, since, scene.head.joints if scene.head else "")
             case "motion":
-                head = scene.head or HeadNow(record.id, "", since)
+                head = scene.head or HeadView(record.id, "", since)
                 scene.head = msgspec.structs.replace(head, joints=record.what)
 
-    def _sight(self, record: TraceRecord | None) -> Sight | None:
+    def _sight(self, record: TraceRecord | None) -> FrameView | None:
         if record is None:
             return None
         detail = record.detail
-        return Sight(
+        return FrameView(
             record.id,
             self._history.seconds(record.stamp),
             persons_of(record),
@@ -439,6 +434,6 @@ class Course:
         )
 
 
-def persons_of(record: TraceRecord) -> tuple[Seen, ...]:
-    """The persons that a detection tells of."""
-    return msgspec.convert(record.detail.get("persons", ()), tuple[Seen, ...])
+def persons_of(record: TraceRecord) -> tuple[DetectedPerson, ...]:
+    """Return the persons of a detection record."""
+    return msgspec.convert(record.detail.get("persons", ()), tuple[DetectedPerson, ...])

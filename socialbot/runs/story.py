@@ -9,18 +9,18 @@ from typing import Any, TypeVar
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
 from socialbot.planning.pddl.domain import PddlPlan, PlanStep, parse_plan
-from socialbot.runs.narration import Narrator, Origin, Phrases, Wording, in_words
+from socialbot.runs.narration import Origin, Phrases, StoryNarrator, Wording, in_words
 
 SHORT_S = 20.0
-"""Of runs shorter than this times are told to the hundredth of a second."""
+"""Times of shorter runs have two decimal places."""
 
 
 @dataclass(eq=False)
-class PlanTold:
-    """A plan as it went; ``outcome`` is succeeded, failed, aborted, or empty while it goes on.
+class PlanRecord:
+    """Execution of a plan. ``outcome``: succeeded, failed, aborted, lost, or empty while it is executed.
 
-    ``makespan_s`` is None where plans say nothing of time. ``tree`` and ``last_tree`` draw the tasks that it comes
-    from, as they were at its begin and at its end, where it comes from any.
+    ``makespan_s`` is None for plans without times. ``tree`` and ``last_tree`` draw its tasks at the start and at the
+    end.
     """
 
     agent: str
@@ -30,7 +30,7 @@ class PlanTold:
     makespan_s: float | None
     plan: PddlPlan
     again: bool
-    """Whether it takes the place of one that was given up."""
+    """Whether it replaces a plan that was given up."""
     tree: str = ""
     last_tree: str = ""
     ended: int | None = None
@@ -39,19 +39,15 @@ class PlanTold:
 
     @property
     def given_up(self) -> bool:
-        """Whether it ended before its end."""
         return self.outcome in ("failed", "aborted", "lost")
 
 
 @dataclass(eq=False)
-class StepTold:
-    """A step of a plan as it went. Times are ns; one that could not begin has no ``began``, only its end.
-
-    ``planned`` is the step as the plan had it. ``outcome`` is empty while it goes on.
-    """
+class StepRecord:
+    """Execution of a plan step. Times are ns; ``began`` is None for a step that could not begin."""
 
     agent: str
-    plan: PlanTold | None
+    plan: PlanRecord | None
     action: str
     args: tuple[str, ...]
     text: str
@@ -63,13 +59,12 @@ class StepTold:
 
     @property
     def call(self) -> str:
-        """As the plan writes it."""
         return f"({' '.join((self.action, *self.args))})"
 
 
 @dataclass(eq=False)
-class RequestTold:
-    """A request from one agent to another; ``state`` is the last answer. Times are ns."""
+class RequestRecord:
+    """Request between agents; ``state`` is the last answer. Times are ns."""
 
     id: str
     sender: str
@@ -84,10 +79,10 @@ class RequestTold:
 
 
 @dataclass(eq=False)
-class WordTold:
-    """Something that one agent said to another at ``stamp`` (ns), in words and in terms of speech acts.
+class MessageRecord:
+    """Message between agents at ``stamp`` (ns).
 
-    ``weight`` says whether it is a ``plan``, a ``problem``, a ``word`` between partners, or (empty) something else.
+    ``weight``: a ``plan``, a ``problem``, a ``word`` between partners, or empty.
     """
 
     id: str
@@ -102,10 +97,10 @@ class WordTold:
 
 
 @dataclass(eq=False)
-class DesireTold:
-    """A desire, where it came from, and how it ended; ``how`` is empty while it is pursued.
+class DesireRecord:
+    """Desire with its origin and result.
 
-    It ended fulfilled, dropped, refused, or needless: dropped because what it prepared did not need it any more.
+    ``how``: fulfilled, dropped, refused, needless (what it prepared has ended), or empty.
     """
 
     agent: str
@@ -120,49 +115,47 @@ class DesireTold:
     reason: str = ""
 
 
-T = TypeVar("T", DesireTold, PlanTold, StepTold)
+T = TypeVar("T", DesireRecord, PlanRecord, StepRecord)
 
 
 @dataclass
 class Story:
-    """A run: its agents in the order in which they appear, and all that they did. Times are ns."""
+    """Desires, plans, steps and messages of a run by agents in order of appearance. Times are ns."""
 
     start: int = 0
     end: int = 0
     agents: list[str] = field(default_factory=list)
-    desires: list[DesireTold] = field(default_factory=list)
-    plans: list[PlanTold] = field(default_factory=list)
-    steps: list[StepTold] = field(default_factory=list)
-    requests: list[RequestTold] = field(default_factory=list)
-    words: list[WordTold] = field(default_factory=list)
+    desires: list[DesireRecord] = field(default_factory=list)
+    plans: list[PlanRecord] = field(default_factory=list)
+    steps: list[StepRecord] = field(default_factory=list)
+    requests: list[RequestRecord] = field(default_factory=list)
+    words: list[MessageRecord] = field(default_factory=list)
 
     def seconds(self, time: int) -> float:
-        """A time as s from the start."""
+        """Convert a time (ns) to seconds from the start."""
         return (time - self.start) / SECOND
 
     @property
     def duration_s(self) -> float:
-        """From the first record to the last, s."""
         return self.seconds(self.end)
 
     @property
     def digits(self) -> int:
-        """So many digits after the point tell the moments of the run apart."""
+        """Decimal places that tell the moments of the run apart."""
         return 2 if self.duration_s < SHORT_S else 1
 
     @property
-    def aims(self) -> list[DesireTold]:
-        """What the run was about: what agents wanted of their own, or had by their rules if there was nothing else."""
+    def aims(self) -> list[DesireRecord]:
+        """Desires that the run was about: the agents' own ones, or else those from rules."""
         own = [desire for desire in self.desires if desire.origin == "own"]
         return own or [desire for desire in self.desires if desire.origin == "rule"]
 
     @property
-    def first(self) -> DesireTold | None:
-        """The first of its aims."""
+    def first(self) -> DesireRecord | None:
         return next(iter(self.aims), None)
 
-    def makespans_s(self, desire: DesireTold) -> tuple[float | None, float | None]:
-        """How long the first plan for a desire should have lasted, and how long the desire took in truth."""
+    def makespans_s(self, desire: DesireRecord) -> tuple[float | None, float | None]:
+        """Return the makespan of the first plan for a desire, and the actual duration (s)."""
         plans = self.plans_for(desire)
         if not plans:
             return None, None
@@ -173,7 +166,7 @@ class Story:
         """Return a time (ns) in words, empty for none."""
         return "" if stamp is None else f"{self.seconds(stamp):.{self.digits}f} s"
 
-    def plans_for(self, desire: DesireTold) -> list[PlanTold]:
+    def plans_for(self, desire: DesireRecord) -> list[PlanRecord]:
         """Return the plans that were made while ``desire`` was held."""
         until = self.end if desire.ended is None else desire.ended
         return [
@@ -207,15 +200,14 @@ class Story:
             return f"{text} One plan was given up, at {at}"
         return f"{text} {len(given_up)} plans were given up, first at {at}"
 
-    def _failure(self, plan: PlanTold) -> str:
-        """Return why a plan was given up: the failed step, if there is one."""
+    def _failure(self, plan: PlanRecord) -> str:
         failed = (step for step in self.steps if step.plan is plan and step.outcome == "failed")
         step = next((step for step in failed if step.ended == plan.ended), None)
         return plan.reason if step is None else f"{step.agent} {step.text}, {step.message}"
 
 
 def story_of(records: Iterable[TraceRecord], phrases: Phrases | None = None) -> Story:
-    """The story that ``records`` tell; ``phrases`` say actions in words."""
+    """Return the story of ``records``; ``phrases`` describe actions."""
     teller = _Teller(phrases or {})
     for record in records:
         teller.take(record)
@@ -225,8 +217,8 @@ def story_of(records: Iterable[TraceRecord], phrases: Phrases | None = None) -> 
 class _Teller:
     def __init__(self, phrases: Phrases) -> None:
         self.story = Story()
-        self._narrator = Narrator(Wording(phrases=phrases))
-        self._asked: dict[str, RequestTold] = {}
+        self._narrator = StoryNarrator(Wording(phrases=phrases))
+        self._asked: dict[str, RequestRecord] = {}
 
     def take(self, record: TraceRecord) -> None:
         story = self.story
@@ -271,7 +263,7 @@ class _Teller:
 
     def _desire(self, record: TraceRecord) -> None:
         why, origin = self._narrator.why(record.cause), self._narrator.origin(record.cause)
-        desire = DesireTold(record.source, record.what, why, origin, record.stamp)
+        desire = DesireRecord(record.source, record.what, why, origin, record.stamp)
         if record.kind == "desire":
             desire.priority, desire.deadline_s = record.detail["priority"], record.detail.get("deadline")
         else:
@@ -294,11 +286,11 @@ class _Teller:
             for plan in self.story.plans
         )
         steps = parse_plan("\n".join(detail["steps"]))
-        plan = PlanTold(record.source, detail["plan"], record.what, record.stamp, detail["makespan_s"], steps, again)
+        plan = PlanRecord(record.source, detail["plan"], record.what, record.stamp, detail["makespan_s"], steps, again)
         plan.tree = detail.get("tree", "")
         self.story.plans.append(plan)
 
-    def _step(self, record: TraceRecord, began: int | None) -> StepTold:
+    def _step(self, record: TraceRecord, began: int | None) -> StepRecord:
         action, *args = record.what.strip("()").split()
         director, number = record.detail.get("directed_by", record.source), record.detail.get("plan")
         of_agent = (plan for plan in reversed(self.story.plans) if plan.agent == director)
@@ -306,7 +298,7 @@ class _Teller:
         timed = None if plan is None or plan.makespan_s is None else plan.plan
         planned = None if timed is None else _find(timed, action, tuple(args), record.detail)
         text = self._narrator.wording.call(action, args)
-        step = StepTold(record.source, plan, action, tuple(args), text, began, planned)
+        step = StepRecord(record.source, plan, action, tuple(args), text, began, planned)
         self.story.steps.append(step)
         return step
 
@@ -318,7 +310,7 @@ class _Teller:
 
     def _request(self, record: TraceRecord, text: str) -> None:
         receiver = record.what.partition(" asks ")[2].partition(" ")[0]
-        request = RequestTold(
+        request = RequestRecord(
             record.detail["id"],
             record.source,
             receiver,
@@ -332,7 +324,7 @@ class _Teller:
     def _word(self, record: TraceRecord) -> None:
         detail = record.detail
         self.story.words.append(
-            WordTold(
+            MessageRecord(
                 record.id,
                 record.stamp,
                 record.source,
@@ -357,12 +349,11 @@ class _Teller:
 
 
 def _open(told: list[T], record: TraceRecord) -> list[T]:
-    """Those of the record's agent that are not over."""
     return [each for each in told if each.agent == record.source and each.ended is None]
 
 
 def _find(plan: PddlPlan, action: str, args: tuple[str, ...], detail: Mapping[str, object]) -> PlanStep | None:
-    """The step of a plan, by its call, and by its start where several have the same."""
+    """Return a step of a plan by its call, and by its start if calls repeat."""
     found = [step for step in plan.steps if (step.action, step.args) == (action, args)]
     start = detail.get("planned_start")
     return next((step for step in found if step.start_s == start), next(iter(found), None))
@@ -370,28 +361,26 @@ def _find(plan: PddlPlan, action: str, args: tuple[str, ...], detail: Mapping[st
 
 @dataclass(frozen=True)
 class Summary:
-    """A run in figures. ``world`` holds the results of the world view."""
+    """Figures of a run; ``world`` holds the results of the world view."""
 
     story: Story
     world: Mapping[str, Any]
 
     @property
     def reached(self) -> bool:
-        """Whether all that the run was about was reached."""
+        """Whether all aims were fulfilled."""
         return {desire.how for desire in self.story.aims} == {"fulfilled"}
 
     @property
     def given_up(self) -> int:
-        """How many plans were given up."""
         return sum(plan.given_up for plan in self.story.plans)
 
     @property
     def requests_for_desires(self) -> int:
-        """How many requests were for a desire."""
         return sum(request.about_desire for request in self.story.requests)
 
     def results(self) -> dict[str, Any]:
-        """As plain data, for results.json."""
+        """Return plain data for results.json."""
         story = self.story
         return {
             "reached": self.reached,

@@ -11,17 +11,17 @@ import msgspec
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Mind, MindBelief, PersonDetection, PersonDetections
 from socialbot.runs.history import OF_TOPICS
-from socialbot.runs.narration import Teller
-from socialbot.runs.run import Run
-from socialbot.runs.state import AgentMoment
+from socialbot.runs.narration import Narrator
+from socialbot.runs.run import RunView
+from socialbot.runs.state import AgentMind
 
 FAILURES = frozenset({"failure", "desire_refused", "refused", "silent"})
 LEAP = 3600 * SECOND
 _POSE = re.compile(r"(?P<joint>\w+) (?P<angle>-?\d+\.\d+) rad")
 
 
-class Sentence(NamedTuple):
-    """What happened at a time (ns), who did it, and whether something went wrong."""
+class EventSentence(NamedTuple):
+    """Event at a time (ns) with its source."""
 
     stamp: int
     source: str
@@ -29,8 +29,8 @@ class Sentence(NamedTuple):
     is_failure: bool
 
 
-class Pose(NamedTuple):
-    """Where the head has been told to point at a time (ns), rad: pan to the left, tilt up; it takes so long."""
+class HeadTarget(NamedTuple):
+    """Target pose of the head at a time (ns), in rad: pan left, tilt up."""
 
     stamp: int
     pan: float
@@ -38,8 +38,8 @@ class Pose(NamedTuple):
     duration_s: float
 
 
-def beats(run: Run, period: int) -> Iterator[int]:
-    """Times ``period`` apart (ns), from the start to the last record; none in between where the clock leaps."""
+def beats(run: RunView, period: int) -> Iterator[int]:
+    """Yield times ``period`` (ns) apart; jumps of the clock are skipped."""
     stamp = run.history.start
     for record in run.history:
         if record.stamp - stamp > LEAP:
@@ -49,8 +49,8 @@ def beats(run: Run, period: int) -> Iterator[int]:
             stamp += period
 
 
-def detections_of(run: Run, frame_id: str = "camera") -> Iterator[PersonDetections]:
-    """The people in each frame; the size of frames is 0 where the record does not tell it."""
+def detections_of(run: RunView, frame_id: str = "camera") -> Iterator[PersonDetections]:
+    """Yield the detections; the frame size is 0 if it is not recorded."""
     for record in run.history:
         if record.kind == "detection":
             persons = msgspec.convert(record.detail.get("persons", ()), tuple[PersonDetection, ...])
@@ -58,17 +58,17 @@ def detections_of(run: Run, frame_id: str = "camera") -> Iterator[PersonDetectio
             yield PersonDetections(stamp=record.stamp, frame_id=frame_id, width=width, height=height, persons=persons)
 
 
-def sentences_of(run: Run) -> Iterator[Sentence]:
-    """Everything that happened but the frames, one sentence each."""
-    teller = Teller(run.history, run.wording)
+def sentences_of(run: RunView) -> Iterator[EventSentence]:
+    """Yield all events except detections as sentences."""
+    teller = Narrator(run.history, run.wording)
     for record in run.history:
         if record.kind not in ("detection", "motion"):
             told = teller.clause(record).told()
-            yield Sentence(record.stamp, record.source, told[:1].upper() + told[1:] + ".", record.kind in FAILURES)
+            yield EventSentence(record.stamp, record.source, told[:1].upper() + told[1:] + ".", record.kind in FAILURES)
 
 
-def minds_of(run: Run) -> Iterator[Mind]:
-    """The mind of each agent, whenever it has changed."""
+def minds_of(run: RunView) -> Iterator[Mind]:
+    """Yield the mind of each agent at each change."""
     before: dict[str, tuple[object, ...]] = {}
     records = [record for record in run.history if record.kind not in OF_TOPICS]
     for record, following in zip(records, [*records[1:], None], strict=True):
@@ -82,16 +82,16 @@ def minds_of(run: Run) -> Iterator[Mind]:
                 yield mind
 
 
-def poses_of(run: Run) -> Iterator[Pose]:
-    """The poses that the head was told to take."""
+def poses_of(run: RunView) -> Iterator[HeadTarget]:
+    """Yield the target poses of the head."""
     for record in run.history:
         angles = {found["joint"]: float(found["angle"]) for found in _POSE.finditer(record.what)}
         if record.kind == "motion" and len(angles) == 2:
             pan, tilt = angles.values()
-            yield Pose(record.stamp, pan, tilt, float(record.detail.get("duration_s", 0.0)))
+            yield HeadTarget(record.stamp, pan, tilt, float(record.detail.get("duration_s", 0.0)))
 
 
-def _mind(run: Run, agent: AgentMoment, stamp: int) -> Mind:
+def _mind(run: RunView, agent: AgentMind, stamp: int) -> Mind:
     wants = tuple(want.text for want in agent.desires) or tuple(goal.text for goal in agent.goals if not goal.depth)
     plans = tuple(f"{plan.desire}: {plan.done} of {plan.steps} steps" for plan in agent.plans)
     steps = tuple(f"{goal.text}: {goal.step}" if goal.step else goal.text for goal in agent.goals)

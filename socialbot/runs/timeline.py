@@ -13,13 +13,13 @@ from socialbot.runs.history import History
 from socialbot.runs.narration import Wording
 
 AWAY_S = 1.0
-"""Who was not seen for so long was away."""
+"""A person unseen for longer gets a new bar."""
 
 ORDER = ("people", "desires", "plans", "steps", "goals", "actions", "head", "speech")
 
 
 class Bar(msgspec.Struct, frozen=True, rename={"from_s": "from", "to_s": "to"}):
-    """Something from one time to another (s from the start; None while it goes on); ``id`` is that of its record."""
+    """Interval in seconds from the start; ``to_s`` is None while it is open. ``id`` is that of its record."""
 
     id: str
     kind: str
@@ -30,7 +30,7 @@ class Bar(msgspec.Struct, frozen=True, rename={"from_s": "from", "to_s": "to"}):
 
 
 class Lane(msgspec.Struct, frozen=True):
-    """Bars of one sort, of one agent or (empty) of nobody, in the order of their begin; they may overlap."""
+    """Bars of one sort and one agent (empty for shared ones), by start; they may overlap."""
 
     agent: str
     name: str
@@ -38,7 +38,7 @@ class Lane(msgspec.Struct, frozen=True):
 
 
 class Changed(msgspec.Struct, frozen=True):
-    """A bar that is new, or not as it was."""
+    """New or changed bar."""
 
     agent: str
     lane: str
@@ -46,7 +46,7 @@ class Changed(msgspec.Struct, frozen=True):
 
 
 class Timeline:
-    """Takes the records of a history one by one."""
+    """Bars of a run, updated record by record."""
 
     def __init__(self, history: History, wording: Wording | None = None) -> None:
         self._history = history
@@ -58,7 +58,7 @@ class Timeline:
         self._changed: dict[str, None] = {}
 
     def lanes(self) -> tuple[Lane, ...]:
-        """All bars, agent by agent."""
+        """Return all bars by agent."""
         keys = sorted(
             filter(self._lanes.get, self._lanes),
             key=lambda key: (key[0] != "" and 1 + self._place(key[0]), ORDER.index(key[1])),
@@ -66,13 +66,13 @@ class Timeline:
         return tuple(Lane(*key, tuple(self._lanes[key].values())) for key in keys)
 
     def changed(self) -> tuple[Changed, ...]:
-        """What is new or different since this was asked last."""
+        """Return the bars that changed since the last call."""
         found = tuple(Changed(*self._at[id], self._lanes[self._at[id]][id]) for id in self._changed)
         self._changed.clear()
         return found
 
     def forget(self, stamp: int) -> None:
-        """Forgets what had ended before ``stamp`` (ns)."""
+        """Drop the bars that ended before ``stamp`` (ns)."""
         since = self._history.seconds(stamp)
         for bars in self._lanes.values():
             for bar in [bar for bar in bars.values() if bar.to_s is not None and bar.to_s < since]:
@@ -82,12 +82,11 @@ class Timeline:
         self._there = {track: id for track, id in self._there.items() if id in self._at}
 
     def take_all(self, records: Iterable[TraceRecord]) -> None:
-        """Takes records in their order."""
         for record in records:
             self.take(record)
 
     def take(self, record: TraceRecord) -> None:
-        """Takes the next record."""
+        """Process the next record."""
         detail, what = record.detail, record.what
         match record.kind:
             case "detection":
@@ -122,7 +121,7 @@ class Timeline:
                 self._engine(record)
 
     def _engine(self, record: TraceRecord) -> None:
-        """Goals and actions of an engine; those that carry out a step of a plan are told by that."""
+        """Process goals and actions of an engine; those that carry out a plan step are shown as that step."""
         history = self._history
         match record.kind:
             case "goal":
@@ -148,7 +147,6 @@ class Timeline:
                         self._close(each.id, record, str(record.detail.get("reason") or "dropped"))
 
     def _see(self, record: TraceRecord) -> None:
-        """Who is there: a bar for each person, as long as they are seen again soon."""
         now = self._history.seconds(record.stamp)
         for person in record.detail.get("persons", ()):
             track = str(person.get("track_id") or "somebody")
@@ -172,7 +170,6 @@ class Timeline:
             self._put(self._at[bar.id], replace(bar, to_s=to_s, outcome=outcome))
 
     def _leave_out(self, record: TraceRecord | None) -> None:
-        """An action that is a step of a plan is told by that."""
         key = None if record is None or record.kind != "action" else self._at.pop(record.id, None)
         if record is not None and key is not None:
             del self._lanes[key][record.id]
@@ -202,7 +199,7 @@ class Timeline:
 
 
 def timeline_of(history: History, wording: Wording | None = None) -> Timeline:
-    """The timeline of all that a history holds."""
+    """Return the timeline of a history."""
     timeline = Timeline(history, wording)
     timeline.take_all(history)
     return timeline

@@ -9,33 +9,33 @@ from itertools import pairwise
 from typing import Any, TypeVar
 
 NEAR = (0.8, 0.8, 0.05)
-"""A place that lies this near (pixels, pixels, m) to the straight way between two others is left out of a track."""
+"""Tolerance (pixels, pixels, m) of straight lines."""
 
 T = TypeVar("T")
 
 Moment = tuple[float, ...]
-"""s from the start, then what was so from then on."""
+"""Time (s) and the values from then on."""
 
 
 def add(track: list[tuple[int, T]], stamp: int, what: T) -> None:
-    """Adds what was so at ``stamp`` (ns), unless that lies in the past."""
+    """Append a value from ``stamp`` (ns) on, unless it is in the past."""
     if not track or stamp > track[-1][0]:
         track.append((stamp, what))
 
 
 def forget(track: list[tuple[int, T]], stamp: int) -> None:
-    """Forgets what was so before ``stamp`` (ns), but for what was so until then."""
+    """Drop the values before ``stamp`` (ns), except for the one that holds then."""
     del track[: max(bisect_right(track, stamp, key=lambda moment: moment[0]) - 1, 0)]
 
 
 def latest(track: Sequence[tuple[int, Any]], stamp: int) -> Any:
-    """What was so at ``stamp`` (ns); what came first, before that."""
+    """Return the value at ``stamp`` (ns), or the first one."""
     number = bisect_right(track, stamp, key=lambda moment: moment[0])
     return track[max(number - 1, 0)][1]
 
 
 def thinned(track: Sequence[Moment]) -> list[Moment]:
-    """A track without the moments that lie near to the straight way between those that are kept."""
+    """Drop the moments on a straight line between others."""
     kept: list[Moment] = []
     slopes: list[tuple[float, float]] = []
     for last, moment in pairwise(track):
@@ -47,14 +47,12 @@ def thinned(track: Sequence[Moment]) -> list[Moment]:
 
 
 def _lies_within(slopes: Sequence[tuple[float, float]], first: Moment, moment: Moment) -> bool:
-    """Whether the way from ``first`` to ``moment`` is no steeper than what lies between allows."""
     duration = moment[0] - first[0]
     changes = zip(slopes, first[1:], moment[1:], strict=True)
     return all(low <= (there - here) / duration <= high for (low, high), here, there in changes)
 
 
 def _narrowed(slopes: Sequence[tuple[float, float]], first: Moment, moment: Moment) -> list[tuple[float, float]]:
-    """How steep ways from ``first`` may be that also pass near to ``moment``."""
     duration = moment[0] - first[0]
     return [
         (max(low, (there - near - here) / duration), min(high, (there + near - here) / duration))

@@ -20,7 +20,6 @@ from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.metrics.truth import GroundTruth
 
 SPOKEN_FOR_NS = 3 * SECOND
-"""How long a sentence stays in the picture."""
 
 DEFAULT_RATE_HZ = 10.0
 
@@ -33,11 +32,10 @@ def write_video(
     path: Path,
     advance: Callable[[int], None] = lambda done: None,
 ) -> Path:
-    """Writes an .mp4 of all pictures of ``image_topic``; those that cannot be converted are left out.
+    """Write all pictures of ``image_topic`` with detections, beliefs and speech as .mp4; damaged ones are skipped.
 
-    ``advance`` is told how many pictures were looked at.
-
-    Raises BagError when there is nothing to show or the video cannot be written.
+    Raises:
+        BagError: There is no picture, or the video cannot be written.
     """
     detections = {message.stamp: message for message in record.detections}
     people = {frame.stamp: frame.persons for frame in truth.frames} if truth else {}
@@ -63,7 +61,7 @@ def write_video(
 
 
 class _Captions:
-    """What Waldo believes and says at each moment of a run."""
+    """Beliefs and utterances of Waldo by time."""
 
     def __init__(self, record: RunRecord, start: int) -> None:
         self._start = start
@@ -81,7 +79,6 @@ class _Captions:
 
 
 def _beliefs(trace: Path) -> list[tuple[int, str]]:
-    """When personDetected changed, and to what."""
     records = (msgspec.json.decode(line, type=TraceRecord) for line in trace.read_bytes().splitlines())
     return [(r.stamp, f"believes {r.what}") for r in records if r.kind == "belief" and r.what.startswith("personD")]
 

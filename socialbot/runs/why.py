@@ -11,10 +11,10 @@ import msgspec
 from socialbot.core.errors import RunError
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.history import History
-from socialbot.runs.narration import Teller, Wording, plan_name, plan_of
+from socialbot.runs.narration import Narrator, Wording, plan_name, plan_of
 
 SILENT = {"plan", "planning", "asked"}
-"""Kinds of records that say nothing that those around them do not say."""
+"""Kinds of records that repeat the records around them."""
 
 DEEDS = {"action", "step"}
 ACTED = {"goal", *DEEDS}
@@ -25,9 +25,9 @@ LEFT_OUT = f"of what came before, which is left out after {MOST_LINKS} links"
 
 
 class Reason(msgspec.Struct, frozen=True):
-    """A link of a chain: a clause with who did what. ``id`` is empty for the last one, where that is no record.
+    """Link of a chain of causes, as a clause; ``id`` is empty if the cause is no record.
 
-    ``link`` says how it led to the one before: as what that was done ``because`` of, or ``after``.
+    ``link`` relates it to the link before: its cause (``because``) or an earlier action (``after``).
     """
 
     id: str
@@ -39,7 +39,7 @@ class Reason(msgspec.Struct, frozen=True):
 
 
 class Rejected(msgspec.Struct, frozen=True):
-    """A plan that was considered for an event and not chosen. ``id`` is that of the record that tells so."""
+    """Plan that was considered for an event and not chosen; ``id`` is that of the record."""
 
     id: str
     at_s: float
@@ -49,11 +49,15 @@ class Rejected(msgspec.Struct, frozen=True):
 
 
 class Explanation(msgspec.Struct, frozen=True):
-    """Why something was done: first what it was, then what led to that, and so on.
+    """Why a record exists: the record, its cause, and so on.
 
-    ``rejected`` are the plans that were not chosen on the way, ``effects`` what came of it; ``frame_s`` is the time of
-    the frame at the end of the chain, where there is one. ``is_cut`` says that the chain is so long that it is not told
-    to its end, ``effects_left_out`` how many more there were than are told.
+    Args:
+        chain: The record and its causes.
+        rejected: Plans that were not chosen on the way.
+        effects: Effects of the record.
+        frame_s: Time of the frame at the end of the chain.
+        is_cut: Whether the chain goes on.
+        effects_left_out: Number of further effects.
     """
 
     chain: tuple[Reason, ...]
@@ -64,7 +68,7 @@ class Explanation(msgspec.Struct, frozen=True):
     effects_left_out: int = 0
 
     def text(self) -> str:
-        """In one sentence, a line a link; of what was done one after the other the last is told."""
+        """Return the chain as a sentence, one line per link; of consecutive earlier actions only the last."""
         lines = [f"At {self.chain[0].at_s:.2f} s {self.chain[0].sentence}"]
         for link, reasons in groupby(self.chain[1:], key=lambda reason: reason.link):
             told = [f"  {link} {reason.sentence}" for reason in reasons]
@@ -75,8 +79,8 @@ class Explanation(msgspec.Struct, frozen=True):
 
 
 def explain(history: History, wording: Wording, record: TraceRecord) -> Explanation:
-    """Why ``record`` came to be."""
-    teller = Teller(history, wording)
+    """Return why ``record`` exists."""
+    teller = Narrator(history, wording)
     whole = [record, *islice(history.before(record), MOST_LINKS)]
     told = list(_worth_telling(history, whole))
     chain: list[Reason] = []
@@ -104,7 +108,7 @@ def explain(history: History, wording: Wording, record: TraceRecord) -> Explanat
 
 
 def _worth_telling(history: History, chain: Sequence[TraceRecord]) -> Iterator[TraceRecord]:
-    """The chain without what would be said twice: of a step, its goal and its action only the step is told."""
+    """Yield the chain without repetition: of a step, its goal and its action only the step."""
     kept: TraceRecord | None = None
     place = 0
     while place < len(chain):
@@ -123,7 +127,6 @@ def _worth_telling(history: History, chain: Sequence[TraceRecord]) -> Iterator[T
 
 
 def _says_it(history: History, kept: TraceRecord, record: TraceRecord) -> bool:
-    """Whether ``kept``, which ``record`` led to, has said what that says."""
     match kept.kind, record.kind:
         case "step", "plan_start":
             return plan_of(history, kept) is record
@@ -139,12 +142,10 @@ def _says_it(history: History, kept: TraceRecord, record: TraceRecord) -> bool:
 
 
 def _goes_before(record: TraceRecord, other: TraceRecord) -> bool:
-    """Whether one thing was done after another, rather than for it."""
     return record.kind in DEEDS and other.kind in DEEDS and record.source == other.source
 
 
 def _call(record: TraceRecord) -> str:
-    """What is done, in the notation of the engine; empty for records of other kinds."""
     if record.kind == "step":
         action, *args = record.what.strip("()").split() or [""]
         return f"{action}({', '.join(args)})"
@@ -152,7 +153,6 @@ def _call(record: TraceRecord) -> str:
 
 
 def _rejected(history: History, record: TraceRecord) -> Iterator[Rejected]:
-    """The plans that a record says were not chosen."""
     found = record.detail.get("rejected")
     for each in found if isinstance(found, (list, tuple)) else ():
         plan, because = str(each.get("plan", "")), str(each.get("because", ""))
@@ -163,9 +163,9 @@ def _rejected(history: History, record: TraceRecord) -> Iterator[Rejected]:
 
 
 def actions(history: History) -> list[TraceRecord]:
-    """What agents did, in order: what they said, the steps of their plans, and their other actions.
+    """Return the actions of agents in order: utterances, plan steps and other actions.
 
-    An action by which something was said is told by that; one that is a step of a plan, too.
+    Actions that only produce one of the former are left out.
     """
     return [
         record
@@ -186,11 +186,11 @@ def _stands_alone(history: History, action: TraceRecord) -> bool:
 
 
 DECIDED = {"desire", "desire_refused", "desire_dropped", "plan_start", "plan_end"}
-"""Kinds of records that are decisions, beside actions."""
+"""Kinds of records that are decisions, besides actions."""
 
 
 def decided_at(history: History, stamp: int) -> list[TraceRecord]:
-    """What was decided last, at or before ``stamp`` (ns): actions, or if there are none, desires and plans."""
+    """Return the last decisions up to ``stamp`` (ns): actions, or else desires and plans."""
     done = actions(history)
     taken = {id(record) for record in done}
     found: list[TraceRecord] = []
@@ -207,7 +207,7 @@ def decided_at(history: History, stamp: int) -> list[TraceRecord]:
 
 
 class Considered(msgspec.Struct, frozen=True):
-    """A plan: when (s) it was chosen, and each time it was not, with the reason."""
+    """Plan with the times (s) when it was chosen, and its rejections."""
 
     plan: str
     chosen_s: tuple[float, ...]
@@ -215,7 +215,7 @@ class Considered(msgspec.Struct, frozen=True):
 
 
 def considered(history: History) -> tuple[Considered, ...]:
-    """All plans that were chosen, or considered and not chosen, by their names."""
+    """Return all plans that were chosen or rejected, by name."""
     chosen: dict[str, list[float]] = {}
     rejected: dict[str, list[Rejected]] = {}
     for record in history:
@@ -230,9 +230,14 @@ def considered(history: History) -> tuple[Considered, ...]:
 
 
 def why_not(history: History, plan: str) -> tuple[Considered, ...]:
-    """Why the plan with this label was not chosen, or those whose text has ``plan`` in it.
+    """Return when a plan was chosen and rejected.
 
-    Raises RunError when none such was considered; it names those that were.
+    Args:
+        history: The records of the run.
+        plan: Label of a plan, or a part of its text.
+
+    Raises:
+        RunError: No such plan was considered; the error names the known plans.
     """
     wanted, known = plan.casefold(), considered(history)
     found = tuple(each for each in known if each.plan.casefold() == wanted)
@@ -245,7 +250,6 @@ def why_not(history: History, plan: str) -> tuple[Considered, ...]:
 
 
 def _against(history: History, record: TraceRecord) -> Iterator[Rejected]:
-    """What a record says against plans: of the engine, or for a desire."""
     yield from _rejected(history, record)
     detail, at_s = record.detail, history.seconds(record.stamp)
     reason = str(detail.get("message") or detail.get("reason") or "")

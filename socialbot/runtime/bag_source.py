@@ -20,7 +20,7 @@ from socialbot.core.messages import Message, TraceRecord
 from socialbot.core.process import Ending
 from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.node import Graph
-from socialbot.runs.difference import DECIDED, Comparison, compare
+from socialbot.runs.difference import DECIDED, DecisionComparison, compare
 from socialbot.runs.record import STOPPED, Observer, RunRecord, event_log_topics, with_event_log
 from socialbot.runtime.run import (
     Execution,
@@ -217,7 +217,7 @@ def find_truth(bag: Bag, given: Path | None = None) -> GroundTruth | None:
     return load_truth(path) if given is not None or path.exists() else None
 
 
-def _compare(bag: Bag, graph: Graph, decisions: list[TraceRecord]) -> Comparison | None:
+def _compare(bag: Bag, graph: Graph, decisions: list[TraceRecord]) -> DecisionComparison | None:
     """Compare ``decisions`` with those in the bag; None if the bag holds none."""
     names = {topic.name for topic in bag.topics if topic.count}
     kinds = {topic: kind for topic, kind in graph.topics().items() if kind is TraceRecord} | event_log_topics(graph)

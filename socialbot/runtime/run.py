@@ -18,7 +18,7 @@ from socialbot.core.process import Ending
 from socialbot.deliberation.messages import PlanExecutionInfo
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, check_parameters
-from socialbot.runs.difference import Comparison
+from socialbot.runs.difference import DecisionComparison
 from socialbot.runs.record import RECORDED, WELL, Observer, RunTrace, event_log_topics, versions, with_event_log
 from socialbot.runtime.launch import Launch
 from socialbot.speech.speaker import Speaker
@@ -55,7 +55,7 @@ class RunResult:
         wall_s: Real duration.
         nodes: Statistics by node name.
         scores: Detection scores, if the ground truth is known.
-        decisions: Comparison with the decisions in the bag, if it holds any.
+        decisions: DecisionComparison with the decisions in the bag, if it holds any.
         results: Content of results.json.
     """
 
@@ -64,7 +64,7 @@ class RunResult:
     wall_s: float = 0.0
     nodes: dict[str, NodeResult] = field(default_factory=dict)
     scores: Scores | None = None
-    decisions: Comparison | None = None
+    decisions: DecisionComparison | None = None
     results: dict[str, Any] = field(default_factory=dict)
 
     def check(self) -> None:

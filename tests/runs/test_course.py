@@ -10,14 +10,14 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs import state as courses
 from socialbot.runs.folder import open_run
 from socialbot.runs.history import History
-from socialbot.runs.state import Course
+from socialbot.runs.state import StateIndex
 from tests.runs.deliberating_runs import desire, plan, plan_end, record, step, step_end
 from tests.runs.runs import greeting
 
 
 def moment(records, second: float):
     history = History(records, start=100 * SECOND)
-    return Course(history).at(history.stamp(second))
+    return StateIndex(history).at(history.stamp(second))
 
 
 def agent(records, second: float):
@@ -162,10 +162,10 @@ class TestCheckpoints:
     @given(st.lists(HAPPENINGS, max_size=20), st.lists(st.integers(0, 45), max_size=8))
     def test_moments_are_those_found_from_the_start(self, happenings, tenths):
         history = History(happened(happenings), start=100 * SECOND)
-        course = Course(history)
+        course = StateIndex(history)
         for tenth in tenths:
             stamp = history.stamp(tenth / 10)
-            assert course.at(stamp) == Course(history).at(stamp)
+            assert course.at(stamp) == StateIndex(history).at(stamp)
 
     @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(st.lists(HAPPENINGS, max_size=20), st.randoms(use_true_random=False))
@@ -173,18 +173,18 @@ class TestCheckpoints:
         records = happened(happenings)
         late = sorted(records, key=lambda each: each.stamp + random.randrange(SECOND))
         history = History(start=100 * SECOND)
-        course = Course(history)
+        course = StateIndex(history)
         for each in late:
             history.append(each)
             stamp = history.stamp(random.randrange(45) / 10)
-            assert course.at(stamp) == Course(history).at(stamp)
+            assert course.at(stamp) == StateIndex(history).at(stamp)
 
     @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(st.lists(HAPPENINGS, max_size=20), st.lists(HAPPENINGS, max_size=8), st.integers(0, 40), st.integers(0, 25))
     def test_they_stay_right_when_what_was_long_ago_is_forgotten(self, before, after, count, seen):
         records = happened([*before, *after])
         whole, history = (History(records[: len(before)], start=100 * SECOND) for _ in range(2))
-        course, told = Course(history), Course(whole)
+        course, told = StateIndex(history), StateIndex(whole)
         course.at(history.stamp(seen / 10))
         forgotten = course.forget(count)
         assert forgotten == history.forgotten <= min(count, len(whole))
@@ -203,7 +203,7 @@ class TestCheckpoints:
             *(record(0.3 + n / 10, "ann", "belief", f"tick({n})") for n in range(12)),
         ]
         history = History(early, start=100 * SECOND)
-        course = Course(history)
+        course = StateIndex(history)
         assert course.forget(14) == 12
         cook = history.find("a1")
         assert cook is not None
@@ -228,10 +228,10 @@ class TestCheckpoints:
             *(record(1.0 + n, "ann", "belief", f"tick({n})") for n in range(9)),
         ]
         whole, history = (History(records, start=100 * SECOND) for _ in range(2))
-        course = Course(history)
+        course = StateIndex(history)
         assert course.forget(4) == 4
         for each in history:
-            assert course.at(each.stamp) == Course(whole).at(each.stamp)
+            assert course.at(each.stamp) == StateIndex(whole).at(each.stamp)
         assert history.find("g1") is not None, "a page that shows it is asked why"
 
     def test_actions_that_go_on_side_by_side_end_their_goal_when_any_of_them_fails(self):
@@ -243,7 +243,7 @@ class TestCheckpoints:
             *(record(1.0 + n, "ann", "belief", f"tick({n})") for n in range(9)),
         ]
         history = History(records, start=100 * SECOND)
-        course = Course(history)
+        course = StateIndex(history)
         assert course.forget(8) == 8
         history.append(record(20.0, "ann", "failure", "cook()", "a1", id="f1"))
         history.append(record(20.0, "ann", "dropped", "eat()", "f1", reason="burnt"))
@@ -252,7 +252,7 @@ class TestCheckpoints:
 
     def test_what_is_over_is_not_kept_for_ever(self):
         history = History(start=100 * SECOND)
-        course = Course(history)
+        course = StateIndex(history)
         for n in range(0, 400, 4):
             for each in (
                 record(n, "ann", "goal", "look()", f"g{n - 4}", id=f"g{n}"),

@@ -10,7 +10,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import JointTrajectory
 from socialbot.graph.files import load_graph
 from socialbot.runs.standard_messages import HeadCourse, Joints, Neck, neck_of
-from socialbot.runs.streams import Pose
+from socialbot.runs.streams import HeadTarget
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
 BOTH = (PAN, TILT)
@@ -65,7 +65,13 @@ def test_the_neck_of_a_graph_is_what_its_head_says() -> None:
 
 
 def test_the_course_of_a_head_is_known_at_any_time_from_what_it_was_told() -> None:
-    course = HeadCourse([Pose(SECOND, 1.0, 0.2, 2.0), Pose(2 * SECOND, 0.0, 0.0, 1.0), Pose(9 * SECOND, 0.3, 0.3, 0.0)])
+    course = HeadCourse(
+        [
+            HeadTarget(SECOND, 1.0, 0.2, 2.0),
+            HeadTarget(2 * SECOND, 0.0, 0.0, 1.0),
+            HeadTarget(9 * SECOND, 0.3, 0.3, 0.0),
+        ]
+    )
     assert course.at(SECOND // 2) == (0.0, 0.0)
     assert course.at(2 * SECOND) == pytest.approx((0.5, 0.1)), "it was told anew half way"
     assert course.at(2 * SECOND + SECOND // 2) == pytest.approx((0.25, 0.05))

@@ -3,12 +3,12 @@ from __future__ import annotations
 import pytest
 
 from socialbot.core.messages import TraceRecord
-from socialbot.runs.narration import Narrator, Wording
+from socialbot.runs.narration import StoryNarrator, Wording
 from tests.runs.deliberating_runs import DETOUR, PHRASES, desire, plan, plan_end, record, request, step, step_end
 
 
 def told(*records: TraceRecord) -> list[str]:
-    narrator = Narrator(Wording(phrases=PHRASES))
+    narrator = StoryNarrator(Wording(phrases=PHRASES))
     sentences = [narrator.tell(each) for each in records]
     return [f"{each.agent} {each.text}" for each in sentences if each is not None]
 
@@ -95,7 +95,7 @@ def test_dropping_what_is_needed_no_more_is_no_failure():
     reached = record(1, "a", "desire_fulfilled", "go_one", one.id, reason="")
     needless = record(1, "a", "desire_dropped", "go_other", reached.id, reason="go_one is fulfilled")
     deeper = record(1, "a", "desire_dropped", "charge", reached.id, reason="go_other has ended")
-    narrator = Narrator(Wording())
+    narrator = StoryNarrator(Wording())
     sentences = [narrator.tell(each) for each in (whole, one, other, below, reached, needless, deeper)][-2:]
     assert [(each.verb, each.text) for each in sentences if each is not None] == [
         ("rests", "needs go_other no more: go_one is fulfilled"),

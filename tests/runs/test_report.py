@@ -18,7 +18,7 @@ from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.frames import MAX_WORST, WORST_APART_S, Perception
 from socialbot.runs.frozen import MAX_PICTURES
 from socialbot.runs.pages import Page
-from socialbot.runs.record import SCORED, STOPPED, NodeTold
+from socialbot.runs.record import SCORED, STOPPED, NodeReport
 from socialbot.runs.report import difference_page, report_html, write_report
 from socialbot.runs.report_tables import node_charts, story_sections
 from socialbot.runs.run import Picture
@@ -243,9 +243,9 @@ def test_messages_between_agents_take_the_place_of_requests():
 # Nodes
 
 
-def reports(name: str, seconds: list[float], pid: str = "7", **values: float) -> list[tuple[float, NodeTold]]:
+def reports(name: str, seconds: list[float], pid: str = "7", **values: float) -> list[tuple[float, NodeReport]]:
     told = {"machine": "robot", "state": "active", "pid": pid, **{key: str(value) for key, value in values.items()}}
-    return [(at_s, NodeTold(0, name, told)) for at_s in seconds]
+    return [(at_s, NodeReport(0, name, told)) for at_s in seconds]
 
 
 def test_each_measure_has_a_chart_with_each_node():

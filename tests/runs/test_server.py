@@ -18,11 +18,11 @@ from socialbot.graph.files import load_graph
 from socialbot.runs import narration as log
 from socialbot.runs import server as server_module
 from socialbot.runs.folder import open_run
-from socialbot.runs.run import Picture, Run
-from socialbot.runs.server import COOKIE, Server
+from socialbot.runs.run import Picture, RunView
+from socialbot.runs.server import COOKIE, PageServer
 from socialbot.runs.serving import Address, _listening
 from socialbot.runtime import live_run
-from socialbot.runtime.live_run import LiveRun, _Heard
+from socialbot.runtime.live_run import LiveRun, _ReceivedMessage
 from tests.runs.runs import START, greeting, waldo_at_work
 
 HOME = "http://127.0.0.1:8765"
@@ -55,16 +55,16 @@ class Desk:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Run:
+def run(tmp_path_factory) -> RunView:
     return open_run(greeting(tmp_path_factory.mktemp("runs") / "evening"), OnePicture())
 
 
 Get = Callable[..., httpx.Response]
 
 
-def client(run: Run, desk: Desk | None = None, token: str = "") -> Get:
+def client(run: RunView, desk: Desk | None = None, token: str = "") -> Get:
     """Asks a server of ``run`` for something."""
-    application = Server(run, desk).application(token)
+    application = PageServer(run, desk).application(token)
 
     def ask(path: str, method: str = "GET", **more: Any) -> httpx.Response:
         async def asking() -> httpx.Response:
@@ -78,7 +78,7 @@ def client(run: Run, desk: Desk | None = None, token: str = "") -> Get:
 
 
 @pytest.fixture
-def get(run: Run) -> Get:
+def get(run: RunView) -> Get:
     return client(run)
 
 
@@ -333,7 +333,7 @@ def test_what_is_heard_is_taken_in_though_nobody_looks(tmp_path, monkeypatch):
     assert live._heard
 
     async def serving() -> None:
-        async with Server(live).application().router.lifespan_context(None):
+        async with PageServer(live).application().router.lifespan_context(None):
             while live._heard:
                 await asyncio.sleep(0.01)
 
@@ -345,10 +345,10 @@ def test_what_cannot_be_shown_keeps_nothing_else_from_being_taken_in(tmp_path, m
     live = LiveRun(load_graph("waldo"))
     odd = TraceRecord(stamp=START, id="p1", source="ann", kind="plan_start", what="x", cause="", detail={"plan": []})
     waldo_at_work(tmp_path / "run", live, range(2)).close()
-    live._heard.insert(1, _Heard("/bdi/trace", odd))
+    live._heard.insert(1, _ReceivedMessage("/bdi/trace", odd))
 
     async def serving() -> None:
-        async with Server(live).application().router.lifespan_context(None):
+        async with PageServer(live).application().router.lifespan_context(None):
             while live._heard:
                 await asyncio.sleep(0.01)
 
@@ -380,7 +380,7 @@ def test_news_go_on_when_some_is_forgotten(tmp_path, monkeypatch):
     monkeypatch.setattr(live_run, "MOST_RECORDS", 600)
     live = LiveRun(load_graph("waldo"))
     runner = waldo_at_work(tmp_path / "run", live, range(20))
-    broadcast = Server(live)._broadcast
+    broadcast = PageServer(live)._broadcast
     told: list[str] = []
     news = broadcast._news()
     for begin in range(20, 1000, 20):
@@ -408,7 +408,7 @@ def test_an_agent_of_which_nothing_was_heard_yet_is_there_all_the_same():
 def test_news_are_told_once_and_only_those_of_agents_that_have_changed(tmp_path):
     live = LiveRun(load_graph("waldo"))
     runner = waldo_at_work(tmp_path / "run", live, range(5))
-    server = Server(live)
+    server = PageServer(live)
 
     async def listening() -> list[str]:
         heard: list[str] = []
