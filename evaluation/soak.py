@@ -175,7 +175,9 @@ class NodeThread:
 
     def backlog(self) -> int:
         """How much is waiting to be looked at."""
-        return sum(len(engine.inbox) + len(engine.events) for engine in (self.agent, self.other))
+        return sum(
+            len(engine.interpreter.inbox) + len(engine.interpreter.events) for engine in (self.agent, self.other)
+        )
 
     # What happens
 

@@ -17,14 +17,15 @@ False
 """
 
 from socialbot.bdi.actions import Action, PlanFailed, action, fail, wait
-from socialbot.bdi.durative_actions import LongAction, ThreadAction
+from socialbot.bdi.durative_actions import LongAction, Pool, ThreadAction
 from socialbot.bdi.engine import Engine
-from socialbot.bdi.intentions import Mind
+from socialbot.bdi.intentions import Failed, Failure, Intention, Mind, Sleep
 from socialbot.bdi.library import Library
 from socialbot.bdi.literals import (
     ANYTHING,
     Belief,
     Computed,
+    Event,
     Goal,
     Literal,
     Reactor,
@@ -35,6 +36,7 @@ from socialbot.bdi.literals import (
 )  # fmt: skip
 from socialbot.bdi.plans import Inference, Plan, atomic, labelled, priority, stage
 from socialbot.bdi.sensors import Sensed, Sensor, ThreadSensor
+from socialbot.bdi.society import Society
 from socialbot.bdi.steps import (
     apart,
     as_long_as,
@@ -50,12 +52,13 @@ from socialbot.bdi.steps import (
     when,
 )  # fmt: skip
 from socialbot.bdi.terms import Atom, Variable, variables
-from socialbot.bdi.trace import JsonLines, Record, Trace, tee
+from socialbot.bdi.trace import JsonLines, Record, Trace, as_text, read_trace, tee
 
 __all__ = [
-    "ANYTHING", "Action", "Atom", "Belief", "Computed", "Engine", "Goal", "Inference", "JsonLines", "Library",
-    "Literal", "LongAction", "Mind", "Plan", "PlanFailed", "Reactor", "Record", "Sensed", "Sensor", "SingletonBelief",
-    "ThreadAction", "ThreadSensor", "Trace", "Variable", "action", "apart", "as_long_as", "ask", "atomic", "enter",
-    "error", "error_msg", "fail", "first_of", "for_each", "labelled", "message", "priority", "send", "source", "stage",
-    "tee", "test", "together", "variables", "wait", "wait_for", "when",
+    "ANYTHING", "Action", "Atom", "Belief", "Computed", "Engine", "Event", "Failed", "Failure", "Goal", "Inference",
+    "Intention", "JsonLines", "Library", "Literal", "LongAction", "Mind", "Plan", "PlanFailed", "Pool", "Reactor",
+    "Record", "Sensed", "Sensor", "SingletonBelief", "Sleep", "Society", "ThreadAction", "ThreadSensor", "Trace",
+    "Variable", "action", "apart", "as_long_as", "as_text", "ask", "atomic", "enter", "error", "error_msg", "fail",
+    "first_of", "for_each", "labelled", "message", "priority", "read_trace", "send", "source", "stage", "tee", "test",
+    "together", "variables", "wait", "wait_for", "when",
 ]  # fmt: skip

@@ -69,4 +69,6 @@ class wait(Action):  # noqa: N801 - reads as a step of a plan
 
     def execute(self, seconds: float) -> Any:
         """Lets the plan rest for so many seconds."""
-        return self.engine.sleep(seconds)
+        from socialbot.bdi.intentions import Sleep
+
+        return Sleep(seconds)

@@ -1,108 +1,307 @@
-"""Memory: beliefs and how they change, the events that this makes, and what is due when."""
+"""Belief base of an agent: its beliefs, their sources and times, and the events of their changes."""
 
 from __future__ import annotations
 
-import functools
-import heapq
-import itertools
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
-from socialbot.bdi.beliefs import Args, BeliefBase, Fact, Relation, Relations, Watcher, is_source, literal_of
-from socialbot.bdi.compiler.runtime import EVENT
-from socialbot.bdi.library import Library, Ready, Trigger
-from socialbot.bdi.literals import ANYTHING, Computed, Literal, Reactor, ground, source
-from socialbot.bdi.log import log
-from socialbot.bdi.trace import Record, Sink
+from socialbot.bdi.intentions import EVENT
+from socialbot.bdi.library import CompiledPlan, Library, Trigger
+from socialbot.bdi.literals import Belief, Computed, Literal, Reactor, ground, literal_from_key, source
+from socialbot.bdi.timers import Timers
+from socialbot.bdi.trace import TraceWriter
 from socialbot.bdi.unification import Trail, Var, closed, resolve, undo, unify
-from socialbot.core.clock import Clock, nanoseconds
+from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RuleError
 
-Notes = tuple[Any, ...]
+Args = tuple[Any, ...]
+
+Annotations = tuple[Any, ...]
+
+Fact = tuple[int, Annotations, Any]
+"""A held belief: its begin (ns), its annotations (sources and others), and the trace record of its begin."""
+
+Watcher = Callable[[Args, bool, Any], object]
+"""Receives the arguments of a belief, whether it is held now, and the record of the change."""
+
+_NONE: dict[Any, Any] = {}
+"""Shared empty dictionary of relations without indexes or timers, to keep agents small."""
 
 
-FEW_TIMERS = 64
-"""With so many it does not pay to look which of them are over."""
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldBelief:
+    """A belief that is held: its sources, its begin (ns), and the id of the trace record of its begin."""
+
+    belief: Literal
+    sources: tuple[str, ...]
+    since: int
+    record: str
+
+    @property
+    def source(self) -> str:
+        """The sources, separated by commas."""
+        return ",".join(self.sources)
 
 
-class Memory:
-    """What an agent believes. The methods that generated code calls take relations and tuples instead of literals."""
+class Relation:
+    """Beliefs of one name and arity, indexed by the argument positions that plans query."""
 
     __slots__ = (
-        "_most_timers", "_now", "_records", "_sequence", "_sink_failed", "_timers", "base", "beliefs", "clock",
-        "events", "library", "name", "relations", "sink", "stage", "triggers",
+        "added", "base", "care", "facts", "first_facts", "held", "indexes", "key", "kind", "quiet", "removed",
+        "special", "watchers",
     )  # fmt: skip
 
-    def __init__(self, name: str, clock: Clock, sink: Sink | None, library: Library) -> None:
-        self.name = name
-        self.clock = clock
-        self.sink = sink
+    def __init__(self, key: str, base: BeliefBase) -> None:
+        self.key = key
+        self.base = base
+        self.facts: dict[Args, Fact] = {}
+        self.indexes: dict[tuple[int, ...], dict[Any, dict[Args, None]]] = _NONE
+        self.first_facts: dict[Args, Fact] = _NONE  # as each belief was when it began, for "held for" events
+        self.added: Trigger | None = None
+        self.removed: Trigger | None = None
+        self.held: Trigger | None = None
+        self.kind: type[Belief] | None = None
+        self.special = False
+        self.care = False
+        self.quiet = True
+        self.watchers: tuple[Watcher, ...] = ()
+
+    def index(self, positions: tuple[int, ...]) -> dict[Any, dict[Args, None]]:
+        """The beliefs by the arguments at ``positions``: by one value, or by a tuple of several."""
+        index = self.indexes.get(positions)
+        if index is None:
+            if self.indexes is _NONE:
+                self.indexes = {}
+            index = self.indexes[positions] = {}
+            self.quiet = False
+            for args in self.facts:
+                index.setdefault(_at(args, positions), {})[args] = None
+        return index
+
+    def begin(self, args: Args, fact: Fact) -> None:
+        """Keeps the fact with which a belief began."""
+        if self.first_facts is _NONE:
+            self.first_facts = {}
+        self.first_facts[args] = fact
+
+    def enter(self, args: Args) -> None:
+        """Adds a belief to the indexes."""
+        for positions, index in self.indexes.items():
+            index.setdefault(_at(args, positions), {})[args] = None
+
+    def leave(self, args: Args) -> None:
+        """Removes a belief from the indexes."""
+        self.first_facts.pop(args, None)
+        for positions, index in self.indexes.items():
+            key = _at(args, positions)
+            bucket = index[key]
+            del bucket[args]
+            if not bucket:
+                del index[key]
+
+    def clear(self) -> None:
+        """Removes all beliefs, without events."""
+        self.facts.clear()
+        self.first_facts.clear()
+        for index in self.indexes.values():
+            index.clear()
+
+    def candidates(self, args: Args) -> list[Args]:
+        """A snapshot of the beliefs, newest first, that agree with the known ones of ``args``."""
+        known = tuple(i for i, arg in enumerate(args) if closed(arg))
+        if not known:
+            return list(reversed(self.facts))
+        if len(known) == len(args):
+            return [args] if args in self.facts else []
+        return list(reversed(self.index(known).get(_at(args, known), {})))
+
+    def match(self, args: Args, annotations: Annotations, trail: Trail) -> Iterator[Args]:
+        """The beliefs that unify with ``args`` and ``annotations``, newest first; bindings hold until the next one."""
+        mark = len(trail)
+        for found in self.candidates(resolve(args)):
+            if found in self.facts and unify(args, found, trail):
+                if not annotations:
+                    yield found
+                else:
+                    for _ in choices(annotations, self.facts[found][1], trail):
+                        yield found
+            undo(trail, mark)
+
+    def literal(self, args: Args, annotations: Annotations = ()) -> Literal:
+        """The belief with these arguments."""
+        if self.kind is not None:
+            made = self.kind(*args)
+            return made.with_(annotations=annotations) if annotations else made
+        return literal_from_key(self.key, args, annotations)
+
+    def text(self, args: Args) -> str:
+        """The belief with these arguments as the trace shows it."""
+        return str(self.literal(args)) if closed(args) else str(literal_from_key(self.key, args))
+
+
+class HoldTimer:
+    """Timer of a plan for the event that a belief has been held for some seconds."""
+
+    __slots__ = ("args", "base", "fact", "plan", "relation", "seconds")
+
+    def __init__(
+        self, base: BeliefBase, relation: Relation, args: Args, fact: Fact, plan: CompiledPlan, seconds: float
+    ) -> None:
+        self.base = base
+        self.relation = relation
+        self.args = args
+        self.fact = fact
+        self.plan = plan
+        self.seconds = seconds
+
+    def __call__(self) -> None:
+        if not self.over():
+            self.base.on_held(self)
+
+    def over(self) -> bool:
+        """Whether the belief was removed in the meantime."""
+        return self.relation.first_facts.get(self.args) is not self.fact
+
+
+class BeliefBase:
+    """The beliefs of one agent. Iteration gives each `HeldBelief`.
+
+    The methods that change beliefs take a `Relation` and the arguments, as compiled plans do; they are for the
+    engine's thread. ``here`` asks for the event to be returned as a request instead of being queued.
+    """
+
+    __slots__ = ("_now", "_timers", "events", "known", "library", "relations", "trace")
+
+    def __init__(self, library: Library, events: deque[Any], timers: Timers, trace: TraceWriter) -> None:
         self.library = library
-        library.users += 1
-        self.triggers = library.triggers
-        self.relations = Relations(self._equip)
-        self.base = self.relations.made
-        self.beliefs = BeliefBase(self.relations)
-        self.stage: str | None = None
-        self.events: deque[tuple[Trigger, Args, Notes, Any]] = deque()
-        self._now = clock.now
-        self._timers: list[tuple[int, int, Callable[[], object]]] = []
-        self._most_timers = FEW_TIMERS
-        self._records = itertools.count(1)
-        self._sequence = itertools.count()
-        self._sink_failed = False
+        self.events = events
+        self.trace = trace
+        self.relations: dict[str, Relation] = {}
+        self.known: dict[tuple[type[Literal], int], Relation] = _NONE
+        self._timers = timers
+        self._now = timers.now
 
-    # Changes
+    # Reading
 
-    def add(self, relation: Relation, args: Args, notes: Notes, cause: Any, since: int | None = None) -> None:
-        """Holds a belief from now on; what is held already from this source is no event."""
+    def __iter__(self) -> Iterator[HeldBelief]:
+        for relation in list(self.relations.values()):
+            for args in list(relation.facts):
+                yield _held(relation, args)
+
+    def __len__(self) -> int:
+        return sum(len(relation.facts) for relation in self.relations.values())
+
+    def __contains__(self, belief: Literal) -> bool:
+        return self.get(belief) is not None
+
+    def get(self, belief: Literal) -> HeldBelief | None:
+        """The entry of exactly this belief, whatever its annotations; None if it is not held."""
+        relation = self.relations.get(belief.key)
+        return _held(relation, belief.args) if relation and belief.args in relation.facts else None
+
+    def relation(self, key: str) -> Relation:
+        """The relation of a key such as ``at/2``; a missing one is created."""
+        relation = self.relations.get(key)
+        if relation is None:
+            relation = Relation(key, self)
+            self.equip(relation)
+            relation = self.relations.setdefault(key, relation)
+        return relation
+
+    def know(self, kind: type[Literal], arity: int, relation: Relation) -> None:
+        """Keeps the relation of the beliefs of a class."""
+        if self.known is _NONE:
+            self.known = {}
+        self.known[kind, arity] = relation
+
+    # Adding
+
+    def add(self, relation: Relation, args: Args, notes: Annotations, cause: Any, since: int | None = None) -> None:
+        """Adds a belief and queues the event; a belief already held from this source is no event."""
         event = self.hold(relation, args, notes, cause, since)
         if event is not None:
             self.events.append(event)
 
-    def hold(self, relation: Relation, args: Args, notes: Notes, cause: Any, since: int | None = None) -> Any:
-        """Holds a belief from now on; returns the event that this is, if anybody reacts to it."""
+    def hold(self, relation: Relation, args: Args, notes: Annotations, cause: Any, since: int | None = None) -> Any:
+        """Adds a belief; returns the event if plans exist for it."""
         facts = relation.facts
         if args in facts or relation.special:
             return self._hold_special(relation, args, notes, cause, since)
-        if self.sink is not None:
-            cause = self.record("belief", self.text(relation, args), cause, source=_sources(notes))
+        if self.trace.sink is not None:
+            cause = self.trace.record("belief", relation.text(args), cause, source=_sources(notes))
         fact = facts[args] = (self._now() if since is None else since, notes, cause)
         if relation.indexes:
             relation.enter(args)
         if relation.held is not None:
-            self._watch(relation, args, fact)
+            # Later the annotations may change; the first fact identifies this period of being held.
+            relation.begin(args, fact)
+            for plan in relation.held.candidates(args):
+                self.set_hold_timer(relation, args, plan)
         added = relation.added
         return None if added is None else (added, args, notes, cause)
 
-    def add_here(self, relation: Relation, args: Args, notes: Notes, cause: Any) -> Any:
-        """Like `add`, but returns the request to carry out a plan for the event, or None."""
+    def add_here(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> Any:
+        """Adds a belief; returns the request for a plan for the event, or None."""
         event = self.hold(relation, args, notes, cause)
         return None if event is None else (EVENT, *event)
 
-    def remove_known(self, relation: Relation, args: Args, notes: Notes, cause: Any, here: bool) -> Any:
-        """Like `remove`, for arguments without variables."""
-        fact = relation.facts.get(args)
-        if fact is None:
-            return None
-        if not relation.quiet or self.sink is not None or fact[1] != notes:
-            return self.remove(relation, args, notes, cause, here)
-        del relation.facts[args]
-        return None
+    def _hold_special(self, relation: Relation, args: Args, notes: Annotations, cause: Any, since: int | None) -> Any:
+        if relation.kind is None:
+            self.equip(relation)  # A step of a plan may have declared its class only now.
+        kind = relation.kind
+        if kind is not None and issubclass(kind, Reactor):
+            if self.trace.sink is not None:
+                cause = self.trace.record("event", relation.text(args), cause)
+            return None if relation.added is None else (relation.added, args, notes, cause)
+        if kind is not None and issubclass(kind, Computed):
+            raise RuleError(f"{relation.text(args)} is computed", remedy="it cannot be added")
+        if args in relation.facts:
+            return self._merge(relation, args, notes, cause)
+        if kind is not None and kind.singleton:
+            before = next(iter(relation.facts), None)
+            for other in [other for other in self.relations.values() if other.kind is kind]:
+                for found in list(other.facts):
+                    self.forget_one(other, found, cause)
+            if before is not None:
+                self._changed(relation, args, before, notes, cause)
+        relation.special = False
+        event = self.hold(relation, args, notes, cause, since)
+        relation.special = True
+        self.notify(relation, args, True, relation.facts[args][2])
+        return event
 
-    def remove_any(self, relation: Relation, args: Args, cause: Any, here: bool) -> Any:
-        """``-b[source(_)]`` for arguments without variables: takes one source off, whoever it is."""
-        fact = relation.facts.get(args)
-        if fact is None:
+    def _merge(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> Any:
+        """Adds the new annotations to a held belief, which is an event too."""
+        since, held, begin = relation.facts[args]
+        if held == notes:
             return None
-        if not relation.quiet or self.sink is not None or len(fact[1]) > 1:
-            return self.remove(relation, args, (source(Var()),), cause, here)
-        del relation.facts[args]
-        return None
+        new = tuple(note for note in notes if note not in held)
+        if not new:
+            return None
+        relation.facts[args] = (since, held + new, begin)
+        if self.trace.sink is not None:
+            cause = self.trace.record("belief", relation.text(args), cause, source=_sources(new))
+        return None if relation.added is None else (relation.added, args, new, cause)
 
-    def remove(self, relation: Relation, args: Args, notes: Notes, cause: Any, here: bool) -> Any:
-        """Takes the sources among ``notes`` off the first belief that matches; without any it is held no longer."""
+    def replace(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> Any:
+        """``-+b``: removes the newest belief of the name with this source and adds another, as `add_here`."""
+        before = next(relation.match(tuple(Var() for _ in args), notes, []), None)
+        if before is not None:
+            self.remove(relation, before, notes, cause, here=False)
+            self._changed(relation, args, before, notes, cause)
+        return self.add_here(relation, args, notes, cause)
+
+    def _changed(self, relation: Relation, args: Args, before: Args, notes: Annotations, cause: Any) -> None:
+        trigger = self.library.triggers.get(f"changed {relation.key}")
+        if trigger is not None and args != before:
+            self.events.append((trigger, args + before, notes, cause))
+
+    # Removing
+
+    def remove(self, relation: Relation, args: Args, notes: Annotations, cause: Any, here: bool) -> Any:
+        """Removes the sources among ``notes`` from the newest matching belief; without sources it is held no more."""
         found = next(relation.match(args, notes, []), None)
         if found is None:
             return None
@@ -113,14 +312,12 @@ class Memory:
             relation.facts[found] = (since, left, begin)
         else:
             del relation.facts[found]
-            relation.lives.pop(found, None)
-            if relation.indexes:
-                relation.leave(found)
-        if self.sink is not None:
+            relation.leave(found)
+        if self.trace.sink is not None:
             others = {"left": _sources(left)} if found in relation.facts else {}
-            cause = self.record("unbelief", self.text(relation, found), cause, **others)
+            cause = self.trace.record("unbelief", relation.text(found), cause, **others)
         if relation.watchers and found not in relation.facts:
-            self._tell(relation, found, False, cause)
+            self.notify(relation, found, False, cause)
         if relation.removed is None:
             return None
         if here:
@@ -128,219 +325,109 @@ class Memory:
         self.events.append((relation.removed, found, taken, cause))
         return None
 
-    def replace(self, relation: Relation, args: Args, notes: Notes, cause: Any) -> Any:
-        """``-+b``: removes the first belief of the name with this source, whatever its arguments, and adds another."""
-        anything = tuple(Var() for _ in args)
-        before = next(relation.match(anything, notes, []), None)
-        if before is not None:
-            self.remove(relation, before, notes, cause, here=False)
-            self._changed(relation, args, before, notes, cause)
-        return self.add_here(relation, args, notes, cause)
+    def remove_known(self, relation: Relation, args: Args, notes: Annotations, cause: Any, here: bool) -> Any:
+        """`remove` for arguments without variables."""
+        fact = relation.facts.get(args)
+        if fact is None:
+            return None
+        if not relation.quiet or self.trace.sink is not None or fact[1] != notes:
+            return self.remove(relation, args, notes, cause, here)
+        del relation.facts[args]
+        return None
 
-    def _changed(self, relation: Relation, args: Args, before: Args, notes: Notes, cause: Any) -> None:
-        """Announces that a belief takes the place of another one."""
-        trigger = self.triggers.get(f"changed {relation.key}")
-        if trigger is not None and args != before:
-            self.events.append((trigger, args + before, notes, cause))
+    def remove_any(self, relation: Relation, args: Args, cause: Any, here: bool) -> Any:
+        """``-b[source(_)]`` for arguments without variables: removes one source, whichever it is."""
+        fact = relation.facts.get(args)
+        if fact is None:
+            return None
+        if not relation.quiet or self.trace.sink is not None or len(fact[1]) > 1:
+            return self.remove(relation, args, (source(Var()),), cause, here)
+        del relation.facts[args]
+        return None
 
     def forget_one(self, relation: Relation, args: Args, cause: Any) -> None:
-        """Removes a belief, whoever said it."""
+        """Removes a belief with all its sources."""
         fact = relation.facts.pop(args, None)
         if fact is None:
             return
-        relation.lives.pop(args, None)
-        if relation.indexes:
-            relation.leave(args)
-        if self.sink is not None:
-            cause = self.record("unbelief", self.text(relation, args), cause)
+        relation.leave(args)
+        if self.trace.sink is not None:
+            cause = self.trace.record("unbelief", relation.text(args), cause)
         if relation.watchers:
-            self._tell(relation, args, False, cause)
+            self.notify(relation, args, False, cause)
         if relation.removed is not None:
             self.events.append((relation.removed, args, fact[1], cause))
 
-    def forget_all(self, relation: Relation, args: Args, notes: Notes, cause: Any) -> None:
-        """Removes every belief that matches, whoever said it."""
+    def forget_all(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> None:
+        """Removes every matching belief with all its sources."""
         for found in list(relation.match(args, notes, [])):
             self.forget_one(relation, found, cause)
 
-    def _hold_special(self, relation: Relation, args: Args, notes: Notes, cause: Any, since: int | None) -> Any:
-        if relation.kind is None:
-            self._equip(relation)  # Its class may have become known only now, by a step of a plan.
-        kind = relation.kind
-        if kind is not None and issubclass(kind, Reactor):
-            if self.sink is not None:
-                cause = self.record("event", self.text(relation, args), cause)
-            return None if relation.added is None else (relation.added, args, notes, cause)
-        if kind is not None and issubclass(kind, Computed):
-            raise RuleError(f"{self.text(relation, args)} is computed", remedy="it cannot be added")
-        if args in relation.facts:
-            return self._merge(relation, args, notes, cause)
-        if kind is not None and kind.singleton:
-            self._displace(relation, kind, args, notes, cause)
-        relation.special = False
-        event = self.hold(relation, args, notes, cause, since)
-        relation.special = True
-        if relation.watchers:
-            self._tell(relation, args, True, relation.facts[args][2])
-        return event
-
-    def _displace(self, relation: Relation, kind: type[Literal], args: Args, notes: Notes, cause: Any) -> None:
-        """Removes what a belief takes the place of, of which there is one at most."""
-        before = next(iter(relation.facts), None)
-        for other in list(self.base.values()):
-            if other.kind is kind:
-                for found in list(other.facts):
-                    self.forget_one(other, found, cause)
-        if before is not None:
-            self._changed(relation, args, before, notes, cause)
+    # Watching
 
     def watch(self, key: str, watcher: Watcher) -> None:
-        """Has ``watcher`` called, at once, whenever a belief with this key, such as ``at/2``, begins or ends.
+        """Calls ``watcher`` at once whenever a belief with this key, such as ``at/2``, begins or ends.
 
-        It may change beliefs; an exception of it goes on the trace.
+        The watcher may change beliefs; its exceptions go on the trace.
         """
-        relation = self.relations[key]
+        relation = self.relation(key)
         relation.watchers = (*relation.watchers, watcher)
-        self._equip(relation)
+        self.equip(relation)
 
-    def _tell(self, relation: Relation, args: Args, held: bool, cause: Any) -> None:
+    def notify(self, relation: Relation, args: Args, held: bool, cause: Any) -> None:
+        """Calls the watchers of a relation."""
         for watcher in relation.watchers:
             try:
                 watcher(args, held, cause)
             except Exception as problem:  # noqa: BLE001 - user code
-                self.record_failure(f"watching {relation.key}", cause, problem)
+                self.trace.record_failure(f"watching {relation.key}", cause, problem)
 
-    def _merge(self, relation: Relation, args: Args, notes: Notes, cause: Any) -> Any:
-        """Adds what is new among the annotations of a belief that is held; that is an event, too."""
-        since, held, begin = relation.facts[args]
-        if held == notes:
-            return None
-        new = tuple(note for note in notes if note not in held)
-        if not new:
-            return None
-        relation.facts[args] = (since, held + new, begin)
-        if self.sink is not None:
-            cause = self.record("belief", self.text(relation, args), cause, source=_sources(new))
-        return None if relation.added is None else (relation.added, args, new, cause)
-
-    # Questions
-
-    def solve(self, key: str, args: Args, notes: Notes, trail: Trail) -> Iterator[None]:
-        """The ways in which something is believed, held or derived; variables are bound until the next one."""
-        for _ in self.relations[key].match(args, notes, trail):
-            yield
-        mark = len(trail)
-        kind = self.library.computes(key)
-        if kind is not None:
-            for found in self._compute(kind, resolve(args)):
-                if unify(args, found, trail):
-                    yield
-                undo(trail, mark)
-        for ready in self.library.inferences.get(key, ()):
-            for _ in ready.solve(self, args, trail):
-                if not closed(args):
-                    raise RuleError(
-                        f"{ready.inference.head} follows with a variable that has no value",
-                        where=str(ready.inference.origin or ready.inference),
-                        remedy="give every variable of the head a value in the condition, or in the question",
-                    )
-                yield
-            undo(trail, mark)
-
-    def _compute(self, kind: type[Computed], args: Args) -> Iterable[Args]:
-        computed = self.library.computed.get(kind.functor) or self.library.computed.setdefault(kind.functor, kind())
-        found = computed.solutions(*(arg if closed(arg) else ANYTHING for arg in args))
-        if isinstance(found, bool):
-            return [args] if found else []
-        return list(found)
-
-    # Time
-
-    def at(self, time: int, callback: Callable[[], object]) -> None:
-        """Has ``callback`` called at ``time`` (ns)."""
-        heapq.heappush(self._timers, (time, next(self._sequence), callback))
-        if len(self._timers) > self._most_timers:
-            self._purge()
-
-    def at_in(self, seconds: float, callback: Callable[[], object]) -> None:
-        """Has ``callback`` called in ``seconds``."""
-        self.at(self._now() + nanoseconds(seconds), callback)
-
-    def not_at(self, callback: Callable[[], object]) -> None:
-        """Has ``callback`` called no more; other timers stay."""
-        timers = self._timers
-        timers[:] = [timer for timer in timers if timer[2] is not callback]
-        heapq.heapify(timers)
-
-    def _purge(self) -> None:
-        """Takes out timers that nobody waits for any more: limits that were kept, beliefs that have gone."""
-        timers = self._timers
-        timers[:] = [timer for timer in timers if not self._over(timer[2])]
-        heapq.heapify(timers)
-        self._most_timers = max(FEW_TIMERS, 2 * len(timers))
-
-    def _over(self, callback: Any) -> bool:
-        if isinstance(callback, functools.partial) and callback.func == self._on_held:
-            relation, args, fact, *_ = callback.args
-            return relation.lives.get(args) is not fact
-        over = getattr(callback, "over", None)
-        return over is not None and over()
-
-    def _watch(self, relation: Relation, args: Args, fact: Fact) -> None:
-        """Sees to it that plans hear of it when a belief has been held long enough."""
-        assert relation.held is not None
-        # Later its annotations may change; what it was at first tells this time from others when it is held.
-        relation.live(args, fact)
-        for ready in relation.held.candidates(args):
-            self._watch_for(relation, args, fact, ready)
-
-    def _watch_for(self, relation: Relation, args: Args, fact: Fact, ready: Ready) -> None:
-        event = ready.plan.event
-        if not _may_fit(event.literal.args, args):
+    def set_hold_timer(self, relation: Relation, args: Args, plan: CompiledPlan) -> None:
+        """Starts the timer of a plan for the event that this belief has been held for some seconds."""
+        event, fact = plan.plan.event, relation.first_facts[args]
+        if not all(not ground(part) or part == arg for part, arg in zip(event.literal.args, args, strict=True)):
             return
         try:
-            duration = event.seconds() if callable(event.seconds) else event.seconds
-            due = fact[0] + nanoseconds(duration)
+            seconds = event.seconds() if callable(event.seconds) else event.seconds
+            due = fact[0] + nanoseconds(seconds)
         except Exception as problem:  # noqa: BLE001 - user code
-            self.record_failure(str(ready.plan), fact[2], problem)
+            self.trace.record_failure(str(plan.plan), fact[2], problem)
             return
-        self.at(due, functools.partial(self._on_held, relation, args, fact, ready, duration))
+        self._timers.at(due, HoldTimer(self, relation, args, fact, plan, seconds))
 
-    def _on_held(self, relation: Relation, args: Args, fact: Fact, ready: Ready, duration: float) -> None:
-        if relation.lives.get(args) is fact:
-            cause = fact[2]
-            if self.sink is not None:
-                cause = self.record("held", self.text(relation, args), cause, seconds=duration)
-            self.events.append((Trigger(ready.plan.event.key, (ready,)), args, relation.facts[args][1], cause))
+    def on_held(self, timer: HoldTimer) -> None:
+        """Queues the event that a belief has been held for some seconds."""
+        relation, args, cause = timer.relation, timer.args, timer.fact[2]
+        if self.trace.sink is not None:
+            cause = self.trace.record("held", relation.text(args), cause, seconds=timer.seconds)
+        trigger = Trigger(timer.plan.plan.event.key, (timer.plan,))
+        self.events.append((trigger, args, relation.facts[args][1], cause))
 
     # The plan library
 
-    def own_library(self) -> Library:
-        """The library, which from now on is this agent's alone."""
-        if self.library.users > 1:
-            self.library.users -= 1
-            self.library = self.library.copy()
-            self.library.users = 1
-            self.triggers = self.library.triggers
-            for relation in self.base.values():
-                self._equip(relation)
-        return self.library
+    def use(self, library: Library) -> None:
+        """Reacts with the plans of another library from now on."""
+        self.library = library
+        for relation in self.relations.values():
+            self.equip(relation)
 
     def listen(self, key: str) -> None:
-        """Has the events of a key announced, now that somebody reacts to them."""
-        self.triggers[key]
-        name = key[5:] if key.startswith("held ") else key[1:]
-        if name in self.base:
-            self._equip(self.relations[name])
+        """Queues the events of a key, such as ``+at/2``, from now on, even without plans."""
+        self.library.triggers[key]
+        relation = self.relations.get(key[5:] if key.startswith("held ") else key[1:])
+        if relation is not None:
+            self.equip(relation)
 
-    def equip(self, kind: type[Literal]) -> None:
-        """Has beliefs of a class treated as it asks for: held, one at a time, or only an event."""
-        for relation in list(self.base.values()):
+    def declare(self, kind: type[Literal]) -> None:
+        """Treats beliefs of a class as it asks for: held, one at a time, or only as an event."""
+        self.library.declare(kind)
+        for relation in list(self.relations.values()):
             if relation.key.startswith(f"{kind.functor}/"):
-                self._equip(relation)
+                self.equip(relation)
 
-    def _equip(self, relation: Relation) -> None:
-        key, triggers = relation.key, self.triggers
+    def equip(self, relation: Relation) -> None:
+        """Looks up the plans and the class of a relation."""
+        key, triggers = relation.key, self.library.triggers
         relation.added = triggers.get(f"+{key}")
         relation.removed = triggers.get(f"-{key}")
         relation.held = triggers.get(f"held {key}")
@@ -350,34 +437,34 @@ class Memory:
         relation.special = watched or (kind is not None and (kind.singleton or issubclass(kind, (Reactor, Computed))))
         relation.care = relation.special or relation.held is not None
 
-    # The trace
 
-    def text(self, relation: Relation, args: Args) -> str:
-        """A belief as the trace shows it."""
-        return str(relation.literal(args)) if closed(args) else str(literal_of(relation.key, args))
-
-    def record(self, kind: str, what: str, cause: Any, **detail: object) -> str:
-        """Gives a record to the trace; returns its id."""
-        record_id = f"{self.name}-{next(self._records)}"
-        if self.sink is not None:
-            try:
-                self.sink(Record(record_id, self._now(), kind, what, str(cause), detail))
-            except Exception:  # noqa: BLE001 - whatever the trace goes to is user code
-                if not self._sink_failed:
-                    log().exception("%s: the trace is lost from here on, or has gaps", self.name)
-                self._sink_failed = True
-        return record_id
-
-    def record_failure(self, what: str, cause: Any, problem: Exception) -> str:
-        """Puts an exception of user code on record."""
-        log().warning("%s: %s: %s", self.name, what, problem)
-        return self.record("failure", what, cause, reason=type(problem).__name__, message=str(problem))
+def is_source(note: object) -> bool:
+    """Whether an annotation is ``source(S)``."""
+    return isinstance(note, Literal) and note.functor == "source" and len(note.args) == 1
 
 
-def _sources(notes: Notes) -> str:
+def _held(relation: Relation, args: Args) -> HeldBelief:
+    since, annotations, cause = relation.facts[args]
+    sources = tuple(str(note.args[0]) for note in annotations if is_source(note))
+    others = tuple(note for note in annotations if not is_source(note))
+    return HeldBelief(relation.literal(args, others), sources, since, str(cause))
+
+
+def choices(pattern: Annotations, held: Annotations, trail: Trail) -> Iterator[None]:
+    """All ways in which each annotation of the pattern is among those held."""
+    if not pattern:
+        yield None
+        return
+    mark = len(trail)
+    for candidate in held:
+        if unify(pattern[0], candidate, trail):
+            yield from choices(pattern[1:], held, trail)
+        undo(trail, mark)
+
+
+def _sources(notes: Annotations) -> str:
     return ",".join(str(note.args[0]) for note in notes if is_source(note))
 
 
-def _may_fit(pattern: tuple[object, ...], args: Args) -> bool:
-    """Whether the constants of a pattern are those of the arguments."""
-    return all(not ground(part) or part == arg for part, arg in zip(pattern, args, strict=True))
+def _at(args: Args, positions: tuple[int, ...]) -> Any:
+    return args[positions[0]] if len(positions) == 1 else tuple(args[i] for i in positions)

@@ -22,7 +22,7 @@ from socialbot.core.errors import RuleError
 if TYPE_CHECKING:
     import asyncio
 
-    from socialbot.bdi.intention_stack import Pursuit
+    from socialbot.bdi.interpreter import Interpreter
 
 FINISHED, FAILED, CANCELLED = "finished", "failed", "cancelled"
 """How an action can end: ``outcome`` in the detail of its record of kind ``action_end``."""
@@ -57,8 +57,8 @@ class Running(Pause):
         """Asks it to stop, in the engine's thread; the answer is `conclude`."""
         raise NotImplementedError
 
-    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
-        super().begin(reasoner, intention)
+    def begin(self, interpreter: Interpreter, intention: Intention) -> None:
+        super().begin(interpreter, intention)
         try:
             self.start()
         except Exception as problem:
@@ -82,7 +82,7 @@ class Running(Pause):
         try:
             self.stop()
         except Exception as problem:  # noqa: BLE001 - a cancel() that fails must not hold up the agent for ever
-            self.reasoner.record_failure(self.what, self.cause, problem)
+            self.interpreter.trace.record_failure(self.what, self.cause, problem)
             self._said = self._said or (CANCELLED, None)
         finally:
             self._stopper = None
@@ -102,13 +102,12 @@ class Running(Pause):
         self._post(lambda: self._note(fraction, text))
 
     def _post(self, function: Callable[[], None]) -> None:
-        engine: Any = self.reasoner
-        engine.call(function)
+        self.interpreter.post(function)
 
     def _note(self, fraction: float, text: str) -> None:
         if not self._over:
             self.state = f"{fraction:.0%} {text}".strip()
-            self.reasoner.record("progress", self.what, self.cause, fraction=fraction, text=text)
+            self.interpreter.trace.record("progress", self.what, self.cause, fraction=fraction, text=text)
 
     def _end(self, how: str, problem: Exception | None) -> None:
         if self._over:
@@ -127,7 +126,7 @@ class Running(Pause):
 
     def _record_end(self, how: str, problem: Exception | None) -> None:
         why = {} if problem is None else {"message": str(problem) or type(problem).__name__}
-        self.reasoner.record("action_end", self.what, self.cause, outcome=how, **why)
+        self.interpreter.trace.record("action_end", self.what, self.cause, outcome=how, **why)
 
     def __str__(self) -> str:
         state = "is asked to stop" if self._then is not None else self.state
@@ -219,10 +218,9 @@ class ThreadRun(Running):
         self._claim = threading.Lock()
 
     def start(self) -> None:
-        engine = self.action.engine
-        if engine.pool is None:
-            engine.pool = Pool()
-        engine.pool.submit(self._work)
+        if self.interpreter.pool is None:
+            self.interpreter.pool = Pool()
+        self.interpreter.pool.submit(self._work)
 
     def stop(self) -> None:
         self.action.cancelling.set()

@@ -1,43 +1,70 @@
-"""The engine: one agent, as its host and other programs see it.
+"""Engine of one agent: the public interface of its parts.
 
-An engine is passive: `Engine.run_until_idle` does what there is to do, `Engine.next_wakeup` tells
-when there will be more. `Engine.run` does both for a program that has no other loop. Everything may be posted from
-any thread; everything happens in the thread that runs the engine.
+An engine is passive: `Engine.run_until_idle` does everything that is due, `Engine.next_wakeup` tells the time of the
+next timer. `Engine.run` does both in a program without a loop of its own. Beliefs, goals, percepts and calls may be
+posted from any thread; everything happens in the thread that runs the engine.
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.acting import Acting
 from socialbot.bdi.actions import Action
-from socialbot.bdi.beliefs import Relation
-from socialbot.bdi.compiler.runtime import SUBGOAL
 from socialbot.bdi.explain import why_not
-from socialbot.bdi.intentions import Failure, Intention, Mind, goal_of
+from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, Mind
+from socialbot.bdi.interpreter import Interpreter
 from socialbot.bdi.library import Library
-from socialbot.bdi.literals import PERCEPT, SELF, Belief, Change, Event, Goal, Literal, Structure, source
+from socialbot.bdi.literals import PERCEPT, SELF, Belief, Change, Goal, Literal, source
 from socialbot.bdi.plans import Inference, Plan, flat
-from socialbot.bdi.sensors import Sensor, changes
-from socialbot.bdi.terms import Atom, Variable, conjunction
-from socialbot.bdi.trace import Record, Sink
-from socialbot.bdi.unification import Var, closed, resolve
-from socialbot.bdi.wakeup import Wakeup
+from socialbot.bdi.sensors import Sensor
+from socialbot.bdi.terms import Atom, conjunction
+from socialbot.bdi.timers import Timers, Wakeup
+from socialbot.bdi.trace import Sink, TraceWriter
 from socialbot.core.clock import SECOND, Clock
-from socialbot.core.errors import RuleError
+
+if TYPE_CHECKING:
+    from random import Random
 
 
-class Engine(Acting):
-    """One agent: its beliefs, plans, sensors and intentions.
+class MindChange(functools.partial[None]):
+    """A posted change of beliefs or goals, which a restored mind replaces."""
 
-    ``robot`` is whatever the actions act upon; ``sink`` takes the trace; ``wake`` is called, from any
-    thread, when something was posted. ``library`` may be shared by agents of one kind; ``seed`` is that of
-    the agent's random numbers.
+    mental = True
+
+
+class Engine:
+    """One agent: a small interface to its belief base, intention stack, interpreter, library, messages and trace.
+
+    Args:
+        name: The name of the agent, unique in its society.
+        clock: The clock of all its timers and records.
+        robot: What the actions act upon.
+        sink: Receives the trace records, such as a `Trace`.
+        wake: Called, from any thread, when something is posted to an idle agent.
+        library: The plans; agents of one kind may share a library.
+        seed: The seed of the random numbers; by default the name.
+
+    Attributes:
+        beliefs: The belief base: iterate over it, ask ``belief in engine.beliefs``, or watch it.
+        intentions: The intention stack: iterate over it, or drop an intention.
+        library: The plan library.
+        messaging: Messages to and from other agents.
+        timers: Timers on the clock of the agent.
+        trace: Writes trace records and explains them.
+        interpreter: The reasoning cycle.
+        actions: The actions of AgentSpeak by name.
+        out: Receives the lines of ``.print``; by default they are printed.
+        run_until_idle: Runs turns until nothing is left to do now, at most the given number (10,000); returns whether
+            something is left. In a turn the agent takes in what was posted, calls due timers, handles one event and
+            makes a step of one intention.
     """
 
-    __slots__ = ("__weakref__", "_stopping", "robot", "wake")
+    __slots__ = (
+        "__weakref__", "_inbox", "_seed", "_stopping", "actions", "beliefs", "clock", "intentions", "interpreter",
+        "messaging", "name", "out", "robot", "run_until_idle", "timers", "trace", "wake",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -50,39 +77,69 @@ class Engine(Acting):
         library: Library | None = None,
         seed: int | str | None = None,
     ) -> None:
-        super().__init__(name, clock, sink, library or Library())
+        self.name = name
+        self.clock = clock
         self.robot = robot
         self.wake = wake
+        self.out: Callable[[str], object] | None = None
+        self.actions: dict[str, Callable[..., Any] | type[Action]] = {}
+        library = library or Library()
+        library.users += 1
+        self.trace = TraceWriter(name, clock, sink)
+        self.timers = Timers(clock, self.trace)
+        self.interpreter = Interpreter(self, library)
+        self.beliefs = self.interpreter.beliefs
+        self.intentions = self.interpreter.intentions
+        self.messaging = self.interpreter.messaging
+        self._inbox = self.interpreter.inbox
+        # Not a method, which would be a further call for each event.
+        self.run_until_idle = self.interpreter.run_until_idle
+        self._seed = name if seed is None else seed
         self._stopping = False
-        self.seed = name if seed is None else seed
 
-    # What an agent is made of
+    @property
+    def library(self) -> Library:
+        """The plan library, perhaps shared with other agents; change it by the methods of the engine."""
+        return self.interpreter.library
 
-    def add_rules(self, *rules: Plan | Inference | list[Plan]) -> None:
-        """Adds plans and inferences; of the plans that fit an event, the first one whose condition holds is chosen."""
+    @property
+    def random(self) -> Random:
+        """The random numbers of the agent."""
+        if self.interpreter.random is None:
+            from random import Random  # made late, because it is large
+
+            self.interpreter.random = Random(self._seed)
+        return self.interpreter.random
+
+    # Rules, actions and sensors: for the engine's thread
+
+    def add_rules(self, *rules: Plan | Inference | list[Plan], first: bool = False) -> None:
+        """Adds plans and inferences, behind the others or ``first``.
+
+        Of the plans that fit an event, the first one whose condition holds is selected.
+        """
         for rule in rules:
             if isinstance(rule, Inference):
-                self.own_library().add_inference(rule)
+                self.interpreter.own_library().add_inference(rule)
             else:
                 for plan in flat([rule]):
-                    self.add_plan(plan)
+                    self._add_plan(plan, first)
 
-    def add_plan(self, plan: Plan, *, first: bool = False) -> None:
-        """Adds a plan behind the others, or before them."""
-        ready = self.own_library().add(plan, first=first)
+    def _add_plan(self, plan: Plan, first: bool) -> None:
+        compiled, beliefs = self.interpreter.own_library().add(plan, first=first), self.beliefs
         for kind in plan.classes():
-            self.equip(kind)
-        self.listen(plan.event.key)
+            beliefs.declare(kind)
+        beliefs.listen(plan.event.key)
         if plan.event.change is Change.HELD:
-            relation = self.relations[plan.event.literal.key]
+            relation = beliefs.relation(plan.event.literal.key)
             for args, fact in list(relation.facts.items()):
-                if args not in relation.lives:
-                    relation.live(args, fact)
-                self._watch_for(relation, args, relation.lives[args], ready)
+                if args not in relation.first_facts:
+                    relation.begin(args, fact)
+                beliefs.set_hold_timer(relation, args, compiled)
 
     def remove_plan(self, plan: Plan | str) -> bool:
-        """Removes a plan, or the one with a label; False when it is not there."""
-        library = self.own_library()
+        """Removes a plan, or the one with a label; returns whether it existed."""
+        library = self.interpreter.own_library()
         found = library.labelled(plan) if isinstance(plan, str) else plan
         return found is not None and library.remove(found)
 
@@ -93,205 +150,129 @@ class Engine(Acting):
         load(self, text, file)
 
     def add_action(self, action: Callable[..., Any] | type[Action], name: str | None = None) -> None:
-        """Makes an action known by its name, for AgentSpeak: an `Action`, or a function that takes engine and args."""
+        """Registers an action for AgentSpeak by its name: an `Action`, or a function of the engine and arguments."""
         self.actions[name or getattr(action, "functor", None) or action.__name__] = action
 
     def add_sensor(self, sensor: Sensor) -> None:
-        """Adds a sensor, from any thread; one with a period is asked from now on."""
+        """Adds a sensor, from any thread; one with a period is polled from now on."""
         sensor.attach(self)
 
-    # What others may call, from any thread
+    def compile_plans(self) -> None:
+        """Compiles all plans now, so that the first events do not wait for it; otherwise each at its first use."""
+        self.library.compile()
+
+    # From any thread
 
     def believe(self, belief: Belief, *, source: str = "self", cause: str = "", since: int | None = None) -> None:
-        """Holds ``belief`` from now on; believing again what is believed is no event."""
+        """Adds a belief; a belief already held from this source is no event.
+
+        Args:
+            belief: The belief, without variables.
+            source: ``self``, ``percept``, or the name of an agent.
+            cause: The id of the trace record or message that led to it.
+            since: The time (ns) at which it began; by default now.
+        """
         item = belief.posted
-        if item is None or item[0].base is not self.relations:
-            item = self._admit(belief)
+        if item is None or item[0].base is not self.beliefs:
+            item = self.interpreter.admit(belief)
         if source != "self" or cause or since is not None:
             item = (item[0], item[1], belief.annotations + _source(source), cause, since)
-        self.inbox.append(item)
-        if self.wake is not None and not self.signalled:
-            self._signal()
+        self._inbox.append(item)
+        if self.wake is not None and not self.interpreter.signalled:
+            self.interpreter.signal()
 
     def forget(self, belief: Belief, *, cause: str = "") -> None:
-        """Holds ``belief`` no longer, whoever said it; variables in it match anything."""
-        self._post(functools.partial(self._forget, belief, cause))
+        """Removes the beliefs that match, with all their sources; variables match anything."""
+        self.interpreter.post(MindChange(self.interpreter.forget, belief, cause))
 
     def achieve(self, goal: Goal | Literal, *, cause: str = "") -> None:
-        """Adopts ``goal`` in an intention of its own."""
+        """Adopts a goal in an intention of its own."""
         goal.check()
-        notes = goal.annotations or SELF
-        self._post(functools.partial(self._want, goal, notes, cause))
+        self.interpreter.post(MindChange(self._want, goal, goal.annotations or SELF, cause))
 
     def perceive(self, sensor: Sensor, percept: Any, *, cause: str = "", since: int | None = None) -> None:
-        """Shows ``percept`` to ``sensor``; ``since`` (ns) is the time it speaks of, now if not given."""
-        self._post(functools.partial(self.take, sensor, percept, cause, since))
+        """Passes a percept of the time ``since`` (ns, by default now) to a sensor."""
+        self.interpreter.post(MindChange(self.interpreter.sense, sensor, percept, cause, since))
 
     def call(self, function: Callable[[], object]) -> None:
-        """Has a function called in the engine's thread, before it goes on.
+        """Calls a function in the engine's thread.
 
-        What is no call for any thread, such as `add_rules`, `add_plan`, `remove_plan`, `query` and `mind`, is made
-        one by this: ``engine.call(lambda: engine.add_rules(rule))``.
+        For methods that only this thread may call: ``engine.call(lambda: engine.add_rules(rule))``.
         """
-        self._post(function)
-
-    def attempt(self, goal: Goal | Literal, ended: Callable[[Failure | None], None], *, cause: str = "") -> Intention:
-        """Adopts ``goal`` at once, for the engine's own thread; ``ended`` is called with the failure, or None.
-
-        ``drop(intention, then)`` gives it up, and calls ``then`` when what goes on for it has stopped.
-        """
-        goal.check()
-        intention = self._new((SUBGOAL, self.triggers[f"+!{goal.key}"], goal.args, goal.annotations or SELF, cause))
-        assert intention.event is not None
-        intention.ended = ended
-        self._pursue(intention, intention.event)
-        self._settle(intention)
-        return intention
+        self.interpreter.post(function)
 
     def stop(self) -> None:
         """Ends `run`."""
         self._stopping = True
-        self._signal()
+        self.interpreter.signal()
 
-    # What the host calls, from one thread
+    # For the engine's thread
+
+    def attempt(self, goal: Goal | Literal, ended: Callable[[Failure | None], None], *, cause: str = "") -> Intention:
+        """Adopts a goal at once; ``ended`` is called with the failure, or None.
+
+        ``engine.intentions.drop(intention, then)`` gives it up, and calls ``then`` when its actions have stopped.
+        """
+        goal.check()
+        intentions = self.intentions
+        request = (SUBGOAL, self.library.triggers[f"+!{goal.key}"], goal.args, goal.annotations or SELF, cause)
+        intention = intentions.new(request)
+        intention.ended = ended
+        intentions.pursue(intention, request)
+        intentions.settle(intention)
+        return intention
 
     def next_wakeup(self) -> int | None:
-        """When (ns) a timer is due next; None when none is."""
-        return self._timers[0][0] if self._timers else None
+        """The time (ns) of the next timer; None without timers."""
+        heap = self.timers.heap
+        return heap[0][0] if heap else None
 
     def run(self) -> None:
-        """Runs until `stop`, asleep while there is nothing to do. The clock has to run by itself."""
-        bell, host = Wakeup(), self.wake
+        """Runs until `stop`; sleeps while there is nothing to do. The clock has to advance by itself."""
+        wakeup, host = Wakeup(), self.wake
 
         def ring_both() -> None:
-            bell.ring()
+            wakeup.ring()
             if host is not None:
                 host()
 
-        self.wake = bell.ring if host is None else ring_both
+        self.wake = wakeup.ring if host is None else ring_both
         try:
             while not self._stopping:
                 if not self.run_until_idle(16):
                     due = self.next_wakeup()
-                    bell.wait(None if due is None else (due - self.clock.now()) / SECOND)
+                    wakeup.wait(None if due is None else (due - self.clock.now()) / SECOND)
         finally:
             self.wake = host
-            if self.pool is not None:
-                self.pool.close()
+            if self.interpreter.pool is not None:
+                self.interpreter.pool.close()
 
     def mind(self) -> Mind:
-        """What is believed, desired and intended at this moment."""
-        return Mind(
-            beliefs=tuple(self.beliefs),
-            desires=self.desires(),
-            intentions=tuple(self.intentions),
-        )
-
-    def desires(self) -> tuple[Literal, ...]:
-        """The goals that are pursued at this moment."""
-        return tuple(goal_of(goal, self.library.goals) for intention in self.intentions for goal in intention.goals())
+        """The beliefs, desires and intentions of this moment."""
+        return Mind(tuple(self.beliefs), self.intentions.desires(), tuple(self.intentions))
 
     def query(self, condition: object) -> Iterator[dict[str, Any]]:
         """The solutions of a condition, as the values of its variables by name."""
         from socialbot.bdi.compiler.plans import compile_query
 
         names, solve = compile_query(conjunction(condition), self.library)
-        for found in list(solve(self, [])):
+        for found in list(solve(self.interpreter, [])):
             yield dict(zip(names, found, strict=True))
 
     def why_not(self, plan: Plan | str, *args: Any) -> str:
-        """Why a plan (by its label, or itself) would not be chosen now, for an event with these arguments."""
+        """Why a plan (by its label, or itself) would not be selected now, for an event with these arguments."""
         label = plan if isinstance(plan, str) else plan.label or str(plan)
-        return why_not(self, label, args or None)
+        return why_not(self.interpreter, label, args or None)
 
-    def explain(self, record: str) -> list[Record]:
-        """What led to a record such as an action, back to the percept. The trace has to go to a `Trace`."""
-        chain = getattr(self.sink, "explain", None)
-        if chain is None:
-            raise RuleError("no trace is kept", where=self.name, remedy="give the engine sink=Trace()")
-        return chain(record)
-
-    # For sensors
-
-    def take(self, sensor: Sensor, percept: Any, cause: str, since: int | None) -> None:
-        """Has a sensor make beliefs of a percept."""
-        if sensor.engine is self and not sensor.running:
-            return
-        try:
-            sensed = changes(sensor.sense(percept))
-            for event in sensed:
-                self._change(event, cause, since)
-        except Exception as problem:  # noqa: BLE001 - sensors are user code
-            self.record_failure(type(sensor).__name__, cause, problem)
-            return
-        if sensor.once and sensed:
-            sensor.stop()
-
-    # Within
-
-    def _change(self, event: Event, cause: str, since: int | None) -> None:
-        belief = event.literal
-        if event.change is Change.ADDED:
-            relation, args, *_ = self._admit(belief)
-            self.add(relation, args, belief.annotations + PERCEPT, cause, since)
-        else:
-            self._forget(belief, cause)
-
-    def _admit(self, belief: Literal) -> tuple[Relation, Any, Any, str, None]:
-        """Checks a belief, and looks up once where it belongs."""
-        belief.check()
-        kind = belief.__class__
-        known = self.relations.known.get((kind, len(belief.args)))
-        if known is not None:
-            belief.posted = (known, belief.args, belief.annotations + SELF, "", None)
-            return belief.posted
-        relation = self.relations[belief.key]
-        if belief.__class__ is not Structure and relation.kind is not belief.__class__:
-            self.library.declare(belief.__class__)
-            self.equip(belief.__class__)
-        if kind is not Structure and not belief.negated and belief.posted is None:
-            # A class that makes new beliefs is worth it; a constant that agents share is not.
-            self.relations.know(kind, len(belief.args), relation)
-        belief.posted = (relation, belief.args, belief.annotations + SELF, "", None)
-        return belief.posted
+    # Posted calls
 
     def _want(self, goal: Literal, notes: tuple[Any, ...], cause: str) -> None:
-        trigger, limit_s = self.triggers[f"+!{goal.key}"], getattr(goal, "limit_s", None)
+        trigger, limit_s = self.library.triggers[f"+!{goal.key}"], getattr(goal, "limit_s", None)
         if limit_s is None:
-            self.events.append((trigger, goal.args, notes, cause))
+            self.interpreter.events.append((trigger, goal.args, notes, cause))
         else:
-            self.adopt_within((SUBGOAL, trigger, goal.args, notes, cause), limit_s)
-
-    def _forget(self, belief: Literal, cause: str) -> None:
-        variables: dict[str, Var] = {}
-        args = tuple(_opened(arg, variables) for arg in belief.args)
-        notes = tuple(_opened(note, variables) for note in belief.annotations)
-        self.forget_all(self.relations[belief.key], args, notes, cause)
-
-    def _post(self, item: Any) -> None:
-        self.inbox.append(item)
-        if self.wake is not None and not self.signalled:
-            self._signal()
-
-    def _signal(self) -> None:
-        self.signalled = True
-        if self.wake is not None:
-            self.wake()
+            self.intentions.adopt_within((SUBGOAL, trigger, goal.args, notes, cause), limit_s)
 
 
 def _source(name: str) -> tuple[object, ...]:
     return PERCEPT if name == "percept" else SELF if name == "self" else (source(Atom(name)),)
-
-
-def _opened(term: Any, variables: dict[str, Var]) -> Any:
-    """A term with fresh variables for the named ones."""
-    if isinstance(term, Variable):
-        return Var() if term.name == "_" else variables.setdefault(term.name, Var(term.name))
-    if isinstance(term, tuple):
-        return tuple(_opened(item, variables) for item in term)
-    if isinstance(term, Literal):
-        return term.with_(args=_opened(term.args, variables), annotations=_opened(term.annotations, variables))
-    return term
-
-
-__all__ = ["Engine", "closed", "resolve"]

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.intentions import Intention, goal_of
-from socialbot.bdi.library import Ready
+from socialbot.bdi.intentions import KEPT, Intention, Request, asking_for, goal_of
 from socialbot.bdi.literals import Event, Goal, Literal
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import Step
@@ -16,8 +15,19 @@ from socialbot.bdi.terms import Comparison
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
-    from socialbot.bdi.belief_base import Memory
-    from socialbot.bdi.library import Ready, Trigger
+    from socialbot.bdi.interpreter import Interpreter
+    from socialbot.bdi.library import CompiledPlan, Trigger
+
+
+Args = tuple[Any, ...]
+
+COMES_LATER = "another plan came first"
+
+
+class ProbeTrail(list[Any]):
+    """Trail of a probe; ``reached`` counts the conditions that hold, from -1 if the event does not match."""
+
+    reached = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +58,17 @@ def written(item: Event | Step, plan: Plan) -> str:
     return agentspeak(item)
 
 
+def failed_step(plan: CompiledPlan | None, problem: Exception) -> str | None:
+    """The step in whose code an exception was raised, in the notation of its plan."""
+    step = None if plan is None or plan is KEPT else plan.step_at(problem)
+    return None if step is None or plan is None else written(step, plan.plan)
+
+
 def stack_of(intention: Intention, kinds: Mapping[str, type[Goal]]) -> tuple[Level, ...]:
     """The plans of an intention, the outermost first; ``kinds`` are the classes of goals by name."""
     levels = []
-    for body, request, ready in intention.frames:
-        known = ready if isinstance(getattr(ready, "plan", None), Plan) else None
+    for body, request, plan in intention.frames:
+        known = None if plan is KEPT else plan
         goal = None if request is None else goal_of(request, kinds)
         if known is None and goal is None and body is not None and (later := later_request(body)) is not None:
             goal = goal_of(later, kinds)
@@ -62,22 +78,22 @@ def stack_of(intention: Intention, kinds: Mapping[str, type[Goal]]) -> tuple[Lev
     return tuple(levels)
 
 
-def step_of(body: Any, ready: Ready, *, passed: bool) -> Step | None:
+def step_of(body: Any, plan: CompiledPlan, *, passed: bool) -> Step | None:
     """The step that a body is at; with ``passed``, as it has only stopped to let others have their turn, the next."""
     frame = body.gi_frame
     if frame is None:
         return None
-    lines, local = ready.lines, frame.f_locals
+    lines, local = plan.lines, frame.f_locals
     if inspect.getgeneratorstate(body) == inspect.GEN_CREATED:
         if "start" in local:
-            steps = ready.plan.body
+            steps = plan.plan.body
             # A body that began in place and rests at a step goes on with the one behind it.
             at = local["start"] - (local.get("pause") is not None)
             return steps[at] if at < len(steps) else None
-        return ready.plan.body[0] if ready.plan.body else None
+        return plan.plan.body[0] if plan.plan.body else None
     text = _line(frame)
     if text == "yield pause":
-        steps, at = ready.plan.body, local["start"] - (not passed)
+        steps, at = plan.plan.body, local["start"] - (not passed)
         return steps[at] if at < len(steps) else None
     if passed or text == "yield":
         later = [line for line in lines if line > frame.f_lineno]
@@ -86,12 +102,11 @@ def step_of(body: Any, ready: Ready, *, passed: bool) -> Step | None:
     return lines[max(before)] if before else None
 
 
-def later_request(body: Any) -> Any:
-    """The request of a body that only asks for a goal (see `socialbot.bdi.reasoner`); None for other bodies."""
-    if body.gi_frame is None or body.gi_code.co_name != "_later":
+def later_request(body: Any) -> Request | None:
+    """The request of a body that only asks for a goal; None for other bodies."""
+    if body.gi_frame is None or body.gi_code is not asking_for.__code__:
         return None
-    local = body.gi_frame.f_locals
-    return local.get("request")
+    return body.gi_frame.f_locals.get("request")
 
 
 def _line(frame: Any) -> str:
@@ -100,60 +115,53 @@ def _line(frame: Any) -> str:
     return source[frame.f_lineno - 1].strip()
 
 
-def reason_against(memory: Memory, ready: Ready, args: tuple[Any, ...], notes: tuple[Any, ...]) -> str | None:
-    """Why a plan does not apply to an event as things stand; None when it does."""
-    plan = ready.plan
-    if plan.stage is not None and plan.stage != memory.stage:
-        return f"the stage is {memory.stage or 'none'}, not {plan.stage}"
-    terms = plan.condition.terms
-    for count in range(len(terms) + 1):
-        try:
-            holds = ready.fits(memory, args, notes, count)
-        except Exception as problem:  # noqa: BLE001 - a condition is user code
-            return f"{terms[count - 1]} raises {type(problem).__name__}: {problem}"
-        if not holds:
-            return f"{_shown(terms[count - 1])} does not hold" if count else "the event does not match"
-    return None
+def reason_against(interpreter: Interpreter, compiled: CompiledPlan, args: Args, notes: Args) -> str | None:
+    """Why a plan does not apply to an event now; None if it does."""
+    plan = compiled.plan
+    if plan.stage is not None and plan.stage != interpreter.stage:
+        return f"the stage is {interpreter.stage or 'none'}, not {plan.stage}"
+    terms, trail = plan.condition.terms, ProbeTrail()
+    try:
+        compiled.probe(interpreter, args, notes, trail)
+    except Exception as problem:  # noqa: BLE001 - a condition is user code
+        return f"{terms[trail.reached]} raises {type(problem).__name__}: {problem}"
+    if trail.reached == len(terms):
+        return None
+    return f"{_shown(terms[trail.reached])} does not hold" if trail.reached >= 0 else "the event does not match"
 
 
 def reasons_against(
-    memory: Memory, trigger: Trigger, args: tuple[Any, ...], notes: tuple[Any, ...], before: Ready | None = None
+    interpreter: Interpreter, trigger: Trigger, args: Args, notes: Args, before: CompiledPlan | None = None
 ) -> list[dict[str, str]]:
-    """For each plan that may fit an event (those before ``before`` only), why it does not apply."""
+    """For each plan that may fit an event (up to ``before``), why it does not apply."""
     found = []
-    for ready in trigger.candidates(args):
-        if ready is before:
+    for compiled in trigger.candidates(args):
+        if compiled is before:
             break
-        reason = reason_against(memory, ready, args, notes)
-        found.append({"plan": ready.plan.label or ready.shown()[0], "because": reason or "another plan came first"})
+        reason = reason_against(interpreter, compiled, args, notes)
+        found.append({"plan": compiled.plan.label or compiled.shown()[0], "because": reason or COMES_LATER})
     return found
 
 
-def why_not(memory: Memory, label: str, args: tuple[Any, ...] | None = None) -> str:
-    """Why the plan with this label would not be chosen now, for an event with these arguments."""
-    for trigger in list(memory.triggers.values()):
-        for ready in trigger.plans:
-            if label not in (ready.plan.label, str(ready.plan)):
+def why_not(interpreter: Interpreter, label: str, args: Args | None = None) -> str:
+    """Why the plan with this label would not be selected now, for an event with these arguments."""
+    for trigger in list(interpreter.triggers.values()):
+        for compiled in trigger.plans:
+            if label not in (compiled.plan.label, str(compiled.plan)):
                 continue
-            if args is None:
-                args = _example(ready)
-            own = reason_against(memory, ready, args, ())
-            earlier = [other for other in reasons_against(memory, trigger, args, (), ready)
-                       if other["because"] == "another plan came first"]  # fmt: skip
+            event = compiled.plan.event
+            if args is None and event.literal.names():
+                raise RuleError(
+                    f"{event} can happen in many ways", remedy="give the arguments of the event you think of"
+                )
+            args = event.literal.args if args is None else args
+            own = reason_against(interpreter, compiled, args, ())
             if own is not None:
                 return own
-            return f"{earlier[0]['plan']} comes first" if earlier else "it applies"
+            earlier = reasons_against(interpreter, trigger, args, (), compiled)
+            first = next((other["plan"] for other in earlier if other["because"] == COMES_LATER), None)
+            return "it applies" if first is None else f"{first} comes first"
     raise RuleError(f"there is no plan {label}", remedy="give the label of a plan, or its text")
-
-
-def _example(ready: Ready) -> tuple[Any, ...]:
-    """The arguments of the plan's event, if they are constants."""
-    args = ready.plan.event.literal.args
-    if ready.plan.event.literal.names():
-        raise RuleError(
-            f"{ready.plan.event} can happen in many ways", remedy="give the arguments of the event you think of"
-        )
-    return args
 
 
 def _shown(term: object) -> str:

@@ -7,16 +7,31 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.actions import PlanFailed
-from socialbot.bdi.beliefs import Held, literal_of
-from socialbot.bdi.literals import Annotation, Goal, Literal, error, error_msg
+from socialbot.bdi.literals import Annotation, Goal, Literal, error, error_msg, literal_from_key
 from socialbot.bdi.terms import Atom, Variable
 from socialbot.bdi.unification import Trail, Var, annotations_match, resolve, undo, unify
 
 if TYPE_CHECKING:
+    from socialbot.bdi.belief_base import HeldBelief
     from socialbot.bdi.explain import Level
-    from socialbot.bdi.intention_stack import Pursuit
-    from socialbot.bdi.library import Ready, Trigger
+    from socialbot.bdi.intention_stack import IntentionStack
+    from socialbot.bdi.interpreter import Interpreter
+    from socialbot.bdi.library import CompiledPlan, Trigger
 
+SUBGOAL, TAIL, EVENT, OPEN = 0, 1, 2, 4
+"""Kinds of requests: a goal, a goal as the last step, an event of the plan's own; ``OPEN`` is added for variables."""
+
+DONE = object()
+"""Returned by a plan without anything left to do."""
+
+KEPT: Any = object()
+"""Stands for the plan of a frame that only keeps a goal with a time limit."""
+
+GENERATED_FILE = "<plan>"
+"""Prefix of the file names of generated code; a traceback shows no lines of a file that ends with ``>``."""
+
+END = object()
+"""Returned for a body without anything left to do."""
 
 REASONS = {
     "action_failed": "an action said that it failed",
@@ -84,7 +99,7 @@ Request = tuple[int, "Trigger", tuple[Any, ...], tuple[Any, ...], Any]
 Body = Any
 """The steps of a plan that are left to do: a generator."""
 
-Frame = tuple["Body | None", "Request | None", "Ready | None"]
+Frame = tuple["Body | None", "Request | None", "CompiledPlan | None"]
 """A plan being carried out: its steps, the goal that it serves, the plan. Without steps it only keeps a goal, whose
 plan ended with another goal, for the plans that handle its failure."""
 
@@ -92,13 +107,14 @@ plan ended with another goal, for the plans that handle its failure."""
 class Intention:
     """What the agent is doing about one event or goal: the plan at the top serves the one below."""
 
-    __slots__ = ("atomic", "ended", "event", "frames", "number", "pause", "suspended")
+    __slots__ = ("active", "atomic", "ended", "event", "frames", "number", "pause", "suspended")
 
     def __init__(self, number: int, event: Request | None = None) -> None:
         self.number = number
         self.event = event
         self.frames: list[Frame] = []
         self.pause: Pause | None = None
+        self.active = True
         self.suspended = False
         self.atomic = False
         self.ended: Callable[[Failure | None], None] | None = None
@@ -126,44 +142,72 @@ class Intention:
         return stack_of(self, kinds or {})
 
     def __str__(self) -> str:
-        stack = [str(ready.plan.event) for _, _, ready in reversed(self.frames) if ready and hasattr(ready, "plan")]
+        stack = [str(ready.plan.event) for _, _, ready in reversed(self.frames) if ready and ready is not KEPT]
         return " < ".join(stack) + (f" ({self.pause})" if self.pause else "")
 
 
+@dataclass(frozen=True, slots=True)
+class TimedRequest:
+    """A request with a time limit."""
+
+    request: Request
+    seconds: float
+
+
+class Deadline:
+    """Timer callback for the time limit of a goal."""
+
+    __slots__ = ("intention", "intentions", "marker", "seconds")
+
+    def __init__(self, intentions: IntentionStack, intention: Intention, marker: Request, seconds: float) -> None:
+        self.intentions = intentions
+        self.intention = intention
+        self.marker = marker
+        self.seconds = seconds
+
+    def __call__(self) -> None:
+        if not self.over():
+            self.intentions.expire(self.intention, self.marker, self.seconds)
+
+    def over(self) -> bool:
+        """Whether the goal has been achieved, or has failed."""
+        return not self.intention.active or all(goal is not self.marker for _, goal, _ in self.intention.frames)
+
+
 class Pause:
-    """Why an intention rests. ``begin`` is called when it begins to, ``cancel`` when it shall rest no longer."""
+    """Reason for which an intention waits. Subclasses override `begin` and `cancel`."""
 
     intention: Intention | None = None
-    reasoner: Pursuit
+    interpreter: Interpreter
 
-    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
-        """Makes sure that the intention goes on one day."""
-        self.reasoner = reasoner
+    def begin(self, interpreter: Interpreter, intention: Intention) -> None:
+        """Starts the wait, and arranges for its end."""
+        self.interpreter = interpreter
         self.intention = intention
 
     def cancel(self, then: Callable[[], None]) -> None:
-        """Ends the reason, and calls ``then`` as soon as it has ended."""
+        """Cancels the wait, and calls ``then`` as soon as it has ended."""
         self.intention = None
         then()
 
     def end(self, problem: Exception | None = None) -> None:
-        """Lets the intention go on, or fail."""
+        """Resumes the intention, or fails its step."""
         intention, self.intention = self.intention, None
         if intention is not None:
-            self.reasoner.resume(intention, problem)
+            self.interpreter.intentions.resume(intention, problem)
 
     def limit(self, seconds: float, problem: Exception) -> None:
-        """Makes it fail when it has not ended in time."""
-        self.reasoner.at_in(seconds, Alarm(self, lambda: self.expire(problem)))
+        """Fails the step if the wait has not ended after ``seconds``."""
 
-    def expire(self, problem: Exception) -> None:
-        """Gives up because it takes too long."""
-        intention = self.intention
-        self.cancel(lambda: intention and self.reasoner.resume(intention, problem))
+        def expire() -> None:
+            intention = self.intention
+            self.cancel(lambda: intention and self.interpreter.intentions.resume(intention, problem))
+
+        self.interpreter.timers.after(seconds, PauseTimer(self, expire))
 
 
-class Alarm:
-    """What a timer calls, as long as a pause goes on."""
+class PauseTimer:
+    """Timer callback that is active as long as a pause lasts."""
 
     __slots__ = ("action", "pause")
 
@@ -172,11 +216,11 @@ class Alarm:
         self.action = action
 
     def __call__(self) -> None:
-        if self.pause.intention is not None:
+        if not self.over():
             self.action()
 
     def over(self) -> bool:
-        """Whether nobody waits for it any more."""
+        """Whether the pause has ended."""
         return self.pause.intention is None
 
 
@@ -186,9 +230,9 @@ class Sleep(Pause):
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
 
-    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
-        super().begin(reasoner, intention)
-        reasoner.at_in(self.seconds, Alarm(self, self.end))
+    def begin(self, interpreter: Interpreter, intention: Intention) -> None:
+        super().begin(interpreter, intention)
+        interpreter.timers.after(self.seconds, PauseTimer(self, self.end))
 
     def __str__(self) -> str:
         return f"waits {self.seconds} s"
@@ -203,10 +247,10 @@ class EventPause(Pause):
         self.notes = notes
         self.limit_s = limit_s
 
-    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
-        super().begin(reasoner, intention)
-        reasoner.waiting.setdefault(self.key, []).append(self)
-        reasoner.listen(self.key)
+    def begin(self, interpreter: Interpreter, intention: Intention) -> None:
+        super().begin(interpreter, intention)
+        interpreter.intentions.waiting.setdefault(self.key, []).append(self)
+        interpreter.beliefs.listen(self.key)
         if self.limit_s is not None:
             self.limit(self.limit_s, Failed("wait_timeout", f"{self.key} did not come in {self.limit_s} s"))
 
@@ -219,7 +263,7 @@ class EventPause(Pause):
         return False
 
     def cancel(self, then: Callable[[], None]) -> None:
-        self.reasoner.unlisten(self)
+        self.interpreter.intentions.unlisten(self)
         super().cancel(then)
 
     def __str__(self) -> str:
@@ -234,9 +278,9 @@ class ConditionPause(Pause):
         self.found = found
         self.limit_s = limit_s
 
-    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
-        super().begin(reasoner, intention)
-        reasoner.conditions.append(self)
+    def begin(self, interpreter: Interpreter, intention: Intention) -> None:
+        super().begin(interpreter, intention)
+        interpreter.intentions.conditions.append(self)
         if self.limit_s is not None:
             self.limit(self.limit_s, Failed("wait_timeout", f"the condition did not hold in {self.limit_s} s"))
 
@@ -248,8 +292,8 @@ class ConditionPause(Pause):
         return solution is not None
 
     def cancel(self, then: Callable[[], None]) -> None:
-        if self in self.reasoner.conditions:
-            self.reasoner.conditions.remove(self)
+        if self in self.interpreter.intentions.conditions:
+            self.interpreter.intentions.conditions.remove(self)
         super().cancel(then)
 
     def __str__(self) -> str:
@@ -266,10 +310,10 @@ class ForkPause(Pause):
         self.branches: list[Intention] = []
         self._then: Callable[[], None] | None = None
 
-    def begin(self, reasoner: Pursuit, intention: Intention) -> None:
-        super().begin(reasoner, intention)
+    def begin(self, interpreter: Interpreter, intention: Intention) -> None:
+        super().begin(interpreter, intention)
         for body in self.bodies:
-            self.branches.append(reasoner.branch(body, intention, self._ended))
+            self.branches.append(interpreter.intentions.branch(body, intention, self._ended))
 
     def _ended(self, branch: Intention, failure: Failure | None) -> None:
         self.branches.remove(branch)
@@ -302,7 +346,7 @@ class ForkPause(Pause):
 
         for branch in left:
             branch.ended = None
-            self.reasoner.drop(branch, gone)
+            self.interpreter.intentions.drop(branch, gone)
         if not left:
             self._gone()
 
@@ -316,21 +360,10 @@ class ForkPause(Pause):
 
 
 @dataclass(frozen=True, slots=True)
-class Desire:
-    """A goal that is being pursued."""
-
-    goal: Literal
-    cause: str
-
-    def __str__(self) -> str:
-        return str(self.goal)
-
-
-@dataclass(frozen=True, slots=True)
 class Mind:
     """What an agent believes, desires and intends at one moment."""
 
-    beliefs: tuple[Held, ...]
+    beliefs: tuple[HeldBelief, ...]
     desires: tuple[Literal, ...]
     intentions: tuple[Intention, ...]
 
@@ -341,8 +374,29 @@ def goal_of(request: Request, kinds: Mapping[str, type[Goal]]) -> Literal:
     args = tuple(map(_shown, resolve(args)))
     key = trigger.key.lstrip("+-!?")
     kind = kinds.get(key.rpartition("/")[0])
-    return kind(*args) if kind is not None else literal_of(key, args)
+    return kind(*args) if kind is not None else literal_from_key(key, args)
 
 
 def _shown(term: Any) -> Any:
     return Variable(term.name if term.name.isidentifier() else "_") if term.__class__ is Var else term
+
+
+def origin_of(plan: CompiledPlan | None) -> str:
+    """Where a plan was written, if known."""
+    return "" if plan is None or plan is KEPT or plan.plan.origin is None else str(plan.plan.origin)
+
+
+def one_turn() -> Body:
+    """A body that only lets a turn pass."""
+    yield
+
+
+def asking_for(request: Request) -> Body:
+    """A body that only asks for a goal."""
+    kind, *rest = request
+    yield (kind | TAIL if not kind & EVENT else kind, *rest)  # type: ignore[misc]
+
+
+def asking_within(request: Request, seconds: float) -> Body:
+    """A body that only asks for a goal, with a time limit."""
+    yield TimedRequest(request, seconds)

@@ -5,24 +5,30 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from socialbot.bdi.compiler.runtime import FILENAME
+from socialbot.bdi.intentions import GENERATED_FILE
 from socialbot.bdi.literals import Belief, Computed, Goal, Literal, Structure, ground
 from socialbot.bdi.plans import Inference, Plan, flat
 from socialbot.bdi.steps import Step
 from socialbot.core.errors import RuleError
 
 Run = Callable[[Any, tuple[Any, ...], tuple[Any, ...], Any], Any]
-"""Tries a plan: engine, arguments and annotations of the event, its record. None means that it does not apply."""
-
+"""Tries a plan: interpreter, arguments and annotations of the event, its record. None means not applicable."""
 
 FEW = 2
-"""So many plans are tried one after the other; from there on an index pays."""
+"""Up to this number, plans are tried one after the other; an index pays above it."""
 
 
-class Ready:
-    """A plan in a library, with its code, which is compiled when it is first needed."""
+class CompiledPlan:
+    """A plan of a library with its generated code.
 
-    __slots__ = ("_probes", "_shown", "library", "lines", "plan", "run", "run_open")
+    Attributes:
+        run: Tries the plan for an event without variables.
+        run_open: Tries the plan for a goal with variables.
+        probe: Counts, for an event, the conditions that hold.
+        lines: The steps by line of the generated code.
+    """
+
+    __slots__ = ("_shown", "library", "lines", "plan", "probe", "run", "run_open")
 
     def __init__(self, plan: Plan, library: Library) -> None:
         self.plan = plan
@@ -31,50 +37,52 @@ class Ready:
         self.reset()
 
     def shown(self) -> tuple[str, str]:
-        """The plan and its event as the trace shows them."""
+        """The texts of the plan and of its event in the trace."""
         if self._shown is None:
             self._shown = (str(self.plan), str(self.plan.event))
         return self._shown
 
-    def fits(self, engine: Any, args: Any, annotations: Any, count: int) -> bool:
-        """Whether the event and the first ``count`` conditions fit."""
-        from socialbot.bdi.compiler.plans import compile_probe
-
-        probe = self._probes.get(count)
-        if probe is None:
-            probe = self._probes[count] = compile_probe(self, count)
-        return probe(engine, args, annotations)
-
     def reset(self) -> None:
-        """Forgets the code, as what it was compiled against has changed."""
+        """Discards the code, because the library has changed; it is compiled again at its next use."""
         self.run: Run = self._run
         self.run_open: Run = self._run_open
+        self.probe: Callable[..., None] = self._probe
         self.lines: dict[int, Step] = {}
-        self._probes: dict[int, Callable[..., bool]] = {}
 
-    def compile(self) -> None:
-        """Compiles it for events without variables. Raises RuleError when it cannot be."""
-        # Here and below, as the compiler takes its time to be imported.
-        from socialbot.bdi.compiler.plans import compile_plan
+    def compile(self, *, opened: bool = False, probe: bool = False) -> None:
+        """Compiles the code for events without variables, and also for goals with variables, and the probe."""
+        # Imported here, because the compiler is large.
+        from socialbot.bdi.compiler.plans import compile_plan, compile_probe
 
-        self.run = compile_plan(self, opened=False)
+        if self.run == self._run:
+            self.run = compile_plan(self, opened=False)
+        if opened and self.run_open == self._run_open:
+            self.run_open = compile_plan(self, opened=True)
+        if probe and self.probe == self._probe:
+            self.probe = compile_probe(self)
 
-    def _run(self, engine: Any, args: Any, annotations: Any, cause: Any) -> Any:
+    def _run(self, interpreter: Any, args: Any, annotations: Any, cause: Any) -> Any:
         self.compile()
-        return self.run(engine, args, annotations, cause)
+        return self.run(interpreter, args, annotations, cause)
 
-    def _run_open(self, engine: Any, args: Any, annotations: Any, cause: Any) -> Any:
+    def _run_open(self, interpreter: Any, args: Any, annotations: Any, cause: Any) -> Any:
         from socialbot.bdi.compiler.plans import compile_plan
 
         self.run_open = compile_plan(self, opened=True)
-        return self.run_open(engine, args, annotations, cause)
+        return self.run_open(interpreter, args, annotations, cause)
+
+    def _probe(self, interpreter: Any, args: Any, annotations: Any, trail: Any) -> None:
+        from socialbot.bdi.compiler.plans import compile_probe
+
+        self.probe = compile_probe(self)
+        self.probe(interpreter, args, annotations, trail)
 
     def step_at(self, error: BaseException) -> Step | None:
-        """The step in whose code an exception came up."""
+        """The step in whose code an exception was raised."""
         found = None
         trace = error.__traceback__
         while trace is not None:
-            if trace.tb_frame.f_code.co_filename.startswith(FILENAME):
+            if trace.tb_frame.f_code.co_filename.startswith(GENERATED_FILE):
                 found = self.lines.get(trace.tb_lineno, found)
             trace = trace.tb_next
         return found
@@ -85,7 +93,7 @@ def record_behind(error: BaseException) -> Any:
     found = None
     trace = error.__traceback__
     while trace is not None:
-        if trace.tb_frame.f_code.co_filename.startswith(FILENAME):
+        if trace.tb_frame.f_code.co_filename.startswith(GENERATED_FILE):
             found = trace.tb_frame.f_locals.get("c", found)
         trace = trace.tb_next
     return found
@@ -96,50 +104,50 @@ class Trigger:
 
     __slots__ = ("by", "goal", "key", "plans", "position", "rest")
 
-    def __init__(self, key: str, plans: tuple[Ready, ...] = ()) -> None:
+    def __init__(self, key: str, plans: tuple[CompiledPlan, ...] = ()) -> None:
         self.key = key
         self.goal = key[1:2] in ("!", "?")
         self.plans = plans
         self.position: int | None = None
-        self.by: dict[Any, tuple[Ready, ...]] = {}
+        self.by: dict[Any, tuple[CompiledPlan, ...]] = {}
         self.rest = plans
         if plans:
             self._index()
 
-    def candidates(self, args: tuple[Any, ...]) -> tuple[Ready, ...]:
+    def candidates(self, args: tuple[Any, ...]) -> tuple[CompiledPlan, ...]:
         """The plans that may fit the arguments (without variables), in the order in which they are tried."""
         position = self.position
         return self.plans if position is None else self.by.get(args[position], self.rest)
 
-    def add(self, ready: Ready, *, first: bool = False) -> None:
+    def add(self, compiled: CompiledPlan, *, first: bool = False) -> None:
         """Adds a plan behind those of the same priority, or before all."""
-        last = self.plans[-1].plan.priority if self.plans else ready.plan.priority
+        last = self.plans[-1].plan.priority if self.plans else compiled.plan.priority
         position, value = self.position, None
         if position is not None:
-            value = ready.plan.event.literal.args[position]
-        if first or ready.plan.priority > last or position is None or not _told_apart(value):
-            plans = (ready, *self.plans) if first else (*self.plans, ready)
+            value = compiled.plan.event.literal.args[position]
+        if first or compiled.plan.priority > last or position is None or not _told_apart(value):
+            plans = (compiled, *self.plans) if first else (*self.plans, compiled)
             self.plans = tuple(sorted(plans, key=lambda item: -item.plan.priority))
             self._index()
         else:
-            self.plans += (ready,)
-            self.by[value] = (*self.by.get(value, self.rest), ready)
+            self.plans += (compiled,)
+            self.by[value] = (*self.by.get(value, self.rest), compiled)
 
     def _index(self) -> None:
-        heads = [ready.plan.event.literal.args for ready in self.plans]
+        heads = [compiled.plan.event.literal.args for compiled in self.plans]
         constants = [sum(_told_apart(args[i]) for args in heads) for i in range(len(heads[0]))]
         self.position = constants.index(max(constants)) if len(heads) > FEW and any(constants) else None
         self.by, self.rest = {}, self.plans
         if self.position is None:
             return
-        rest: tuple[Ready, ...] = ()
-        for ready, args in zip(self.plans, heads, strict=True):
+        rest: tuple[CompiledPlan, ...] = ()
+        for compiled, args in zip(self.plans, heads, strict=True):
             value = args[self.position]
             if _told_apart(value):
-                self.by[value] = (*self.by.get(value, rest), ready)
+                self.by[value] = (*self.by.get(value, rest), compiled)
             else:
-                rest = (*rest, ready)
-                self.by = {known: (*found, ready) for known, found in self.by.items()}
+                rest = (*rest, compiled)
+                self.by = {known: (*found, compiled) for known, found in self.by.items()}
         self.rest = rest
 
 
@@ -156,19 +164,19 @@ class Library:
 
     def __init__(self, *rules: Plan | Inference | list[Plan]) -> None:
         self.triggers = Triggers()
-        self.inferences: dict[str, list[ReadyInference]] = {}
+        self.inferences: dict[str, list[CompiledInference]] = {}
         self.computed: dict[str, Computed] = {}
         self.kinds: dict[str, type[Belief]] = {}
         self.goals: dict[str, type[Goal]] = {}
         self.users = 0
-        self._labels: dict[str, Ready] = {}
+        self._labels: dict[str, CompiledPlan] = {}
         for rule in rules:
             self.add_rule(rule)
 
     def __iter__(self) -> Iterator[Plan]:
         for trigger in list(self.triggers.values()):
-            for ready in trigger.plans:
-                yield ready.plan
+            for compiled in trigger.plans:
+                yield compiled.plan
 
     def copy(self) -> Library:
         """A library of its own with the same contents."""
@@ -176,8 +184,8 @@ class Library:
         for plan in self:
             twin.add(plan)
         for inferences in self.inferences.values():
-            for ready in inferences:
-                twin.add_inference(ready.inference)
+            for compiled in inferences:
+                twin.add_inference(compiled.inference)
         twin.computed.update(self.computed)
         twin.kinds.update(self.kinds)
         twin.goals.update(self.goals)
@@ -191,42 +199,42 @@ class Library:
             for plan in flat([rule]):
                 self.add(plan)
 
-    def add(self, plan: Plan, *, first: bool = False) -> Ready:
+    def add(self, plan: Plan, *, first: bool = False) -> CompiledPlan:
         """Adds a plan. Raises RuleError when its label is taken."""
         if plan.label is not None and plan.label in self._labels:
             raise RuleError(
                 f"the label {plan.label} is taken", where=str(plan.origin or plan), remedy="choose another label"
             )
-        ready = Ready(plan, self)
+        compiled = CompiledPlan(plan, self)
         for kind in plan.classes():
             self.declare(kind)
         if plan.label is not None:
-            self._labels[plan.label] = ready
-        self.triggers[plan.event.key].add(ready, first=first)
-        return ready
+            self._labels[plan.label] = compiled
+        self.triggers[plan.event.key].add(compiled, first=first)
+        return compiled
 
     def remove(self, plan: Plan) -> bool:
         """Removes a plan; False when it is not there."""
         trigger = self.triggers.get(plan.event.key)
-        kept = tuple(ready for ready in trigger.plans if ready.plan is not plan) if trigger else ()
+        kept = tuple(compiled for compiled in trigger.plans if compiled.plan is not plan) if trigger else ()
         if trigger is None or len(kept) == len(trigger.plans):
             return False
         trigger.plans = trigger.rest = kept
         trigger.by, trigger.position = {}, None
         if kept:
             trigger._index()
-        self._labels = {label: ready for label, ready in self._labels.items() if ready.plan is not plan}
+        self._labels = {label: compiled for label, compiled in self._labels.items() if compiled.plan is not plan}
         return True
 
     def labelled(self, label: str) -> Plan | None:
         """The plan with this label."""
-        ready = self._labels.get(label)
-        return ready.plan if ready else None
+        compiled = self._labels.get(label)
+        return compiled.plan if compiled else None
 
     def add_inference(self, inference: Inference) -> None:
         """Adds a rule that beliefs follow from."""
         new = inference.head.key not in self.inferences
-        self.inferences.setdefault(inference.head.key, []).append(ReadyInference(inference, self))
+        self.inferences.setdefault(inference.head.key, []).append(CompiledInference(inference, self))
         if new:
             self.recompile()
 
@@ -246,14 +254,23 @@ class Library:
         kind = self.kinds.get(key.rpartition("/")[0])
         return kind if kind is not None and issubclass(kind, Computed) else None
 
-    def recompile(self) -> None:
-        """Has every plan and rule compiled anew when it is next used."""
-        for trigger in self.triggers.values():
-            for ready in trigger.plans:
-                ready.reset()
+    def compile(self) -> None:
+        """Compiles all plans and rules, for all kinds of events and for the trace."""
+        for trigger in list(self.triggers.values()):
+            for compiled in trigger.plans:
+                compiled.compile(opened=trigger.goal and bool(compiled.plan.event.literal.args), probe=True)
         for inferences in self.inferences.values():
-            for ready in inferences:
-                ready.reset()
+            for rule in inferences:
+                rule.compile()
+
+    def recompile(self) -> None:
+        """Discards the code of every plan and rule."""
+        for trigger in self.triggers.values():
+            for compiled in trigger.plans:
+                compiled.reset()
+        for inferences in self.inferences.values():
+            for compiled in inferences:
+                compiled.reset()
 
 
 def _told_apart(term: object) -> bool:
@@ -265,7 +282,7 @@ def _told_apart(term: object) -> bool:
     return ground(term)
 
 
-class ReadyInference:
+class CompiledInference:
     """A rule in a library, with its code."""
 
     __slots__ = ("inference", "library", "solve")
@@ -279,8 +296,13 @@ class ReadyInference:
         """Forgets the code."""
         self.solve: Callable[..., Iterator[None]] = self._solve
 
-    def _solve(self, *args: Any) -> Iterator[None]:
+    def compile(self) -> None:
+        """Compiles the rule."""
         from socialbot.bdi.compiler.plans import compile_inference
 
-        self.solve = compile_inference(self)
+        if self.solve == self._solve:
+            self.solve = compile_inference(self)
+
+    def _solve(self, *args: Any) -> Iterator[None]:
+        self.compile()
         return self.solve(*args)

@@ -12,10 +12,7 @@ from socialbot.bdi.terms import NOTHING, Atom, Condition, Conjunction, Pattern, 
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
-    from socialbot.bdi.plans import Plan
-
-    pass  # merged
-    from socialbot.bdi.plans import Inference
+    from socialbot.bdi.plans import Inference, Plan
 
 
 class Change(enum.Enum):
@@ -211,6 +208,12 @@ def literal(
     return made
 
 
+def literal_from_key(key: str, args: tuple[object, ...], annotations: tuple[object, ...] = ()) -> Structure:
+    """The literal without a class of a key such as ``~at/2``."""
+    name = key.rpartition("/")[0]
+    return literal(name.removeprefix("~"), args, annotations, negated=name.startswith("~"))
+
+
 class Belief(Literal, Condition):
     """Something the agent holds true. Any number of beliefs of one name can be held."""
 
@@ -218,32 +221,23 @@ class Belief(Literal, Condition):
 
     def held_for(self, seconds: Seconds) -> Held:
         """The event that this has been believed, without a break, for ``seconds``."""
-        pass  # merged
-
         return Held(self, seconds)
 
     def changed(self, *before: object) -> Event:
         """The event that this took the place of another belief of the name, which had the arguments ``before``."""
-        pass  # merged
-
         if len(before) != len(self.args) or not before:
             raise RuleError(f"{self} changes from {len(self.args)} arguments", remedy="give as many to changed()")
         return Event(Change.CHANGED, self.with_(args=(*self.args, *before)))
 
     def __pos__(self) -> Event:
-        pass  # merged
-
         return Event(Change.ADDED, self)
 
     def __neg__(self) -> Event:
-        pass  # merged
-
         return Event(Change.REMOVED, self)
 
     def __lshift__(self, condition: object) -> Inference:
         """``near(X) << (at(X, D) & (D < 2))``: it is believed whenever the condition holds."""
         from socialbot.bdi.plans import Inference
-        from socialbot.bdi.terms import conjunction
 
         return Inference(self, conjunction(condition))
 
@@ -292,18 +286,12 @@ class Goal(Literal):
 
     def __neg__(self) -> Event:
         """The event that the goal has failed."""
-        pass  # merged
-
         return Event(Change.FAILED, self)
 
     def __truediv__(self, condition: object) -> Head:
-        pass  # merged
-
         return Event(Change.WANTED, self) / condition
 
     def __rshift__(self, body: Iterable[object]) -> Plan:
-        pass  # merged
-
         return Event(Change.WANTED, self) >> body
 
 

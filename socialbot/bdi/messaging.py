@@ -9,10 +9,9 @@ import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.beliefs import is_source
-from socialbot.bdi.compiler.runtime import OPEN, SUBGOAL
-from socialbot.bdi.intentions import Alarm, Failed, Failure, Intention, Pause
-from socialbot.bdi.literals import Event, Literal, source
+from socialbot.bdi.belief_base import is_source
+from socialbot.bdi.intentions import OPEN, SUBGOAL, Failed, Failure, Intention, Pause, PauseTimer
+from socialbot.bdi.literals import Event, Literal, literal_from_key, source
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.stdlib.registry import detached, each_of, literal_of, wrong
 from socialbot.bdi.steps import message
@@ -21,6 +20,7 @@ from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
+    from socialbot.bdi.society import Society
 
 PERFORMATIVES = {
     "tell": "the receiver believes it, from the sender",
@@ -40,78 +40,121 @@ TIMEOUT = Atom("timeout")
 """The answer that did not come in time."""
 
 
-def send(
-    sender: Engine,
-    receiver: Any,
-    performative: str | Atom,
-    content: Any,
-    cause: Any = "",
-    *,
-    answer: Any = None,
-    limit_s: float | None = None,
-) -> Pause | None:
-    """Says something to an agent, or to several. Raises Failed when it cannot be said, or to nobody of that name.
-
-    With an ``answer`` to be, a term, it returns the pause until it is there, at most ``limit_s``.
-    """
-    act, content = str(performative), _content(str(performative), content)
-    receivers = [_find(sender, each) for each in each_of(receiver)]
-    if sender.sink is not None:
-        names = ", ".join(agent.name for agent in receivers)
-        cause = sender.record("message", f"{act} {names}: {show(content)}", cause)
-    asking = None
-    if answer is not None and act.startswith("ask"):
-        asking = Asking(answer, receivers, resolve(receiver).__class__ is tuple, limit_s)
-    for agent in receivers:
-        _deliver(sender, agent, act, content, cause, None if asking is None else asking.hear)
-    return asking
-
-
-def broadcast(sender: Engine, performative: str | Atom, content: Any, cause: Any = "") -> None:
-    """Says something to all other agents. Raises Failed when it cannot be said."""
-    society = sender.society
-    others = [] if society is None else [agent for agent in society.agents.values() if agent is not sender]
-    act, content = str(performative), _content(str(performative), content)
-    if sender.sink is not None:
-        cause = sender.record("message", f"{act} to all: {show(content)}", cause)
-    for agent in others:
-        _deliver(sender, agent, act, content, cause, None)
-
-
-def tell(sender: Engine, receiver: Engine, key: str, args: tuple[Any, ...], cause: Any) -> None:
-    """Tells an agent a belief that it may refuse, or whose coming it wants to hear of."""
-    content = receiver.relations[key].literal(args)
-    receiver.call(functools.partial(receive, receiver, sender, "tell", content, cause))
-
-
 Reply = Callable[["Engine", Any], None]
 
 
-def _deliver(sender: Engine, receiver: Engine, act: str, content: Any, cause: Any, reply: Reply | None) -> None:
-    # Each agent gets variables of its own.
-    receiver.call(functools.partial(receive, receiver, sender, act, detached(content), cause, reply))
+class Messaging:
+    """Messages of one agent to and from the other agents of its society.
+
+    Attributes:
+        society: The agents that it can reach; None for a single agent.
+        accepts: Function of sender, performative and content that tells whether a message is taken.
+    """
+
+    __slots__ = ("_engine", "accepts", "society")
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self.society: Society | None = None
+        self.accepts: Callable[[str, str, Any], bool] | None = None
+
+    def send(
+        self,
+        receiver: Any,
+        performative: str | Atom,
+        content: Any,
+        cause: Any = "",
+        *,
+        answer: Any = None,
+        limit_s: float | None = None,
+    ) -> Pause | None:
+        """Sends a message to one agent, or to several.
+
+        Args:
+            receiver: A name, an atom, or a tuple of them.
+            performative: One of `PERFORMATIVES`.
+            content: A term, without variables where the performative needs that.
+            cause: The trace record that led to it.
+            answer: The term that has to match the answer to a question.
+            limit_s: The time after which a missing answer is ``timeout``.
+
+        Returns:
+            The pause until the answer has come, if there is an ``answer``.
+
+        Raises:
+            Failed: The message is not valid, or there is no such agent.
+        """
+        act, content = str(performative), _content(str(performative), content)
+        receivers = [self._find(each) for each in each_of(receiver)]
+        trace = self._engine.trace
+        if trace.sink is not None:
+            names = ", ".join(agent.name for agent in receivers)
+            cause = trace.record("message", f"{act} {names}: {show(content)}", cause)
+        asking = None
+        if answer is not None and act.startswith("ask"):
+            asking = AnswerPause(answer, receivers, resolve(receiver).__class__ is tuple, limit_s)
+        for agent in receivers:
+            self._deliver(agent, act, content, cause, None if asking is None else asking.hear)
+        return asking
+
+    def broadcast(self, performative: str | Atom, content: Any, cause: Any = "") -> None:
+        """Sends a message to all other agents. Raises Failed if it is not valid."""
+        act, content = str(performative), _content(str(performative), content)
+        trace = self._engine.trace
+        if trace.sink is not None:
+            cause = trace.record("message", f"{act} to all: {show(content)}", cause)
+        for agent in [] if self.society is None else list(self.society.agents.values()):
+            if agent is not self._engine:
+                self._deliver(agent, act, content, cause, None)
+
+    def tell(self, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
+        """Tells another agent a belief, given by its key and arguments."""
+        if self.society is None:
+            self.send(receiver, "tell", literal_from_key(key, args), cause)
+            return
+        trace = self._engine.trace
+        if trace.sink is not None:
+            cause = trace.record("message", f"tell {show(receiver)}: {literal_from_key(key, args)}", cause)
+        self.society.tell(self._engine, receiver, key, args, cause)
+
+    def receive(
+        self, sender: Engine, performative: str, content: Any, cause: Any = "", reply: Reply | None = None
+    ) -> None:
+        """Handles a message, in the thread of this agent. A refused question gets the answer false."""
+        agent = self._engine
+        name = sender.name if sender is not agent else "self"
+        if self.accepts is not None and not self.accepts(name, performative, content):
+            if reply is not None:
+                reply(agent, Atom("false"))
+            return
+        said_by = (source(Atom(name)),)
+        if agent.trace.sink is not None:
+            cause = agent.trace.record("message", f"{performative} from {name}: {show(content)}", cause)
+        if "+message/3" in agent.library.triggers:
+            relation = agent.beliefs.relation("message/3")
+            if relation.kind is not message:
+                agent.beliefs.declare(message)
+            said = tuple(map(_closed, (Atom(name), Atom(performative), content)))
+            agent.beliefs.add(relation, said, said_by, cause)
+        _RECEIVERS[performative](agent, sender, content, said_by, cause, reply)
+
+    def _deliver(self, receiver: Engine, act: str, content: Any, cause: Any, reply: Reply | None) -> None:
+        # Each agent gets variables of its own.
+        deliver(self._engine, receiver, act, detached(content), cause, reply)
+
+    def _find(self, receiver: Any) -> Engine:
+        if receiver.__class__ is Atom:
+            receiver = receiver.name
+        if receiver in ("self", self._engine.name):
+            return self._engine
+        if self.society is None:
+            raise Failed("action_failed", f"{self._engine.name} is alone: there is no agent {receiver}")
+        return self.society.find(receiver)
 
 
-def receive(
-    agent: Engine, sender: Engine, performative: str, content: Any, cause: Any = "", reply: Reply | None = None
-) -> None:
-    """Has an agent hear something. What it refuses might as well not be said; questions get the answer false."""
-    name = sender.name if sender is not agent else "self"
-    if agent.accepts is not None and not agent.accepts(name, performative, content):
-        if reply is not None:
-            reply(agent, Atom("false"))
-        return
-    said_by = (source(Atom(name)),)
-    if agent.sink is not None:
-        cause = agent.record("message", f"{performative} from {name}: {show(content)}", cause)
-    if "+message/3" in agent.triggers:
-        relation = agent.relations["message/3"]
-        if relation.kind is not message:
-            agent.library.declare(message)
-            agent.equip(message)
-        said = tuple(map(_closed, (Atom(name), Atom(performative), content)))
-        agent.add(relation, said, said_by, cause)
-    _RECEIVERS[performative](agent, sender, content, said_by, cause, reply)
+def deliver(sender: Engine, receiver: Engine, act: str, content: Any, cause: Any, reply: Reply | None = None) -> None:
+    """Posts a message to an agent."""
+    receiver.call(functools.partial(receiver.messaging.receive, sender, act, content, cause, reply))
 
 
 # What each performative does
@@ -120,28 +163,28 @@ def receive(
 def _tell(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
     for each in each_of(content):
         belief = literal_of("tell", each)
-        agent.add(agent.relations[belief.key], belief.args, _notes(belief, said_by), cause)
+        agent.beliefs.add(agent.beliefs.relation(belief.key), belief.args, _notes(belief, said_by), cause)
 
 
 def _untell(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
     for each in each_of(content):
         belief = literal_of("untell", each)
-        agent.remove(agent.relations[belief.key], belief.args, _notes(belief, said_by), cause, False)
+        agent.beliefs.remove(agent.beliefs.relation(belief.key), belief.args, _notes(belief, said_by), cause, False)
 
 
 def _signal(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
     for each in each_of(content):
         signal = literal_of("signal", each)
-        added = agent.relations[signal.key].added
+        added = agent.beliefs.relation(signal.key).added
         if added is not None:
-            agent.events.append((added, signal.args, (*_notes(signal, said_by), Atom("signal")), cause))
+            agent.interpreter.events.append((added, signal.args, (*_notes(signal, said_by), Atom("signal")), cause))
 
 
 def _achieve(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
     for each in each_of(content):
         goal = literal_of("achieve", each)
         kind = SUBGOAL if closed(goal.args) else SUBGOAL | OPEN
-        agent.adopt((kind, agent.triggers[f"+!{goal.key}"], goal.args, _notes(goal, said_by), cause))
+        agent.intentions.adopt((kind, agent.library.triggers[f"+!{goal.key}"], goal.args, _notes(goal, said_by), cause))
 
 
 def _unachieve(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
@@ -154,13 +197,13 @@ def _unachieve(agent: Engine, sender: Engine, content: Any, said_by: Any, cause:
 def _ask_one(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
     query = literal_of("askOne", content)
     trail: Trail = []
-    for _ in agent.solve(query.key, query.args, query.annotations, trail):
+    for _ in agent.interpreter.solve(query.key, query.args, query.annotations, trail):
         found = resolve(query)
         undo(trail, 0)
         _answer(agent, sender, query, found, cause, reply)
         return
     undo(trail, 0)
-    trigger = agent.triggers.get(f"+?{query.key}")
+    trigger = agent.library.triggers.get(f"+?{query.key}")
     if trigger is None or not trigger.plans:
         _answer(agent, sender, query, None, cause, reply)
         return
@@ -169,13 +212,13 @@ def _ask_one(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: A
         _answer(agent, sender, query, resolve(query) if failure is None else None, cause, reply)
 
     kind = SUBGOAL if closed(query.args) else SUBGOAL | OPEN
-    agent.adopt((kind, trigger, query.args, _notes(query, said_by), cause), ended)
+    agent.intentions.adopt((kind, trigger, query.args, _notes(query, said_by), cause), ended)
 
 
 def _ask_all(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
     query = literal_of("askAll", content)
     trail: Trail = []
-    found = tuple(resolve(query) for _ in agent.solve(query.key, query.args, query.annotations, trail))
+    found = tuple(resolve(query) for _ in agent.interpreter.solve(query.key, query.args, query.annotations, trail))
     _answer(agent, sender, query, found, cause, reply)
 
 
@@ -186,7 +229,7 @@ def _ask_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: A
     if reply is not None:
         reply(agent, found)
     elif found:
-        sender.call(functools.partial(receive, sender, agent, "tellHow", found, cause))
+        deliver(agent, sender, "tellHow", found, cause)
 
 
 def _tell_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
@@ -232,12 +275,12 @@ def _answer(agent: Engine, sender: Engine, query: Literal, found: Any, cause: An
             found = found.with_(annotations=_notes(found, said_by))
         reply(agent, detached(found))
     elif found is None:
-        sender.call(functools.partial(receive, sender, agent, "untell", detached(query), cause))
+        deliver(agent, sender, "untell", detached(query), cause)
     else:
-        sender.call(functools.partial(receive, sender, agent, "tell", detached(found), cause))
+        deliver(agent, sender, "tell", detached(found), cause)
 
 
-class Asking(Pause):
+class AnswerPause(Pause):
     """It waits for the answer to a question."""
 
     def __init__(self, answer: Any, asked: list[Engine], several: bool, limit_s: float | None) -> None:
@@ -248,16 +291,16 @@ class Asking(Pause):
         self.limit_s = limit_s
         self.found: list[Any] = []
 
-    def begin(self, reasoner: Any, intention: Intention) -> None:
-        super().begin(reasoner, intention)
+    def begin(self, interpreter: Any, intention: Intention) -> None:
+        super().begin(interpreter, intention)
         if not self.missing:
             self._answered(())
         elif self.limit_s is not None:
-            reasoner.at_in(self.limit_s, Alarm(self, self._late))
+            interpreter.timers.after(self.limit_s, PauseTimer(self, self._late))
 
     def hear(self, replier: Engine, answer: Any) -> None:
         """Takes an answer, in the thread of whoever gives it."""
-        self.reasoner.call(lambda: self._take(replier.name, answer))  # type: ignore[attr-defined]
+        self.interpreter.post(lambda: self._take(replier.name, answer))
 
     def _take(self, name: str, answer: Any) -> None:
         if self.intention is None or name not in self.missing:
@@ -281,19 +324,6 @@ class Asking(Pause):
 
     def __str__(self) -> str:
         return f"waits for an answer of {self.names}"
-
-
-# Within
-
-
-def _find(sender: Engine, receiver: Any) -> Engine:
-    if receiver.__class__ is Atom:
-        receiver = receiver.name
-    if receiver in ("self", sender.name):
-        return sender
-    if sender.society is None:
-        raise Failed("action_failed", f"{sender.name} is alone: there is no agent {receiver}")
-    return sender.society.find(receiver)
 
 
 def _content(act: str, content: Any) -> Any:

@@ -15,26 +15,23 @@ back with it, so that nothing waits for a time that has been.
 from __future__ import annotations
 
 import contextlib
-import functools
 import itertools
 import json
 import os
 import random
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.beliefs import Relation
-from socialbot.bdi.compiler.runtime import EVENT, OPEN, SUBGOAL
+from socialbot.bdi.belief_base import HoldTimer, Relation
 from socialbot.bdi.explain import later_request
-from socialbot.bdi.intentions import Intention, Request
-from socialbot.bdi.library import Ready, Trigger
+from socialbot.bdi.intentions import EVENT, OPEN, SUBGOAL, Intention, Request
+from socialbot.bdi.library import CompiledPlan, Trigger
 from socialbot.bdi.literals import Literal, literal
-from socialbot.bdi.log import log
 from socialbot.bdi.terms import Atom, show
+from socialbot.bdi.trace import log
 from socialbot.bdi.unification import Var, closed, resolve
 from socialbot.core.errors import SocialbotError
 
@@ -62,25 +59,27 @@ def save(engine: Engine) -> dict[str, Any]:
     What was posted and what is due is taken in first. Raises MindError for a belief or goal with a value in it that
     is no number, string, list, atom or literal.
     """
-    engine._take_in()
-    engine._ring()
+    engine.interpreter.take_in()
+    engine.timers.run_due()
     return {
         "schema": SCHEMA,
         "version": VERSION,
         "name": engine.name,
         "time": engine.clock.now(),
-        "stage": engine.stage,
+        "stage": engine.interpreter.stage,
         "random": _random_state(engine),
         "records": _next_record(engine),
-        "beliefs": [_belief(relation, args) for relation in list(engine.base.values()) for args in relation.facts],
+        "beliefs": [
+            _belief(relation, args) for relation in list(engine.beliefs.relations.values()) for args in relation.facts
+        ],
         "pursuits": [
             _pursuit(request, suspended=intention.suspended)
             for intention in engine.intentions
             if (request := _request_of(intention)) is not None
         ]
-        + [_pursuit((EVENT, *event)) for event in engine.events],
-        "held_plans": sorted({_plan_id(ready) for ready in _held_plans(engine)}),
-        "ripening": _ripening(engine),
+        + [_pursuit((EVENT, *event)) for event in engine.interpreter.events],
+        "held_plans": sorted({_plan_id(plan) for plan in _held_plans(engine)}),
+        "ripening": _hold_timers(engine),
     }
 
 
@@ -121,14 +120,14 @@ def _sync_folder(folder: Path) -> None:
 
 
 def _random_state(engine: Engine) -> list[Any] | None:
-    if engine._random is None:
+    if engine.interpreter.random is None:
         return None  # none was drawn yet
-    version, numbers, gauss = engine.random.getstate()
+    version, numbers, gauss = engine.interpreter.random.getstate()
     return [version, list(numbers), gauss]
 
 
 def _next_record(engine: Engine) -> int:
-    return int(engine._records.__reduce__()[1][0])  # the only way to look at it without using it up
+    return int(engine.trace.numbers.__reduce__()[1][0])  # the only way to look at it without using it up
 
 
 def _belief(relation: Relation, args: tuple[Any, ...]) -> dict[str, Any]:
@@ -170,37 +169,32 @@ def _pursuit(request: Request, *, suspended: bool = False) -> dict[str, Any]:
     return saved
 
 
-def _held_plans(engine: Engine) -> list[Ready]:
-    return [ready for key, trigger in list(engine.triggers.items()) if key.startswith(HELD) for ready in trigger.plans]
+def _held_plans(engine: Engine) -> list[CompiledPlan]:
+    return [
+        plan for key, trigger in list(engine.library.triggers.items()) if key.startswith(HELD) for plan in trigger.plans
+    ]
 
 
-def _plan_id(ready: Ready) -> str:
-    return ready.plan.label or str(ready.plan)
+def _plan_id(plan: CompiledPlan) -> str:
+    return plan.plan.label or str(plan.plan)
 
 
-def _ripening(engine: Engine) -> list[dict[str, Any]]:
+def _hold_timers(engine: Engine) -> list[dict[str, Any]]:
     """Which plans are still to hear of which beliefs, and when."""
     found = []
-    for due, _, callback in sorted(engine._timers, key=lambda timer: timer[:2]):
-        if not _ripens(engine, callback):
-            continue
-        relation, args, fact, ready, duration = callback.args  # type: ignore[attr-defined]
-        if relation.lives.get(args) is fact:
-            where = f"belief {relation.literal(args)}"
+    for due, _, timer in sorted(engine.timers.heap, key=lambda timer: timer[:2]):
+        if isinstance(timer, HoldTimer) and not timer.over():
+            where = f"belief {timer.relation.literal(timer.args)}"
             found.append(
                 {
-                    "belief": relation.key,
-                    "args": [_encode(arg, where) for arg in args],
-                    "plan": _plan_id(ready),
+                    "belief": timer.relation.key,
+                    "args": [_encode(arg, where) for arg in timer.args],
+                    "plan": _plan_id(timer.plan),
                     "due": due,
-                    "seconds": float(duration),
+                    "seconds": float(timer.seconds),
                 }
             )
     return found
-
-
-def _ripens(engine: Engine, callback: Callable[[], object]) -> bool:
-    return isinstance(callback, functools.partial) and callback.func == engine._on_held
 
 
 def _encode(term: Any, where: str, variables: dict[int, str] | None = None) -> Any:
@@ -249,7 +243,7 @@ class _Pursuit:
 
 
 @dataclass(frozen=True)
-class _Ripening:
+class _HoldTimer:
     key: str
     args: tuple[Any, ...]
     plan: str
@@ -265,7 +259,7 @@ class _Mind:
     facts: list[_Fact]
     pursuits: list[_Pursuit]
     held_plans: set[str]
-    ripening: list[_Ripening]
+    hold_timers: list[_HoldTimer]
 
 
 def read(path: str | PathLike[str]) -> dict[str, Any]:
@@ -289,96 +283,82 @@ def restore(engine: Engine, data: dict[str, Any]) -> None:
     watches beliefs is told of all that end, then of all that begin.
     What came due in the meantime happens at once. Raises MindError, with nothing changed, for data that are damaged.
     """
-    mind = _decode_mind(engine, data)
-    gone = [(relation, args) for relation in engine.base.values() if relation.watchers for args in relation.facts]
+    mind, beliefs = _decode_mind(engine, data), engine.beliefs
+    gone = [(relation, args) for relation in beliefs.relations.values() if relation.watchers for args in relation.facts]
     _clear(engine)
     for relation, args in gone:
-        engine._tell(relation, args, False, "")
-    engine.stage = mind.stage
-    engine._random = mind.random
-    engine._records = itertools.count(max(mind.records, _next_record(engine)))
+        beliefs.notify(relation, args, False, "")
+    engine.interpreter.stage = mind.stage
+    engine.interpreter.random = mind.random
+    engine.trace.numbers = itertools.count(max(mind.records, _next_record(engine)))
     for fact in mind.facts:
-        relation = engine.relations[fact.key]
+        relation = beliefs.relation(fact.key)
         held = relation.facts[fact.args] = (fact.since, fact.notes, fact.cause)
         if relation.indexes:
             relation.enter(fact.args)
         if relation.held is not None:
-            relation.live(fact.args, held)
-        if relation.watchers:
-            engine._tell(relation, fact.args, True, fact.cause)
-    _ripen_later(engine, mind)
+            relation.begin(fact.args, held)
+        beliefs.notify(relation, fact.args, True, fact.cause)
+    _set_hold_timers(engine, mind)
     for pursuit in mind.pursuits:
         _pursue(engine, pursuit)
 
 
 def _clear(engine: Engine) -> None:
-    """Forgets everything. What was posted for the engine's thread to do, such as to start a sensor, stays."""
-    for intention in list(engine.intentions):
-        engine.drop(intention)
-    for item in list(engine.inbox):
-        mental = isinstance(item, functools.partial) and item.func in (engine._want, engine._forget, engine.take)
-        if isinstance(item, tuple) or mental or getattr(item, "mental", False):
-            engine.inbox.remove(item)
-    engine.events.clear()
-    for timer in list(engine._timers):
-        if _ripens(engine, timer[2]) or engine._over(timer[2]):
-            engine.not_at(timer[2])
-    for relation in engine.base.values():
-        relation.facts.clear()
-        relation.lives.clear()
-        for index in relation.indexes.values():
-            index.clear()
+    """Removes everything, except posted calls for the engine's thread, such as the start of a sensor."""
+    for intention in engine.intentions:
+        engine.intentions.drop(intention)
+    inbox = engine.interpreter.inbox
+    for item in list(inbox):
+        if isinstance(item, tuple) or getattr(item, "mental", False):
+            inbox.remove(item)
+    engine.interpreter.events.clear()
+    engine.timers.remove(
+        lambda timer: isinstance(timer, HoldTimer) or ((over := getattr(timer, "over", None)) is not None and over())
+    )
+    for relation in engine.beliefs.relations.values():
+        relation.clear()
 
 
-def _ripen_later(engine: Engine, mind: _Mind) -> None:
-    """Has plans hear of beliefs that are held long enough: those that were to hear of it, and those that are new."""
-    plans: dict[tuple[str, str], Ready] = {}
-    for ready in _held_plans(engine):
-        key = ready.plan.event.literal.key
-        plans.setdefault((key, _plan_id(ready)), ready)
-        if _plan_id(ready) not in mind.held_plans:
-            relation = engine.relations[key]
+def _set_hold_timers(engine: Engine, mind: _Mind) -> None:
+    """Starts the timers of plans for beliefs that are held long enough: the saved ones, and those of new plans."""
+    plans: dict[tuple[str, str], CompiledPlan] = {}
+    for plan in _held_plans(engine):
+        key = plan.plan.event.literal.key
+        plans.setdefault((key, _plan_id(plan)), plan)
+        if _plan_id(plan) not in mind.held_plans:
+            relation = engine.beliefs.relation(key)
             for args in relation.facts:
-                engine._watch_for(relation, args, relation.lives[args], ready)
-    for item in mind.ripening:
-        ready = plans.get((item.key, item.plan))
-        relation = engine.relations[item.key]
-        fact = relation.lives.get(item.args)
-        if ready is None or fact is None:
-            log().warning("%s: nothing of the plan %s is left to hear of %s", engine.name, item.plan, item.key)
+                engine.beliefs.set_hold_timer(relation, args, plan)
+    for item in mind.hold_timers:
+        plan = plans.get((item.key, item.plan))
+        relation = engine.beliefs.relation(item.key)
+        fact = relation.first_facts.get(item.args)
+        if plan is None or fact is None:
+            log().warning("%s: the plan %s or its belief %s is missing", engine.name, item.plan, item.key)
         else:
-            engine.at(item.due, functools.partial(engine._on_held, relation, item.args, fact, ready, item.seconds))
+            timer = HoldTimer(engine.beliefs, relation, item.args, fact, plan, item.seconds)
+            engine.timers.at(item.due, timer)
 
 
 def _pursue(engine: Engine, pursuit: _Pursuit) -> None:
-    trigger = engine.triggers[pursuit.key]
+    trigger = engine.library.triggers[pursuit.key]
     if pursuit.plan is not None:
-        ready = next((ready for ready in trigger.plans if _plan_id(ready) == pursuit.plan), None)
-        if ready is None:
-            log().warning("%s: the plan %s is no more", engine.name, pursuit.plan)
+        plan = next((plan for plan in trigger.plans if _plan_id(plan) == pursuit.plan), None)
+        if plan is None:
+            log().warning("%s: the plan %s is missing", engine.name, pursuit.plan)
             return
-        trigger = Trigger(pursuit.key, (ready,))
+        trigger = Trigger(pursuit.key, (plan,))
     if not trigger.goal:
         if trigger.plans:
-            engine.events.append((trigger, pursuit.args, pursuit.notes, pursuit.cause))
+            engine.interpreter.events.append((trigger, pursuit.args, pursuit.notes, pursuit.cause))
         return
     kind = SUBGOAL if closed(pursuit.args) else SUBGOAL | OPEN
     request = (kind, trigger, pursuit.args, pursuit.notes, pursuit.cause)
     if kind == SUBGOAL and not pursuit.suspended:
-        engine.events.append(request[1:])
+        engine.interpreter.events.append(request[1:])
     else:
-        _begin_later(engine, request, suspended=pursuit.suspended)
-
-
-def _begin_later(engine: Engine, request: Request, *, suspended: bool) -> None:
-    """An intention that begins with a goal when its turn comes."""
-    from socialbot.bdi.intention_stack import _later
-
-    intention = engine._new(request)
-    intention.frames.append((_later(request), None, None))
-    intention.suspended = suspended
-    if not suspended:
-        engine.ready.append(intention)
+        engine.intentions.adopt_later(request, suspended=pursuit.suspended)
 
 
 # Decoding
@@ -407,7 +387,7 @@ def _decode_mind(engine: Engine, data: Any) -> _Mind:
             [_decode_pursuit(engine, item) for item in data["pursuits"]],
             {_typed(plan, str) for plan in data["held_plans"]},
             [
-                _Ripening(
+                _HoldTimer(
                     _typed(item["belief"], str),
                     _terms(engine, item["args"]),
                     _typed(item["plan"], str),

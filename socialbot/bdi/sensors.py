@@ -83,7 +83,7 @@ class Sensor:
         assert self.engine is not None
         self._rung = False
         if self._ticking is not None:
-            self.engine.not_at(self._ticking)
+            self.engine.timers.cancel(self._ticking)
             self._ticking = None
         if self.running:
             self._tick()
@@ -93,10 +93,10 @@ class Sensor:
         assert self.engine is not None
         assert self.period_s is not None
         self._ticking = None
-        self.engine.take(self, None, "", None)
+        self.engine.interpreter.sense(self, None, "", None)
         if self.running and self._ticking is None:
             self._ticking = self._tick
-            self.engine.at_in(self.period_s, self._ticking)
+            self.engine.timers.after(self.period_s, self._ticking)
 
 
 class ThreadSensor(Sensor):
@@ -147,7 +147,7 @@ class ThreadSensor(Sensor):
     def _report(self, problem: Exception) -> None:
         engine = self.engine
         assert engine is not None
-        engine.call(lambda: engine.record_failure(type(self).__name__, "", problem))
+        engine.call(lambda: engine.trace.record_failure(type(self).__name__, "", problem))
 
 
 def changes(sensed: Sensed) -> list[Event]:

@@ -13,16 +13,16 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.beliefs import literal_of
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Failed
-from socialbot.bdi.literals import source
+from socialbot.bdi.literals import literal_from_key, source
+from socialbot.bdi.messaging import deliver
 from socialbot.bdi.terms import Atom
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
-    from socialbot.bdi.wakeup import Wakeup
+    from socialbot.bdi.timers import Wakeup
 
 TURNS = 4
 """So many turns an agent reasons before the next one may."""
@@ -55,12 +55,12 @@ class Society:
             agent = Engine(agent, self.clock)
         if agent.name in self.agents:
             raise RuleError(f"there are two agents {agent.name}", remedy="give each agent a name of its own")
-        if agent.society is not None:
+        if agent.messaging.society is not None:
             raise RuleError(f"{agent.name} is in another society", remedy="remove it there first")
         self.agents[agent.name] = agent
-        agent.society = self
+        agent.messaging.society = self
         agent.wake = functools.partial(self._woken, agent)
-        agent.signalled = True
+        agent.interpreter.signalled = True
         self._ready.append(agent)
         return agent
 
@@ -68,7 +68,7 @@ class Society:
         """Takes an agent out; what is told to it from now on fails."""
         agent = self.agents.pop(name, None)
         if agent is not None:
-            agent.society = agent.wake = None
+            agent.messaging.society = agent.wake = None
         return agent
 
     def find(self, receiver: Any) -> Engine:
@@ -85,21 +85,18 @@ class Society:
             receiver = receiver.name
         agent = self.agents.get(receiver) if receiver.__class__ is str else None
         if agent is None or agent is sender:
-            from socialbot.bdi.messaging import send
-
-            send(sender, receiver, "tell", literal_of(key, args), cause)
+            sender.messaging.send(receiver, "tell", literal_from_key(key, args), cause)
+            return
+        ag = agent.interpreter
+        if ag.messaging.accepts is not None or LISTENING in ag.triggers:
+            deliver(sender, agent, "tell", agent.beliefs.relation(key).literal(args), cause)
             return
         notes = self._sources.get(sender.name) or self.source_of(sender.name)
-        if agent.accepts is not None or LISTENING in agent.triggers:
-            from socialbot.bdi.messaging import tell
-
-            tell(sender, agent, key, args, cause)
-        else:
-            relation = agent.base.get(key) or agent.relations[key]
-            agent.inbox.append((relation, args, notes, cause, None))
-            if not agent.signalled:
-                agent.signalled = True
-                self._ready.append(agent)
+        relation = ag.relations.get(key) or ag.beliefs.relation(key)
+        ag.inbox.append((relation, args, notes, cause, None))
+        if not ag.signalled:
+            ag.signalled = True
+            self._ready.append(agent)
 
     def source_of(self, name: str) -> tuple[object, ...]:
         """The annotations of what an agent says."""
@@ -119,8 +116,8 @@ class Society:
                 return False
             budget -= 1
             agent = ready.popleft()
-            if agent.run_until_idle(turns) and not agent.signalled:
-                agent.signalled = True
+            if agent.run_until_idle(turns) and not agent.interpreter.signalled:
+                agent.interpreter.signalled = True
                 ready.append(agent)
             due = agent.next_wakeup()
             if due is not None and due < self._due.get(agent, due + 1):
@@ -136,7 +133,7 @@ class Society:
         """Runs until `stop`, for ``seconds`` at most, asleep while there is nothing to do. The clock has to run by
         itself. Unless it lingers, it ends when nothing is left to do, now and later, but what comes from outside.
         """
-        from socialbot.bdi.wakeup import Wakeup
+        from socialbot.bdi.timers import Wakeup
 
         end = None if seconds is None else self.clock.now() + round(seconds * SECOND)
         bell = self._bell = Wakeup()
@@ -148,7 +145,11 @@ class Society:
                     return
                 if not busy and not self.stopping:
                     due = self.next_wakeup()
-                    if due is None and not linger and not any(agent.inbox for agent in self.agents.values()):
+                    if (
+                        due is None
+                        and not linger
+                        and not any(agent.interpreter.inbox for agent in self.agents.values())
+                    ):
                         return
                     waits = [
                         time for time in (left, None if due is None else due - self.clock.now()) if time is not None
@@ -181,8 +182,8 @@ class Society:
             due, _, agent = heapq.heappop(timers)
             if self._due.get(agent) == due:
                 del self._due[agent]
-                if not agent.signalled and agent.society is self:
-                    agent.signalled = True
+                if not agent.interpreter.signalled and agent.messaging.society is self:
+                    agent.interpreter.signalled = True
                     self._ready.append(agent)
 
     def _unknown(self, name: Any) -> Failed:

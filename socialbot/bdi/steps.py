@@ -20,7 +20,7 @@ class send(Action):  # noqa: N801 - reads as a step of a plan
 
     def execute(self, receiver: Any, content: Any, performative: str = "tell") -> Any:
         """Sends the message; it has this action as its cause."""
-        return self.engine.send(receiver, performative, content, cause=self.id)
+        return self.engine.messaging.send(receiver, performative, content, self.id)
 
 
 class message(Reactor):  # noqa: N801 - written like a belief

@@ -13,13 +13,9 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from socialbot.core.errors import RuleError
-
-if TYPE_CHECKING:
-    pass  # merged
-
 
 COMPARISONS = frozenset({">", ">=", "<", "<=", "==", "!=", "=", "=.."})
 """``==`` and ``!=`` compare values, ``=`` unifies, ``=..`` takes a literal apart."""
@@ -85,71 +81,31 @@ class Pattern:
         raise NotImplementedError
 
 
+def _arithmetic(symbol: str) -> tuple[Callable[[Term, object], Expression], Callable[[Term, object], Expression]]:
+    """The operator methods of a term, as the left and as the right operand."""
+    return (lambda term, other: Expression(symbol, term, other)), (lambda term, other: Expression(symbol, other, term))
+
+
+def _comparison(symbol: str) -> Callable[[Term, object], Comparison]:
+    return lambda term, other: Comparison(symbol, term, other)
+
+
 class Term(Pattern):
     """What stands for a value that is known only when a plan runs."""
 
-    def __add__(self, other: object) -> Expression:
-        return Expression("+", self, other)
-
-    def __sub__(self, other: object) -> Expression:
-        return Expression("-", self, other)
-
-    def __mul__(self, other: object) -> Expression:
-        return Expression("*", self, other)
-
-    def __truediv__(self, other: object) -> Expression:
-        return Expression("/", self, other)
-
-    def __floordiv__(self, other: object) -> Expression:
-        return Expression("//", self, other)
-
-    def __mod__(self, other: object) -> Expression:
-        return Expression("%", self, other)
-
-    def __pow__(self, other: object) -> Expression:
-        return Expression("**", self, other)
-
-    def __radd__(self, other: object) -> Expression:
-        return Expression("+", other, self)
-
-    def __rsub__(self, other: object) -> Expression:
-        return Expression("-", other, self)
-
-    def __rmul__(self, other: object) -> Expression:
-        return Expression("*", other, self)
-
-    def __rtruediv__(self, other: object) -> Expression:
-        return Expression("/", other, self)
-
-    def __rfloordiv__(self, other: object) -> Expression:
-        return Expression("//", other, self)
-
-    def __rmod__(self, other: object) -> Expression:
-        return Expression("%", other, self)
-
-    def __rpow__(self, other: object) -> Expression:
-        return Expression("**", other, self)
+    __add__, __radd__ = _arithmetic("+")
+    __sub__, __rsub__ = _arithmetic("-")
+    __mul__, __rmul__ = _arithmetic("*")
+    __truediv__, __rtruediv__ = _arithmetic("/")
+    __floordiv__, __rfloordiv__ = _arithmetic("//")
+    __mod__, __rmod__ = _arithmetic("%")
+    __pow__, __rpow__ = _arithmetic("**")
+    __gt__, __ge__ = _comparison(">"), _comparison(">=")
+    __lt__, __le__ = _comparison("<"), _comparison("<=")
+    __eq__, __ne__ = _comparison("=="), _comparison("!=")  # type: ignore[assignment]
 
     def __neg__(self) -> Expression:
         return Expression("-", 0, self)
-
-    def __gt__(self, other: object) -> Comparison:
-        return Comparison(">", self, other)
-
-    def __ge__(self, other: object) -> Comparison:
-        return Comparison(">=", self, other)
-
-    def __lt__(self, other: object) -> Comparison:
-        return Comparison("<", self, other)
-
-    def __le__(self, other: object) -> Comparison:
-        return Comparison("<=", self, other)
-
-    def __eq__(self, other: object) -> Comparison:  # type: ignore[override]
-        return Comparison("==", self, other)
-
-    def __ne__(self, other: object) -> Comparison:  # type: ignore[override]
-        return Comparison("!=", self, other)
 
     __hash__ = object.__hash__
 
@@ -225,28 +181,18 @@ class Condition(Pattern):
     """The base of conditions, among them beliefs: something matching is believed."""
 
     def __and__(self, other: object) -> Conjunction:
-        pass  # merged
-
         return conjunction(self, other)
 
     def __rand__(self, other: object) -> Conjunction:
-        pass  # merged
-
         return conjunction(other, self)
 
     def __or__(self, other: object) -> Disjunction:
-        pass  # merged
-
         return Disjunction((conjunction(self), conjunction(other)))
 
     def __ror__(self, other: object) -> Disjunction:
-        pass  # merged
-
         return Disjunction((conjunction(other), conjunction(self)))
 
     def __invert__(self) -> Negation:
-        pass  # merged
-
         return Negation(self)
 
     def __rshift__(self, body: object) -> Any:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from os import PathLike
 from string import Formatter
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
-from socialbot.core.clock import SECOND
+from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError
+
+if TYPE_CHECKING:
+    from logging import Logger
 
 KINDS = {
     "belief": "a belief was added, or told by one more source; its cause is a percept, or the plan that added it",
@@ -45,6 +49,53 @@ class Record:
 
 Sink = Callable[[Record], None]
 """Takes the records in order. One that raises never stops the agent; it is told in the log, once."""
+
+
+def log() -> Logger:
+    """The logger ``socialbot.bdi``; ``logging`` is imported late because it is slow and rarely needed."""
+    import logging
+
+    return logging.getLogger("socialbot.bdi")
+
+
+class TraceWriter:
+    """Numbers the trace records of an agent and passes them to its sink.
+
+    ``sink`` may be replaced at any time; without one, records are only numbered.
+    """
+
+    __slots__ = ("_broken", "_now", "name", "numbers", "sink")
+
+    def __init__(self, name: str, clock: Clock, sink: Sink | None) -> None:
+        self.name = name
+        self.sink = sink
+        self.numbers = itertools.count(1)
+        self._now = clock.now
+        self._broken = False
+
+    def record(self, kind: str, what: str, cause: Any, **detail: object) -> str:
+        """Writes a record; returns its id."""
+        record_id = f"{self.name}-{next(self.numbers)}"
+        if self.sink is not None:
+            try:
+                self.sink(Record(record_id, self._now(), kind, what, str(cause), detail))
+            except Exception:  # noqa: BLE001 - a sink is user code
+                if not self._broken:
+                    log().exception("%s: the trace is incomplete from here on: its sink failed", self.name)
+                self._broken = True
+        return record_id
+
+    def record_failure(self, what: str, cause: Any, problem: Exception) -> str:
+        """Logs an exception of user code and writes a record of it; returns its id."""
+        log().warning("%s: %s: %s", self.name, what, problem)
+        return self.record("failure", what, cause, reason=type(problem).__name__, message=str(problem))
+
+    def explain(self, record: str) -> list[Record]:
+        """The chain of records that led to one, such as an action, back to the percept; the sink must be a `Trace`."""
+        chain = getattr(self.sink, "explain", None)
+        if chain is None:
+            raise RuleError("no trace is kept", where=self.name, remedy="give the engine sink=Trace()")
+        return chain(record)
 
 
 class Trace:

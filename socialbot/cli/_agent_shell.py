@@ -13,8 +13,8 @@ from typing import Any
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak import agentspeak, parse_condition, parse_event, parse_literal, parse_term
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
-from socialbot.bdi.beliefs import is_source
-from socialbot.bdi.compiler.runtime import OPEN, SUBGOAL
+from socialbot.bdi.belief_base import is_source
+from socialbot.bdi.intentions import OPEN, SUBGOAL
 from socialbot.bdi.literals import SELF, Change, Literal
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.saving import read, restore, write
@@ -72,7 +72,7 @@ class Shell:
         self._lock = threading.RLock()
         self._bell = threading.Event()
         self._stepping = False
-        engine.sink = tee(*([engine.sink] if engine.sink else []), self.trace, self._show)
+        engine.trace.sink = tee(*([engine.trace.sink] if engine.trace.sink else []), self.trace, self._show)
         engine.actions = _Actions(engine.actions, self)
         if engine.out is None:
             engine.out = lambda text: self.write(f"[{engine.name}] {text}")
@@ -169,7 +169,7 @@ class Shell:
         elif text.startswith("-+"):
             belief = parse_literal(text[2:])
             belief.check()
-            self._change(partial(self.engine.replace, self.engine.relations[belief.key]), belief)
+            self._change(partial(self.engine.beliefs.replace, self.engine.beliefs.relation(belief.key)), belief)
         elif (event := _belief_event(text)) is not None:
             self._believe(event.literal, event.change)
         elif text.endswith("."):
@@ -187,7 +187,7 @@ class Shell:
             self.engine.forget(belief)  # type: ignore[arg-type]
         else:
             belief.check()
-            self._change(partial(self.engine.add, self.engine.relations[belief.key]), belief)
+            self._change(partial(self.engine.beliefs.add, self.engine.beliefs.relation(belief.key)), belief)
 
     def _change(self, change: Callable[..., Any], belief: Literal) -> None:
         notes = belief.annotations
@@ -196,7 +196,7 @@ class Shell:
         def make() -> None:
             event = change(belief.args, notes, "")
             if event is not None:
-                self.engine.events.append(event[1:])
+                self.engine.interpreter.events.append(event[1:])
 
         self.engine.call(make)
 
@@ -205,7 +205,7 @@ class Shell:
 
         variables: dict[str, Any] = {}
         args = opened(goal.args, variables)
-        trigger = self.engine.triggers[f"+!{goal.key}"]
+        trigger = self.engine.library.triggers[f"+!{goal.key}"]
         request = (SUBGOAL if closed(args) else SUBGOAL | OPEN, trigger, args, goal.annotations or SELF, "")
 
         def ended(failure: Any) -> None:
@@ -213,7 +213,7 @@ class Shell:
             if failure is None:
                 self.write(f"achieved {goal}{': ' + _solution(found) if found else ''}")
 
-        self.engine.call(lambda: self.engine.adopt(request, ended))
+        self.engine.call(lambda: self.engine.intentions.adopt(request, ended))
 
     def _ask(self, text: str) -> None:
         self._think()
@@ -395,8 +395,8 @@ class Shell:
         """What a word that was begun may become."""
         commands = [name[3:].replace("_", "-") for name in dir(self) if name.startswith("do_")]
         sign = text[: len(text) - len(text.lstrip("+-!?"))]
-        known = {key.rpartition("/")[0] for key in self.engine.base}
-        known |= {key[2:].rpartition("/")[0] for key in self.engine.triggers if key[1:2] in ("!", "?")}
+        known = {key.rpartition("/")[0] for key in self.engine.beliefs.relations}
+        known |= {key[2:].rpartition("/")[0] for key in self.engine.library.triggers if key[1:2] in ("!", "?")}
         names = [sign + name for name in sorted(known)] if sign else [*commands, "quit", *sorted(known)]
         return [name for name in names if name.startswith(text)]
 

@@ -208,7 +208,7 @@ class _Echo(dict[str, Any]):
         from socialbot.bdi.literals import literal
         from socialbot.bdi.stdlib.environment import spelled
 
-        return lambda engine, *args: engine.say(f"does {spelled(literal(name, args))}")
+        return lambda engine, *args: engine.out(f"does {spelled(literal(name, args))}")
 
 
 def _waiting(society: Society) -> str:

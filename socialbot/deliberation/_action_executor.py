@@ -204,7 +204,7 @@ class ActionExecutor:
         }
         task.expected = tuple(filter(self._is_sensed_change, at_start))
         conditions = (*task.action.conditions_at("start"), *task.action.conditions_at("over all"))
-        task.record = self._engine.record(
+        task.record = self._engine.trace.record(
             "step",
             step.call,
             cause,
@@ -291,7 +291,7 @@ class ActionExecutor:
         now = self._engine.clock.now()
         self._apply(task, "end")
         self.rollback_log.close(task)
-        self._engine.record("step_end", task.step.call, task.record, outcome="successful")
+        self._engine.trace.record("step_end", task.step.call, task.record, outcome="successful")
         task.status, task.ended, task.expected = "SUCCESSFUL", now, ()
         task.enter("over", now)
         self._loop.wake()
@@ -304,13 +304,13 @@ class ActionExecutor:
         task.status, task.message = status, message
         task.ended = None if task.started is None else now
         task.enter("over", now)
-        record = self._engine.record(
+        record = self._engine.trace.record(
             "step_end", task.step.call, cause or task.record, outcome=status.lower(), message=message
         )
         self.rollback_log.undo(task, record)
         if intention is not None:
             self.stopping[task] = now + nanoseconds(self._options.stop_s)
-            self._engine.drop(intention, lambda: self._on_stopped(task))
+            self._engine.intentions.drop(intention, lambda: self._on_stopped(task))
         return record
 
     def _fail(self, task: PlanTask, message: str, *, cause: str = "") -> None:
@@ -326,7 +326,7 @@ class ActionExecutor:
             if self._loop.is_due(due):
                 del self.stopping[task]
                 message = f"has not stopped in {self._options.stop_s:g} s"
-                self._engine.record("failure", task.step.call, task.record, reason="no_answer", message=message)
+                self._engine.trace.record("failure", task.step.call, task.record, reason="no_answer", message=message)
 
     def _beliefs(self) -> Projection:
         return Projection(self._facts, self._facts.domain)

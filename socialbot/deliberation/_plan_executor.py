@@ -170,7 +170,7 @@ class PlanExecutor:
             problem = error.what
         pursued_since = now if began is None else began
         execution = PlanExecution(self._plans, desire, tasks, plan.makespan_s, now, pursued_since)
-        execution.record = self._engine.record(
+        execution.record = self._engine.trace.record(
             "plan_start",
             desire.name,
             cause,
@@ -224,7 +224,7 @@ class PlanExecutor:
         execution = self._execution
         self._actions.sensors_timed_out = bool(self._hold_reason)
         what = "plan" if execution is None else execution.desire.name
-        self._engine.record(kind, what, self._plan_record, reason=reason)
+        self._engine.trace.record(kind, what, self._plan_record, reason=reason)
         self._loop.wake()
 
     @property
@@ -238,7 +238,7 @@ class PlanExecutor:
             self._check_plan()
         except Exception as problem:  # noqa: BLE001 - an error in a plan aborts it and not the agent
             execution = self._execution
-            self._engine.record_failure(_TRACE_NAME, self._plan_record, problem)
+            self._engine.trace.record_failure(_TRACE_NAME, self._plan_record, problem)
             if execution is not None:
                 self._abort_from_inside(execution, f"{type(problem).__name__}: {problem}")
                 self._publish()
@@ -322,7 +322,7 @@ class PlanExecutor:
     def _end_plan(self, execution: PlanExecution, how: How, reason: str = "", cause: str = "") -> None:
         execution.status = "SUCCESSFUL" if how == "succeeded" else "ABORT"
         execution.reason = reason
-        execution.end_record = self._engine.record(
+        execution.end_record = self._engine.trace.record(
             "plan_end",
             execution.desire.name,
             cause or execution.record,
@@ -347,4 +347,4 @@ class PlanExecutor:
         try:
             callback()
         except Exception as problem:  # noqa: BLE001 - callbacks never stop the plan
-            self._engine.record_failure(_TRACE_NAME, self._plan_record, problem)
+            self._engine.trace.record_failure(_TRACE_NAME, self._plan_record, problem)

@@ -102,7 +102,7 @@ class DesirePursuit:
         self._request = request
         limits = replace(self._options.limits, makespan_s=request.max_makespan_s)
         work = functools.partial(self._planner.solve, request.domain, problem, limits, request.cancelled)
-        self._engine.at_in(limits.timeout_s + GRACE_S, _RequestTimeout(self, request))
+        self._engine.timers.after(limits.timeout_s + GRACE_S, _RequestTimeout(self, request))
         self._run_in_background(work, lambda answer: self._engine.call(lambda: self.on_answer(request, answer)))
 
     def cancel_request(self) -> None:
@@ -157,7 +157,7 @@ class DesirePursuit:
         elif not in_time(plan, request.max_makespan_s):
             message = f"the plan lasts {plan.makespan_s:g} s, longer than the {request.max_makespan_s:g} s there are"
         detail = {} if plan is None else {"steps": len(plan.steps), "makespan_s": round(plan.makespan_s, 3)}
-        record = self._engine.record(
+        record = self._engine.trace.record(
             "planning", state.name, request.cause, verdict=answer.verdict.value, message=message, **detail
         )
         unhandled = () if plan is None else self.without_handler(step.action for step in plan.steps)
@@ -183,7 +183,7 @@ class DesirePursuit:
 
     def without_handler(self, actions: Iterable[str]) -> tuple[str, ...]:
         """Return the actions that have neither a `PlanAction` nor a plan of the engine."""
-        triggers, known = self._engine.triggers, self._facts.domain.actions
+        triggers, known = self._engine.library.triggers, self._facts.domain.actions
         goals = {name: f"+!{name}/{len(known[name].parameters)}" for name in actions if name in known}
         return tuple(name for name, goal in goals.items() if goal not in triggers or not triggers[goal].plans)
 

@@ -43,4 +43,4 @@ class WakeupLoop:
             self._scheduled = _NEVER
         if self._next < self._scheduled:
             self._scheduled = self._next
-            self._engine.at(self._next, self.wake)
+            self._engine.timers.at(self._next, self.wake)

@@ -96,7 +96,7 @@ class PlanAction(LongAction):
             now, period = self.engine.clock.now(), nanoseconds(1 / self.rate_hz)
             # Periods missed during a pause of the agent are skipped.
             self._due = self._due + period if self._due + period > now else now + period
-            self.engine.at(self._due, self._tick)
+            self.engine.timers.at(self._due, self._tick)
 
     def _tick(self) -> None:
         if self._over:

@@ -138,7 +138,7 @@ class Deliberator:
         else:
             reason = out_of_range(desire) or ""
         if reason:
-            self.engine.record("desire_refused", desire.name, cause, reason=reason)
+            self.engine.trace.record("desire_refused", desire.name, cause, reason=reason)
             return reason
         if state is None:
             state = self._adopt(desire, cause)
@@ -232,14 +232,14 @@ class Deliberator:
             for reaction in self.rules.react():
                 self._apply(reaction)
         message = f"rules set each other off {MAX_RULE_ROUNDS} times; they rest until something else changes"
-        self.engine.record("failure", "rules", "", reason="circle", message=message)
+        self.engine.trace.record("failure", "rules", "", reason="circle", message=message)
         seen.update(self._changed)
         self._changed.clear()
         self.rules.react()
         return list(seen.values())
 
     def _apply(self, reaction: Reaction) -> None:
-        cause = self.engine.record("rule", reaction.rule, reaction.cause, effect=str(reaction))
+        cause = self.engine.trace.record("rule", reaction.rule, reaction.cause, effect=str(reaction))
         adds = reaction.operation == "ADD"
         try:
             if reaction.desire is not None and adds:
@@ -254,7 +254,7 @@ class Deliberator:
             elif reaction.fact is not None:
                 self.facts.remove(reaction.fact, cause)
         except PlanningError as problem:  # an earlier effect may have removed an object of this one
-            self.engine.record_failure(f"rule {reaction.rule}", cause, problem)
+            self.engine.trace.record_failure(f"rule {reaction.rule}", cause, problem)
 
     def _check_desires(self, changed: Iterable[Fact]) -> None:
         """End fulfilled desires, and update which desires are blocked."""
@@ -281,7 +281,7 @@ class Deliberator:
             found = unpreparable(state, self.options)
             if found is not None and found[0] not in state.reported:
                 state.reported.append(found[0])
-                self.engine.record("desire_refused", found[0], state.record, reason=found[1])
+                self.engine.trace.record("desire_refused", found[0], state.record, reason=found[1])
 
     def _is_plan_nearly_done(self, state: DesireState) -> bool:
         if self.pursuit.current is not state or self.pursuit.problem:
@@ -322,7 +322,7 @@ class Deliberator:
         state.precondition_holds = self.facts.test(desire.precondition)
         state.context_holds = self.facts.test(desire.context)
         state.blocked = True  # until it is checked
-        state.record = self.engine.record(
+        state.record = self.engine.trace.record(
             "desire", desire.name, cause, priority=desire.priority, deadline=desire.deadline
         )
         self._unchecked.append(state)
@@ -332,7 +332,7 @@ class Deliberator:
 
     def _revise(self, state: DesireState, priority: float, deadline: float, cause: str) -> None:
         self.desires.revise(state, priority, deadline)
-        record = self.engine.record("desire", state.name, cause, priority=priority, deadline=deadline)
+        record = self.engine.trace.record("desire", state.name, cause, priority=priority, deadline=deadline)
         self.pursuit.revise(state)
         for child in self.desires.children(state.name):
             if prepares(child.desire, state.desire):
@@ -350,7 +350,7 @@ class Deliberator:
     def _remove(self, state: DesireState, how: End, reason: str, cause: str) -> str:
         self.desires.remove(state)
         self._desires_published = False
-        record = self.engine.record(f"desire_{how}", state.name, cause or state.record, reason=reason)
+        record = self.engine.trace.record(f"desire_{how}", state.name, cause or state.record, reason=reason)
         self.pursuit.forget(state, how, reason or f"{state.name} is {how}")
         for listener in state.listeners:
             self._guarded(lambda listener=listener: listener(how, reason))
@@ -387,4 +387,4 @@ class Deliberator:
         try:
             callback()
         except Exception as problem:  # noqa: BLE001 - callbacks never stop the agent
-            self.engine.record_failure("deliberator", "", problem)
+            self.engine.trace.record_failure("deliberator", "", problem)

@@ -87,8 +87,8 @@ class FactBase(FactIndex):
                 )
             handlers[key] = functools.partial(handler, name)
         for key, handler in handlers.items():
-            engine.watch(key, handler)
-            for args, (_, _, cause) in list(engine.relations[key].facts.items()):
+            engine.beliefs.watch(key, handler)
+            for args, (_, _, cause) in list(engine.beliefs.relation(key).facts.items()):
                 handler(args, True, cause)
         self._derive("")
         self._unreported.clear()
@@ -104,7 +104,7 @@ class FactBase(FactIndex):
         before = self.current(fact)
         if fact.pddl_type == INSTANCE and not fact.type:
             return False
-        self.engine.add(self._relation(fact), _args(fact), _notes(source), cause)
+        self.engine.beliefs.add(self._relation(fact), _args(fact), _notes(source), cause)
         if fact.pddl_type == INSTANCE:
             self._assumed.discard(fact.name)
         return self.current(fact) != before
@@ -113,7 +113,7 @@ class FactBase(FactIndex):
         """Delete and return all facts with this name and parameters, which may have wildcards."""
         found = tuple(held for held in fitting(fact, self) if not self._derives(held))
         for held in found:
-            self.engine.forget_one(self._relation(held), _args(held), cause)
+            self.engine.beliefs.forget_one(self._relation(held), _args(held), cause)
         return found
 
     def current(self, fact: Fact) -> Fact | None:
@@ -175,8 +175,8 @@ class FactBase(FactIndex):
 
     def _relation(self, fact: Fact) -> Any:
         if fact.pddl_type == INSTANCE:
-            return self.engine.relations[_KEY_OF_INSTANCES]
-        return self.engine.relations[f"{fact.name}/{len(fact.params) + (fact.pddl_type == FLUENT)}"]
+            return self.engine.beliefs.relation(_KEY_OF_INSTANCES)
+        return self.engine.beliefs.relation(f"{fact.name}/{len(fact.params) + (fact.pddl_type == FLUENT)}")
 
     def _formula(self, condition: FactCondition) -> Formula:
         fact, check = condition.condition_to_check, condition.check
@@ -199,17 +199,17 @@ class FactBase(FactIndex):
                 self._assumed.discard(fact.name)
                 self._report(fact, False, cause)
                 for other in self.mentioning(fact.name):
-                    self.engine.forget_one(self._relation(other), _args(other), cause)
+                    self.engine.beliefs.forget_one(self._relation(other), _args(other), cause)
             return
         if self._is_invalid(args, fact, cause) or before == fact:
             return
         if before is not None and (not fact.type or self.domain.is_a(before.type, fact.type)):
-            self.engine.forget_one(self._relation(fact), args, cause)
+            self.engine.beliefs.forget_one(self._relation(fact), args, cause)
             return
         self._put(fact)
         self._assumed.discard(fact.name)
         if before is not None:
-            self.engine.forget_one(self._relation(fact), _args(before), cause)
+            self.engine.beliefs.forget_one(self._relation(fact), _args(before), cause)
         self._report(fact, True, cause)
 
     def _on_predicate(self, name: str, args: tuple[Any, ...], held: bool, cause: str) -> None:
@@ -239,7 +239,7 @@ class FactBase(FactIndex):
             self._assume(fact, cause)
             self._put(fact)
             if before is not None:
-                self.engine.forget_one(self._relation(fact), _args(before), cause)
+                self.engine.beliefs.forget_one(self._relation(fact), _args(before), cause)
             self._report(fact, True, cause)
 
     def _is_invalid(self, args: tuple[Any, ...], fact: Fact | None, cause: str, name: str = "instance") -> bool:
@@ -255,7 +255,7 @@ class FactBase(FactIndex):
         return reason is not None
 
     def _record_invalid(self, what: str, reason: str, cause: str) -> None:
-        self.engine.record("failure", what, cause, reason="no_fact", message=reason)
+        self.engine.trace.record("failure", what, cause, reason="no_fact", message=reason)
 
     def _derives(self, fact: Fact) -> bool:
         return fact.pddl_type == PREDICATE and fact.name in self.domain.derived
@@ -282,7 +282,7 @@ class FactBase(FactIndex):
                 known = self.kinds(name)
                 kind = next(kind for kind in parameter.types if not known or self.domain.is_a(kind, known[0]))
                 instance = Fact(name=name, pddl_type=INSTANCE, type=kind)
-                self.engine.add(self._relation(instance), _args(instance), SELF, cause)
+                self.engine.beliefs.add(self._relation(instance), _args(instance), SELF, cause)
                 self._assumed.add(name)
 
     def _report(self, fact: Fact, held: bool, cause: str) -> None:
@@ -297,7 +297,7 @@ class FactBase(FactIndex):
                 try:
                     watcher(*change)
                 except Exception as problem:  # noqa: BLE001 - user code
-                    self.engine.record_failure(f"watching {change[0]}", change[2], problem)
+                    self.engine.trace.record_failure(f"watching {change[0]}", change[2], problem)
         self._reporting = False
 
 

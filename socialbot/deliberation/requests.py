@@ -171,7 +171,7 @@ class RequestClient:
         )
         sent = SentRequest(request)
         self._open[request.id] = sent
-        self.engine.record("request", text_of(request), cause, id=request.id)
+        self.engine.trace.record("request", text_of(request), cause, id=request.id)
         self._repeat(sent, now + nanoseconds(self.timeout_s))
         return sent
 
@@ -182,7 +182,7 @@ class RequestClient:
             if sent is not None or reply.id not in self._closed:
                 self.refused += 1
                 reason = "nobody waits for it"
-                self.engine.record("refused", f"the reply {reply.id} of {reply.sender}", reply.id, reason=reason)
+                self.engine.trace.record("refused", f"the reply {reply.id} of {reply.sender}", reply.id, reason=reason)
             return False
         before = sent.state, sent.found, sent.reason
         sent.state = reply.state if reply.accepted else "refused"
@@ -190,7 +190,7 @@ class RequestClient:
         if not (sent.request.monitor and reply.accepted and reply.state == "done"):
             self._close(sent)
         if (sent.state, sent.found, sent.reason) != before:
-            self.engine.record("reply", f"{reply.sender}: {sent.state}", reply.id, reason=reply.reason)
+            self.engine.trace.record("reply", f"{reply.sender}: {sent.state}", reply.id, reason=reply.reason)
         return True
 
     def forget(self, sent: SentRequest) -> None:
@@ -208,22 +208,22 @@ class RequestClient:
         if self._open.get(sent.request.id) is not sent:
             return
         if sent.state != "waiting":
-            self.engine.at_in(MONITOR_S, lambda: self._remind(sent))
+            self.engine.timers.after(MONITOR_S, lambda: self._remind(sent))
             return
         now = self.engine.clock.now()
         if now < deadline:
             self.send(sent.request)
-            self.engine.at(min(now + nanoseconds(REPEAT_S), deadline), lambda: self._repeat(sent, deadline))
+            self.engine.timers.at(min(now + nanoseconds(REPEAT_S), deadline), lambda: self._repeat(sent, deadline))
             return
         sent.state = "timeout"
         sent.reason = f"no answer from {sent.request.receiver} in {self.timeout_s:g} s"
         self._close(sent)
-        self.engine.record("reply", f"{sent.request.receiver}: timeout", sent.request.id, reason=sent.reason)
+        self.engine.trace.record("reply", f"{sent.request.receiver}: timeout", sent.request.id, reason=sent.reason)
 
     def _remind(self, sent: SentRequest) -> None:
         if self._open.get(sent.request.id) is sent:
             self.send(sent.request)
-            self.engine.at_in(MONITOR_S, lambda: self._remind(sent))
+            self.engine.timers.after(MONITOR_S, lambda: self._remind(sent))
 
 
 def text_of(request: AgentRequest) -> str:
@@ -250,10 +250,10 @@ class RequestServer:
         key = (request.sender, request.id)
         answer = self._answers.get(key)
         if answer is None:
-            engine.record("asked", text_of(request), request.id, group=request.group)
+            engine.trace.record("asked", text_of(request), request.id, group=request.group)
             answer = self._answer(request)
             if not answer.accepted:
-                engine.record("refused", text_of(request), request.id, reason=answer.reason)
+                engine.trace.record("refused", text_of(request), request.id, reason=answer.reason)
         self._remember(key, answer)
         self._send(answer)
 

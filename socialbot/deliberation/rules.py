@@ -164,7 +164,7 @@ class RuleBook:
         reason = self._facts.unfit(fact) if reaction.operation == "ADD" else self._facts.unfit_pattern(fact)
         if reason is None:
             return True
-        self._facts.engine.record(
+        self._facts.engine.trace.record(
             "failure", f"rule {reaction.rule}", reaction.cause, reason="no_fact", message=f"{reaction}: {reason}"
         )
         return False

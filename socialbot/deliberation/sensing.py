@@ -116,7 +116,7 @@ class FactSensor(Sensor):
         if texts != self._problems:
             self._problems = texts
             for problem in problems:
-                self.deliberator.engine.record_failure(f"sensor {self.name}", cause, problem)
+                self.deliberator.engine.trace.record_failure(f"sensor {self.name}", cause, problem)
 
     def _check_deadline(self) -> None:
         assert self.deadline_s is not None
@@ -125,7 +125,7 @@ class FactSensor(Sensor):
         if engine.clock.now() >= due:
             self.deliberator.sensor_is_silent(self.name)
             due = engine.clock.now() + nanoseconds(self.deadline_s)
-        engine.at(due, self._check_deadline)
+        engine.timers.at(due, self._check_deadline)
 
 
 def sensed_by(sensors: Sequence[FactSensor]) -> IsSensed:
@@ -192,14 +192,14 @@ class SensorTimeouts:
         if timeout.overdue:
             return False
         timeout.overdue = True
-        self._engine.record("silent", sensor, "")
+        self._engine.trace.record("silent", sensor, "")
         return True
 
     def end(self, sensor: str, cause: str) -> bool:
         """Record a percept with the id ``cause``; return False if the sensor had not timed out."""
         timeout = self._timeouts.pop(sensor, None)
         if timeout is not None and timeout.overdue:
-            self._engine.record("heard", sensor, cause)
+            self._engine.trace.record("heard", sensor, cause)
         return timeout is not None
 
     @property

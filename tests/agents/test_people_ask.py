@@ -16,6 +16,7 @@ from socialbot.agents.hospital.robot_node import Spot
 from socialbot.agents.hospital.ward.messages import RESULTS, STATE
 from socialbot.agents.waldo.nodes import WaldoNode
 from socialbot.bdi import Engine
+from socialbot.bdi.compiler.source import Unit
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import (
     AGENT_ANSWERS,
@@ -265,6 +266,17 @@ def test_waldo_is_asked_to_greet_and_is_paused():
     assert asking.ask("believe", 'personDetected("No")').accepted
     asking.ask("resume")
     assert 'personDetected("Yes")' in asking.told("belief")
+
+
+def test_the_first_percepts_of_an_agent_compile_nothing(monkeypatch):
+    asking, compiled = waldo(), []
+    monkeypatch.setattr(Unit, "build", lambda unit: compiled.append(unit.title))
+    seen = (PersonDetection(x=0, y=0, w=9, h=30, score=1.0, distance_m=2.0),)
+    for tenth in range(30):
+        shown = PersonDetections(stamp=tenth * SECOND // 10, frame_id="camera", width=640, height=480, persons=seen)
+        asking.runner.feed(DETECTIONS, shown)
+    assert [action.name for action in asking.actions] != []
+    assert compiled == []
 
 
 class do(PlanAction):  # noqa: N801 - named like the action of the domain

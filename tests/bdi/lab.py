@@ -5,7 +5,19 @@ from __future__ import annotations
 
 from typing import Any
 
-from socialbot.bdi import Action, Belief, Engine, Goal, Plan, Reactor, Record, SingletonBelief, variables
+from socialbot.bdi import (
+    Action,
+    Belief,
+    Engine,
+    Goal,
+    Inference,
+    Plan,
+    Reactor,
+    Record,
+    SingletonBelief,
+    Sleep,
+    variables,
+)
 from socialbot.bdi.literals import Change, Event
 from socialbot.core.clock import SECOND, ManualClock
 
@@ -47,13 +59,13 @@ class nap(Action):
     """The action ``wait``, under a name that AgentSpeak has no other word for."""
 
     def execute(self, seconds: float) -> Any:
-        return self.engine.sleep(seconds)
+        return Sleep(seconds)
 
 
 class Lab:
     """An engine in simulated time; ``done`` is what its actions did, ``timeline`` with the seconds at which."""
 
-    def __init__(self, *rules: Plan | list[Plan], name: str = "lab", start: float = 0.0) -> None:
+    def __init__(self, *rules: Plan | Inference | list[Plan], name: str = "lab", start: float = 0.0) -> None:
         self.clock = ManualClock(round(start * SECOND))
         self.trace: list[Record] = []
         self.timeline: list[tuple[float, Any]] = []

@@ -23,7 +23,7 @@ def mind(engine: Engine) -> tuple[object, ...]:
     """All that makes two minds the same."""
     facts = {
         key: [(args, since, set(map(str, notes))) for args, (since, notes, _) in relation.facts.items()]
-        for key, relation in sorted(engine.base.items())
+        for key, relation in sorted(engine.beliefs.relations.items())
         if relation.facts
     }
-    return facts, engine.stage, engine.random.getstate(), list(map(str, engine.mind().desires))
+    return facts, engine.interpreter.stage, engine.random.getstate(), list(map(str, engine.mind().desires))

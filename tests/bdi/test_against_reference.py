@@ -27,7 +27,7 @@ class Speaking(Lab):
         for action in (do, crash, nap):
             self.engine.add_action(action)
         for plan in spoken(program):
-            self.engine.add_plan(plan)
+            self.engine.add_rules(plan)
 
 
 class Both:

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Belief, Engine, Variable, source
-from socialbot.bdi.beliefs import Relation, Relations, choices
+from socialbot.bdi.belief_base import choices
 from socialbot.bdi.terms import Conjunction, Negation, conjunction
 from socialbot.bdi.unification import Var, resolve
 from socialbot.core.clock import ManualClock
@@ -101,7 +101,7 @@ def test_a_condition_is_solved_as_in_a_plain_list_with_the_newest_first(changes,
 @given(FACTS, st.tuples(*[NUMBERS | st.none()] * 3), st.sets(st.sampled_from(((0,), (1,), (0, 2), (1, 2)))))
 def test_an_index_finds_what_a_scan_finds(changes, wanted, before):
     engine, facts = agent(), []
-    relation = engine.relations["p/3"]
+    relation = engine.beliefs.relation("p/3")
     for positions in before:
         relation.index(positions)
     for add, args in changes:
@@ -123,7 +123,7 @@ def test_an_index_finds_what_a_scan_finds(changes, wanted, before):
 @settings(deadline=None)
 @given(FACTS, st.integers(0, 14))
 def test_bindings_last_until_the_next_match_and_no_longer(changes, enough):
-    relation = agent(*(p(*args) for add, args in changes if add)).relations["p/3"]
+    relation = agent(*(p(*args) for add, args in changes if add)).beliefs.relation("p/3")
     first, second, trail = Var("A"), Var("B"), []
     for count, found in enumerate(relation.match((first, 1, second), (), trail)):
         assert resolve((first, 1, second)) == found
@@ -131,15 +131,6 @@ def test_bindings_last_until_the_next_match_and_no_longer(changes, enough):
             return
     assert trail == []
     assert first.value is first
-
-
-def test_a_relation_is_made_when_it_is_asked_for():
-    equipped = []
-    relations = Relations(equipped.append)
-    relation = relations["p/1"]
-    assert isinstance(relation, Relation)
-    assert relations["p/1"] is relation
-    assert equipped == [relation]
 
 
 def test_annotations_are_matched_in_all_ways_and_the_newest_belief_first():

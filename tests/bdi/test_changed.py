@@ -33,8 +33,8 @@ def test_constants_tell_which_change_is_meant():
 
 def test_in_agentspeak_a_replaced_belief_has_changed():
     lab = Lab()
-    lab.engine.add_plan(parse_plan("+n(X)[changed(Y)] <- do(Y, X)"))
-    lab.engine.add_plan(parse_plan("+!count(N) : N > 0 <- -+n(N); !count(N - 1)"))
+    lab.engine.add_rules(parse_plan("+n(X)[changed(Y)] <- do(Y, X)"))
+    lab.engine.add_rules(parse_plan("+!count(N) : N > 0 <- -+n(N); !count(N - 1)"))
     lab.engine.add_action(do)
     lab.engine.achieve(literal("count", (3,)))
     lab.engine.run_until_idle()

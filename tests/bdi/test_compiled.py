@@ -29,6 +29,7 @@ from socialbot.bdi import (
     when,
 )
 from socialbot.bdi import test as check
+from socialbot.bdi.intention_stack import IntentionStack
 from socialbot.bdi.library import Trigger
 from socialbot.bdi.literals import literal
 from socialbot.bdi.terms import Cons, Disjunction, Negation, conjunction
@@ -167,7 +168,7 @@ def test_beliefs_are_found_by_any_of_their_arguments():
     lab = Lab(go(X) / p(Y, X) >> [do(Y)], sub(X) / p(X, Y) >> [do(Y)], +q(X) / p(_, X) >> [do("q")])
     tell(lab, +p(1, 2), +p(3, 4), go(4), sub(1), +q(2), +q(9), -p(3, 4), go(4), +p(5, 4), go(4))
     assert lab.done == [3, 2, "q", 5]
-    assert set(lab.engine.relations["p/2"].indexes) == {(0,), (1,)}
+    assert set(lab.engine.beliefs.relation("p/2").indexes) == {(0,), (1,)}
 
 
 # The choice of a plan
@@ -178,7 +179,7 @@ def test_of_a_thousand_plans_the_right_one_is_chosen():
     lab = Lab(*rules[:500], go(X, 0) >> [do("zero", X)], *rules[500:])
     lab.tell(*(go(number, 1) for number in (0, 499, 500, 999)), go(499, 0), go(500, 0), go(1000, 0))
     assert lab.done == [(0, 1), (499, 1), (500, 1), (999, 1), (499, 0), ("zero", 500), ("zero", 1000)]
-    assert len(lab.engine.triggers["+!go/2"].candidates((7, 7))) == 2
+    assert len(lab.engine.library.triggers["+!go/2"].candidates((7, 7))) == 2
 
 
 HEADS = st.tuples(
@@ -201,18 +202,22 @@ CHANGES = st.lists(
 @given(CHANGES)
 def test_plans_come_and_go_while_the_agent_runs(changes):
     lab = Lab()
-    trigger, plans = lab.engine.triggers["+!go/2"], []
+    trigger, plans = lab.engine.library.triggers["+!go/2"], []
     for number, (what, *how) in enumerate(changes):
         if what == "add":
             head, rank, first = how
             (plan,) = priority(rank, go(*head) >> [do(number)])
-            lab.engine.add_plan(plan, first=first)
+            lab.engine.add_rules(plan, first=first)
             plans.insert(0, plan) if first else plans.append(plan)
             plans.sort(key=lambda plan: -plan.priority)
         elif what == "remove" and plans:
             assert lab.engine.remove_plan(plans.pop(how[0] % len(plans)))
         elif what == "call":
-            chosen = [plan for plan in plans if Trigger("", (lab_plan(plan),)).plans[0].run(lab.engine, how[0], (), "")]
+            chosen = [
+                plan
+                for plan in plans
+                if Trigger("", (lab_plan(plan),)).plans[0].run(lab.engine.interpreter, how[0], (), "")
+            ]
             before = len(lab.done)
             lab.tell(go(*how[0]))
             assert lab.done[before:] == [plan.body[0].action.args[0] for plan in chosen[:1]]
@@ -253,7 +258,7 @@ def test_plans_of_other_stages_are_not_chosen():
     lab.tell(go())
     lab.tell(go())
     assert lab.done == ["any", "day", "night"]
-    assert lab.engine.stage == "night"
+    assert lab.engine.interpreter.stage == "night"
 
 
 def test_agents_that_share_a_library_go_their_own_ways_when_one_adds_a_plan():
@@ -380,12 +385,12 @@ def test_a_plan_left_out_by_an_exception_leaves_no_values_behind():
 def test_a_traceback_shows_the_generated_line(monkeypatch):
     seen = []
 
-    def failed(engine, plan, problem, *more):
+    def failed(intentions, plan, problem, *more):
         seen.append("".join(traceback.format_exception(problem)))
-        return original(engine, plan, problem, *more)
+        return original(intentions, plan, problem, *more)
 
-    original = Engine._failure
-    monkeypatch.setattr(Engine, "_failure", failed)
+    original = IntentionStack.failure_of
+    monkeypatch.setattr(IntentionStack, "failure_of", failed)
     lab = Lab(go(X) >> [do(1), note(X / 0)])
     lab.tell(go(1))
     assert "(v_X / (0))" in seen[0]

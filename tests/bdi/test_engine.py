@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Engine, Sensor, wait
-from socialbot.bdi.intention_stack import CHAIN
-from socialbot.bdi.reasoner import STEPS
+from socialbot.bdi import Engine, Sensor, ask, wait
+from socialbot.bdi.compiler.source import Unit
+from socialbot.bdi.intention_stack import MAX_CHAIN
+from socialbot.bdi.interpreter import STEPS
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, X, Y, Z, _, crash, deep, do, go, mood, p, ping, q, sub
@@ -189,7 +190,7 @@ def test_an_endless_intention_starves_no_other():
 def test_the_budget_bounds_the_thinking():
     lab = Lab(go(X) >> [do(X), go(X + 1)])
     lab.post(go(0))
-    turn = (STEPS + 1) * CHAIN
+    turn = (STEPS + 1) * MAX_CHAIN
     for turns in (1, 2, 10):
         before = len(lab.done)
         assert lab.engine.run_until_idle(budget=turns)
@@ -393,3 +394,54 @@ def test_a_crash_in_one_intention_leaves_the_others_alone():
     lab = Lab(go(X) >> [do(X), crash(), do("never")], +p(X) >> [do(X), do(X), do(X)])
     lab.tell(+p("p"), go("g"))
     assert sorted(lab.done) == ["g", "p", "p", "p"]
+
+
+# The public interface
+
+API = {
+    "achieve", "actions", "add_action", "add_rules", "add_sensor", "add_text", "attempt", "beliefs", "believe", "call",
+    "clock", "compile_plans", "forget", "intentions", "interpreter", "library", "messaging", "mind", "name",
+    "next_wakeup", "out", "perceive", "query", "random", "remove_plan", "robot", "run", "run_until_idle", "stop",
+    "timers", "trace", "wake", "why_not",
+}  # fmt: skip
+
+
+def test_the_engine_has_only_the_names_of_its_api():
+    assert {name for name in dir(Engine) if not name.startswith("_")} == API
+
+
+@pytest.fixture
+def compiled(monkeypatch):
+    """The units that were compiled."""
+    units, build = [], Unit.build
+    monkeypatch.setattr(Unit, "build", lambda unit: (units.append(unit.title), build(unit))[1])
+    return units
+
+
+def test_the_first_event_compiles_nothing_after_compile_plans(compiled):
+    lab = Lab(
+        q(X) << (p(X) & (X > 1)),
+        +p(X) / (q(X) & ~mood("sad") & (X > 5)) >> [do("large", X)],
+        +p(X) / q(X) >> [go(X, Y), do(Y), ask(q(_)), wait(1), sub(X)],
+        go(X, Y) / (X > 5) >> [],
+        go(X, Y) / q(Y) >> [],
+        sub(X) >> [crash()],
+        -sub(X) >> [do("failed")],
+    )
+    lab.engine.compile_plans()
+    assert len(compiled) > 7
+    compiled.clear()
+    lab.tell(+p(2))
+    lab.until(2)
+    assert lab.done == [2, "failed"]
+    assert compiled == []
+
+
+def test_plans_that_are_added_later_are_compiled_at_their_first_event(compiled):
+    lab = Lab(+p(X) >> [do(X)])
+    lab.engine.compile_plans()
+    lab.engine.add_rules(+ping(X) >> [do(X)])
+    compiled.clear()
+    lab.tell(+ping(1), +ping(2), +p(3))
+    assert lab.done == [1, 2, 3]
+    assert len(compiled) == 1

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from socialbot.bdi import Action, Sensor, atomic, fail, wait
+from socialbot.bdi import Action, Sensor, Sleep, atomic, fail, wait
 from socialbot.bdi.actions import PlanFailed
 from tests.bdi.lab import Lab, X, Y, crash, deep, do, go, p, q, sub
 
@@ -224,8 +224,8 @@ def test_a_duration_that_cannot_be_told_is_a_failure_on_the_trace(seconds):
 def test_an_action_rests_for_as_long_as_it_returns():
     class Rest(Action):
         def execute(self):
-            self.engine.sleep(1)
-            return self.engine.sleep(2)
+            Sleep(1)
+            return Sleep(2)
 
     lab = Lab(go() >> [Rest(), wait(5), do("after")])
     lab.tell(go())
@@ -237,7 +237,7 @@ def test_an_action_rests_for_as_long_as_it_returns():
 def test_an_action_that_fails_leaves_nothing_that_rests():
     class Rest(Action):
         def execute(self):
-            self.engine.sleep(5)
+            Sleep(5)
             broken()
 
     lab = Lab(go(1) >> [Rest()], -go(1) >> [do("instead")], go(2) >> [Rest()])

@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Engine, Goal, message, send
 from socialbot.bdi.literals import literal
-from socialbot.bdi.messaging import PERFORMATIVES, broadcast
-from socialbot.bdi.messaging import send as say
+from socialbot.bdi.messaging import PERFORMATIVES
 from socialbot.core.clock import ManualClock
 from tests.bdi.lab import Lab, X, Y, Z, do, go, p
 from tests.bdi.mas import Mas
@@ -154,7 +153,7 @@ def test_an_agent_may_refuse_messages():
     mas = Mas(
         a="!g. +!g <- .send(b, tell, x(1)); .send(b, tell, y(1)); .send(b, askOne, x(_), A); .print(A).", b="x(2)."
     )
-    mas.b.accepts = lambda sender, performative, content: (
+    mas.b.messaging.accepts = lambda sender, performative, content: (
         (sender, performative) == ("a", "tell") and content.functor == "y"
     )
     mas.until(1)
@@ -246,7 +245,7 @@ def test_messages_are_on_the_trace():
     mas = Mas(a="!g. +!g <- .send(b, tell, x(1)); .send(b, achieve, h).", b="+!h.")
     trace = []
     for engine in mas.society.agents.values():
-        engine.sink = trace.append
+        engine.trace.sink = trace.append
     mas.until(1)
     assert [record.what for record in trace if record.kind == "message"] == [
         "tell b: x(1)", "achieve b: h", "achieve from a: h",
@@ -269,7 +268,7 @@ def test_who_believes_what_from_whom(messages, at_once):
     mas = Mas(**dict.fromkeys(NAMES, ""))
     model: dict[str, dict[int, list[str]]] = {name: {} for name in NAMES}
     for sender, receiver, performative, value in messages:
-        say(mas.society.agents[sender], receiver, performative, literal("x", (value,)))
+        mas.society.agents[sender].messaging.send(receiver, performative, literal("x", (value,)))
         sources = model[receiver].setdefault(value, [])
         who = "self" if sender == receiver else sender
         if performative == "tell" and who not in sources:
@@ -289,7 +288,7 @@ def test_who_believes_what_from_whom(messages, at_once):
 def test_what_is_broadcast_is_believed_by_all_others(messages):
     mas = Mas(**dict.fromkeys(NAMES, ""))
     for sender, value in messages:
-        broadcast(mas.society.agents[sender], "tell", literal("x", (value,)))
+        mas.society.agents[sender].messaging.broadcast("tell", literal("x", (value,)))
     mas.until(0)
     for name in NAMES:
         told = {f"x({value})" for sender, value in messages if sender != name}

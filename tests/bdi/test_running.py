@@ -63,18 +63,18 @@ def test_stop_ends_an_engine_that_sleeps_and_one_that_is_busy():
 
 
 def test_what_comes_just_before_falling_asleep_is_not_slept_over():
-    class Tired(Engine):
-        """Gets a last post when it has just found nothing to do."""
-
-        def run_until_idle(self, budget: int = 10_000) -> bool:
-            left = super().run_until_idle(budget)
-            if not list(self.beliefs):
-                self.believe(p(1))
-            return left
-
     lab = Lab()
-    engine = Tired("tired", WallClock(), robot=lab)
+    engine = Engine("tired", WallClock(), robot=lab)
     engine.add_rules(+p(X) >> [do(X)])
+    run_until_idle = engine.run_until_idle
+
+    def post_when_idle(budget: int) -> bool:
+        left = run_until_idle(budget)
+        if not list(engine.beliefs):
+            engine.believe(p(1))
+        return left
+
+    engine.run_until_idle = post_when_idle
     thread = threading.Thread(target=engine.run, daemon=True)
     thread.start()
     deadline = time.monotonic() + 5

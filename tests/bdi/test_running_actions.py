@@ -30,11 +30,11 @@ class drive(LongAction):
 
     def start(self, seconds: float) -> None:
         self.engine.robot.note(f"drive {seconds}")
-        self.engine.at_in(seconds, self.done)
+        self.engine.timers.after(seconds, self.done)
 
     def cancel(self) -> None:
         self.engine.robot.note("brake")
-        self.engine.at_in(self.brakes_s, self._stop)
+        self.engine.timers.after(self.brakes_s, self._stop)
 
     def _stop(self) -> None:
         self.engine.robot.note("stopped")
@@ -198,7 +198,9 @@ class TestGivingUp:
         lab.tell(go())
         gone: list[float] = []
         lab.engine.call(
-            lambda: lab.engine.drop(next(iter(lab.engine.intentions)), lambda: gone.append(lab.clock.now() / 1e9))
+            lambda: lab.engine.intentions.drop(
+                next(iter(lab.engine.intentions)), lambda: gone.append(lab.clock.now() / 1e9)
+            )
         )
         lab.until(20)
         assert lab.done == ["drive 9", "brake", "stopped"]
@@ -237,7 +239,7 @@ class TestGivingUp:
         lab.tell(go())
         lab.until(2)
         gone: list[bool] = []
-        lab.engine.drop(next(iter(lab.engine.intentions)), lambda: gone.append(True))
+        lab.engine.intentions.drop(next(iter(lab.engine.intentions)), lambda: gone.append(True))
         assert gone == []
         lab.kept.cancelled()
         lab.engine.run_until_idle()

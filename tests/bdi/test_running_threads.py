@@ -89,7 +89,7 @@ class TestThreads:
 
     def test_no_more_than_the_pool_allows_run_at_a_time(self):
         lab = Threads(go(X) >> [block(), do(X)])
-        lab.engine.pool = Pool(2)
+        lab.engine.interpreter.pool = Pool(2)
         lab.tell(*(go(n) for n in range(5)))
         assert lab.begun.acquire(timeout=5)
         assert lab.begun.acquire(timeout=5)
@@ -100,7 +100,7 @@ class TestThreads:
 
     def test_one_that_no_thread_has_begun_stops_at_once_and_never_begins(self):
         lab = Threads(go() >> [block()], sub() >> [block().within(1), do("no")], -sub() >> [do("late")])
-        lab.engine.pool = Pool(1)
+        lab.engine.interpreter.pool = Pool(1)
         lab.tell(go(), sub())
         assert lab.begun.acquire(timeout=5)
         lab.clock.advance(1)
@@ -114,7 +114,7 @@ class TestThreads:
         lab = Threads(go() >> [block(), do("no")])
         lab.tell(go())
         assert lab.begun.acquire(timeout=5)
-        lab.engine.drop(next(iter(lab.engine.intentions)))
+        lab.engine.intentions.drop(next(iter(lab.engine.intentions)))
         lab.settle(lambda: lab.kinds("dropped"))
         assert lab.done == []
         assert ends(lab) == [("block()", "cancelled")]
@@ -124,7 +124,7 @@ class TestThreads:
         lab.gate.set()
         lab.tell(go())
         lab.settle(lambda: lab.done)
-        pool = lab.engine.pool
+        pool = lab.engine.interpreter.pool
         assert pool is not None
         pool.close()
         with pool._change:
@@ -151,7 +151,7 @@ class TestThreads:
         assert done.wait(5)
         engine.stop()
         thread.join(5)
-        pool = engine.pool
+        pool = engine.interpreter.pool
         assert pool is not None
         with pool._change:
             assert pool._change.wait_for(lambda: pool._threads == 0, timeout=5)
@@ -159,7 +159,7 @@ class TestThreads:
     def test_an_agent_without_such_actions_has_no_threads(self):
         lab = Lab(go() >> [do("done")])
         lab.tell(go())
-        assert lab.engine.pool is None
+        assert lab.engine.interpreter.pool is None
         assert IDLE_S > 0
 
     def test_a_pool_of_no_threads_is_refused(self):
@@ -248,6 +248,6 @@ class TestCoroutines:
             warnings.simplefilter("error")
             engine.run_until_idle(1)
             for intention in list(engine.intentions):
-                engine.drop(intention)
+                engine.intentions.drop(intention)
             gc.collect()
         assert engine.mind().intentions == ()

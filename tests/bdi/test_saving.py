@@ -182,7 +182,7 @@ def test_branches_begin_with_the_goal_they_belong_to():
     lab = Lab(*rules)
     lab.tell(go())
     twin = again(lab, *rules)
-    assert len(twin.engine.events) == 1
+    assert len(twin.engine.interpreter.events) == 1
     twin.until(9)
     assert twin.done == ["fast", "end"]
 
@@ -221,7 +221,7 @@ def test_a_suspended_intention_stays_suspended():
     (intention,) = twin.engine.intentions
     assert intention.state == "suspended"
     intention.suspended = False
-    twin.engine.ready.append(intention)
+    twin.engine.interpreter.ready.append(intention)
     twin.until(9)
     assert twin.done == ["a", "a", "b"]
 
@@ -327,7 +327,7 @@ def test_the_stage_is_kept_and_is_no_event():
     lab.tell(go())
     twin = again(lab, *rules)
     twin.tell(sub())
-    assert twin.done == (["dark"] if twin.engine.stage == "night" else [])
+    assert twin.done == (["dark"] if twin.engine.interpreter.stage == "night" else [])
     assert twin.kinds("event") == []
 
 

@@ -30,7 +30,7 @@ class Ears(Sensor):
 
 
 def timers(lab: Lab) -> int:
-    return len(lab.engine._timers)
+    return len(lab.engine.timers.heap)
 
 
 class TestPeriods:
@@ -166,7 +166,7 @@ class TestPushing:
         threads = [threading.Thread(target=work, args=(number,)) for number in range(8)]
         for thread in threads:
             thread.start()
-        while any(thread.is_alive() for thread in threads) or lab.engine.inbox:
+        while any(thread.is_alive() for thread in threads) or lab.engine.interpreter.inbox:
             lab.engine.run_until_idle()
             posted.wait(0.001)
         lab.engine.run_until_idle()

@@ -94,7 +94,7 @@ class TestEngine:
         lab.clock.advance(2)
         engine.run_until_idle()
         (done,) = trace.find("action", "do")
-        assert as_text(engine.explain(done.id)) == (
+        assert as_text(engine.trace.explain(done.id)) == (
             "It did do(1) at +2.000 s,\n"
             "because it chose the plan for go(X) at +0.000 s,\n"
             "because it wanted go(1) at +0.000 s,\n"
@@ -108,13 +108,13 @@ class TestEngine:
         engine = Engine("a", ManualClock(), sink=tee(lines.append, trace))
         engine.believe(p(1), cause="frame-1")
         engine.run_until_idle()
-        assert [each.cause for each in engine.explain("a-1")] == ["frame-1"]
+        assert [each.cause for each in engine.trace.explain("a-1")] == ["frame-1"]
         assert len(lines) == 1
 
     def test_without_a_trace_it_says_what_to_do(self):
         for sink in (None, [].append, tee([].append)):
             with pytest.raises(RuleError, match="sink=Trace"):
-                Engine("a", ManualClock(), sink=sink).explain("a-1")
+                Engine("a", ManualClock(), sink=sink).trace.explain("a-1")
 
     def test_it_says_why_a_plan_would_not_be_chosen(self):
         engine, _, _ = traced(

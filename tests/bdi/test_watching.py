@@ -27,11 +27,11 @@ class go(Goal): ...
 class walk(LongAction):
     def start(self, place):
         self.engine.robot.append(f"walks to {place}")
-        self.engine.at_in(5, self.done)
+        self.engine.timers.after(5, self.done)
 
     def cancel(self):
         self.engine.robot.append("slows down")
-        self.engine.at_in(1, self.cancelled)
+        self.engine.timers.after(1, self.cancelled)
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def engine():
 def seen(engine):
     changes = []
     for key in ("at/1", "mood/1"):
-        engine.watch(key, lambda args, held, cause: changes.append((args, held)))
+        engine.beliefs.watch(key, lambda args, held, cause: changes.append((args, held)))
     return changes
 
 
@@ -96,10 +96,10 @@ def test_a_belief_that_one_source_still_holds_has_not_ended(engine, seen):
 
 def test_the_cause_is_the_record_of_the_change(engine):
     causes = []
-    engine.watch("at/1", lambda args, held, cause: causes.append(cause))
+    engine.beliefs.watch("at/1", lambda args, held, cause: causes.append(cause))
     engine.believe(at("home"), cause="camera")
     engine.run_until_idle()
-    (record,) = engine.sink.find("belief")
+    (record,) = engine.trace.sink.find("belief")
     assert causes == [record.id]
 
 
@@ -107,13 +107,13 @@ def test_a_watcher_that_raises_stops_nobody(engine, seen):
     def fail(args, held, cause):
         raise ValueError("no eyes")
 
-    engine.watch("at/1", fail)
+    engine.beliefs.watch("at/1", fail)
     engine.add_rules(+at(X) >> [go()])
     engine.believe(at("home"))
     engine.run_until_idle()
     assert seen
-    assert "no eyes" in [record.detail.get("message") for record in engine.sink.find("failure")]
-    assert engine.sink.find("goal", "go")
+    assert "no eyes" in [record.detail.get("message") for record in engine.trace.sink.find("failure")]
+    assert engine.trace.sink.find("goal", "go")
 
 
 def test_rules_hear_of_watched_beliefs_as_of_others(engine, seen):
@@ -131,7 +131,7 @@ def test_an_attempt_tells_how_it_ended(engine):
     assert ends == []
     let_pass(engine, 2)
     assert ends == [None]
-    assert engine.sink.find("goal")[0].cause == "me"
+    assert engine.trace.sink.find("goal")[0].cause == "me"
 
 
 def test_an_attempt_without_a_plan_fails(engine):
@@ -147,7 +147,7 @@ def test_an_attempt_that_is_dropped_tells_when_its_action_has_stopped(engine):
     engine.call(lambda: begun.append(engine.attempt(go("home"), ends.append)))
     let_pass(engine, 1)
     stopped = []
-    engine.call(lambda: engine.drop(begun[0], lambda: stopped.append(engine.clock.now())))
+    engine.call(lambda: engine.intentions.drop(begun[0], lambda: stopped.append(engine.clock.now())))
     let_pass(engine, 0.5)
     assert (stopped, engine.robot) == ([], ["walks to home", "slows down"])
     let_pass(engine, 1)

@@ -29,7 +29,7 @@ from typing import Any
 
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak import agentspeak, parse_literal
-from socialbot.bdi.beliefs import is_source
+from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.literals import Literal
 from socialbot.bdi.society import Society
 from socialbot.core.clock import SECOND, ManualClock

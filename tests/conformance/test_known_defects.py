@@ -77,7 +77,7 @@ def test_a_plan_that_one_agent_adds_is_not_learned_by_the_others():
     """A plan library that agents share changes for all of them when one changes its own."""
     library = Library(+p(X) >> [note("old", X)])
     one, two = agent(name="one", library=library), agent(name="two", library=library)
-    one.add_plan(+q(X) >> [note("new", X)])
+    one.add_rules(+q(X) >> [note("new", X)])
     for engine in (one, two):
         engine.believe(q(1))
         engine.believe(p(2))
@@ -344,7 +344,7 @@ def test_limits_that_were_kept_leave_nothing_behind():
         engine.achieve(parse_literal("stop"))
         engine.run_until_idle()
     assert not engine.intentions
-    assert len(engine._timers) <= 64
+    assert len(engine.timers.heap) <= 64
 
 
 def test_who_posts_while_the_agent_stops_does_no_harm():

@@ -109,7 +109,7 @@ class Perform(LongAction):
         if lasts_s == 0:
             self.end()
         else:
-            self.engine.at_in(lasts_s, self.end)
+            self.engine.timers.after(lasts_s, self.end)
 
     def end(self) -> None:
         if self.stopping:
@@ -124,7 +124,7 @@ class Perform(LongAction):
         self.stopping = True
         self.stage.log("is asked to stop", self.call)
         if self.behaviour.stop_s is not None:
-            self.engine.at_in(self.behaviour.stop_s, self.cancelled)
+            self.engine.timers.after(self.behaviour.stop_s, self.cancelled)
 
 
 class Stage:

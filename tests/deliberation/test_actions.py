@@ -49,7 +49,7 @@ class Lab:
         self.engine.run_until_idle()
 
     def drop(self):
-        self.engine.call(lambda: self.engine.drop(self.intention, lambda: self.ends.append("stopped")))
+        self.engine.call(lambda: self.engine.intentions.drop(self.intention, lambda: self.ends.append("stopped")))
         self.engine.run_until_idle()
 
     def until(self, seconds):
@@ -218,7 +218,7 @@ def test_one_that_is_given_up_may_take_its_time_to_stop():
     class drive(carry):
         def stop(self):
             self.agent.log.append("brakes")
-            self.engine.at_in(1.5, self.stopped)
+            self.engine.timers.after(1.5, self.stopped)
 
     lab = Lab(drive)
     lab.attempt("drive", "a", "b")

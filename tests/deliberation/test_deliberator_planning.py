@@ -89,7 +89,7 @@ def test_executions_that_fail_at_once_are_tried_again_after_a_pause():
 
 def test_a_plan_with_an_unhandled_action_drops_its_desire():
     office = Office()
-    office.run(lambda: office.engine.remove_plan(next(iter(office.engine.triggers["+!prepare/0"].plans)).plan))
+    office.run(lambda: office.engine.remove_plan(next(iter(office.engine.library.triggers["+!prepare/0"].plans)).plan))
     office.want(job("x", value=(p("ready"), p("lit"))), job("b"))
     office.until(10)
     assert office.ends == [("x", "dropped", "nobody carries out prepare"), ("b", "fulfilled", "")]

@@ -39,7 +39,7 @@ def beliefs(engine):
 
 
 def failures(engine):
-    return [record.detail["message"] for record in engine.sink.find("failure")]
+    return [record.detail["message"] for record in engine.trace.sink.find("failure")]
 
 
 def say(engine, text):
@@ -52,7 +52,7 @@ def say(engine, text):
 
 def test_a_predicate_is_a_belief_with_atoms(engine, facts):
     assert facts.add(p("in", "box_a", "base_1"))
-    assert engine.relations["in/2"].facts.keys() == {(Atom("box_a"), Atom("base_1"))}
+    assert engine.beliefs.relation("in/2").facts.keys() == {(Atom("box_a"), Atom("base_1"))}
     assert facts.holds(Predicate("in", ("box_a", "base_1")))
     assert not facts.holds(Predicate("in", ("base_1", "box_a")))
 
@@ -178,8 +178,8 @@ def test_causes_chain_from_a_change_to_its_consequences(engine, facts):
     facts.watch(lambda fact, held, cause: causes.append(cause))
     facts.add(p("clear", "box_a"), cause="frame-7")
     instance, clear = causes
-    assert [record.what for record in engine.explain(instance)] == ["instance(box_a, thing)", "clear(box_a)"]
-    assert [record.cause for record in engine.explain(clear)] == ["frame-7"]
+    assert [record.what for record in engine.trace.explain(instance)] == ["instance(box_a, thing)", "clear(box_a)"]
+    assert [record.cause for record in engine.trace.explain(clear)] == ["frame-7"]
 
 
 def test_the_source_is_noted(engine, facts):

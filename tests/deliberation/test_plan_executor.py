@@ -333,7 +333,7 @@ def test_equal_steps_do_not_run_at_once():
 
 
 def without_plans(stage: Stage, key: str) -> None:
-    for ready in list(stage.engine.triggers[key].plans):
+    for ready in list(stage.engine.library.triggers[key].plans):
         stage.engine.remove_plan(ready.plan)
 
 
@@ -370,7 +370,7 @@ def test_a_dropped_intention_fails_the_step():
     stage = Stage()
     stage.execute(FETCH, wanted="holding r1 b3")
     stage.until(1)
-    stage.run(lambda: stage.engine.drop(next(iter(stage.engine.intentions))))
+    stage.run(lambda: stage.engine.intentions.drop(next(iter(stage.engine.intentions))))
     assert stage.ends == [("failed", "(move r1 home shop): it was given up from outside")]
     assert stage.holds("at r1 home")
 

@@ -107,7 +107,7 @@ class World(Stage):
             self.behaviour[f"({' '.join(call)})"] = self.behave(call[0])
         if not calm:
             for _ in range(self.random.randrange(6)):
-                self.engine.at_in(self.random.uniform(0, 40), self.surprise)
+                self.engine.timers.after(self.random.uniform(0, 40), self.surprise)
 
     def behave(self, name: str) -> Behaviour:
         pace = self.random.choice([0.2, 0.9, 1.0, 1.0, 1.7, 3.0])
@@ -134,7 +134,7 @@ class World(Stage):
             effects = ground(WORKSHOP.actions[name], args).effects_at("start" if what == "begins" else "end")
             delay = 0.0 if self.random.random() < 0.5 else self.random.uniform(0, 1.5)
             if self.calm or self.random.random() < 0.95:
-                self.engine.at_in(delay, lambda: self.see(effects))
+                self.engine.timers.after(delay, lambda: self.see(effects))
 
     def see(self, effects) -> None:
         for change in changes(effects, self.facts):
@@ -158,7 +158,7 @@ class World(Stage):
         elif self.random.random() < 0.5:
             self.plan_anew()
         else:
-            self.engine.at_in(self.random.uniform(0, 3), self.plan_anew)
+            self.engine.timers.after(self.random.uniform(0, 3), self.plan_anew)
 
     def plan_anew(self) -> None:
         if self.plan_executor.aborting:

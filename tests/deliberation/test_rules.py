@@ -222,7 +222,7 @@ def test_the_cause_is_the_change_that_made_the_condition_hold(facts, book):
     facts.add(p("clear", "box_a"))
     facts.add(p("in", "box_a", "base_a"), cause="camera")
     (reaction,) = book.react()
-    assert [record.what for record in facts.engine.explain(reaction.cause)] == ["in(box_a, base_a)"]
+    assert [record.what for record in facts.engine.trace.explain(reaction.cause)] == ["in(box_a, base_a)"]
 
 
 def test_an_effect_that_does_not_fit_is_on_the_trace_and_the_others_go_on(facts, book):
@@ -230,7 +230,7 @@ def test_an_effect_that_does_not_fit_is_on_the_trace_and_the_others_go_on(facts,
     book.add(rule(condition, add(p("clear", "{x}")), add(p("loaded"))))
     facts.add(p("next_to", "carrier_a", "base_a"))
     assert fired(book) == ["ADD belief (loaded)"]
-    (failure,) = facts.engine.sink.find("failure")
+    (failure,) = facts.engine.trace.sink.find("failure")
     assert failure.what == "rule rule"
     assert "carrier_a is a carrier, not a thing" in failure.detail["message"]
 

@@ -136,6 +136,7 @@ class AgentNode(Node):
         raise NotImplementedError
 
     def start(self) -> None:
+        self.engine.compile_plans()
         self.recall()
         self.wake()
 
@@ -181,7 +182,7 @@ class AgentNode(Node):
             reason = ""
         except SocialbotError as error:
             reason = error.what if isinstance(error, RefusedError) else str(error)
-            self.engine.record("refused", text, message.id, reason=reason)
+            self.engine.trace.record("refused", text, message.id, reason=reason)
         answer = AgentAnswer(stamp=self.clock.now(), id=message.id, agent=self.name, accepted=not reason, reason=reason)
         self.people_told.publish(answer)
 
@@ -193,11 +194,11 @@ class AgentNode(Node):
         if message.command in ("pause", "resume", "step"):
             if self._paused == (message.command == "pause"):
                 raise RefusedError("it is paused already" if self._paused else "it is not paused")
-            self.engine.record("command", text, message.id)
+            self.engine.trace.record("command", text, message.id)
             self._halt(message.command)
         else:
             do = getattr(self.asked(), message.command)(message.text)
-            do(self.engine.record("command", text, message.id))
+            do(self.engine.trace.record("command", text, message.id))
 
     def _halt(self, command: str) -> None:
         """Pauses; goes on; or, between these, lets the engine have one turn."""
@@ -268,7 +269,7 @@ class AgentNode(Node):
             self._beliefs = tuple(
                 MindBelief(text=str(held.belief), source=held.source, since=held.since) for held in engine.beliefs
             )
-        desires, intentions = tuple(map(str, engine.desires())), tuple(map(str, engine.intentions))
+        desires, intentions = tuple(map(str, engine.intentions.desires())), tuple(map(str, engine.intentions))
         if before is None or (before.beliefs, before.desires, before.intentions) != (
             self._beliefs,
             desires,

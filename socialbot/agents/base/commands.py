@@ -60,7 +60,7 @@ class ObligingEngine:
     def believe(self, text: str) -> Deed:
         """Has it hold a belief, whose source is a person."""
         belief = _closed(text)
-        kind = self._engine.relations[belief.key].kind
+        kind = self._engine.beliefs.relation(belief.key).kind
         if kind is not None and issubclass(kind, Computed):
             raise RefusedError(f"{belief} is computed: it cannot be added")
         return lambda cause: self._engine.believe(belief, source=PERSON, cause=cause)  # type: ignore[arg-type]
@@ -68,7 +68,7 @@ class ObligingEngine:
     def forget(self, text: str) -> Deed:
         """Has it hold a belief no longer, whoever said it; variables match anything."""
         belief = parse(text)
-        relation = self._engine.base.get(belief.key)
+        relation = self._engine.beliefs.relations.get(belief.key)
         if relation is None or not relation.facts:
             raise RefusedError(f"it believes nothing like {belief}")
         if ground(belief) and belief.args not in relation.facts:

@@ -150,7 +150,7 @@ class Deliberating(AgentNode):
         if idle:
             message = f"nobody carries out {idle}; what needs that is dropped"
             self.log.warning(message)
-            self.engine.record("failure", "actions", "", reason="nobody", message=message)
+            self.engine.trace.record("failure", "actions", "", reason="nobody", message=message)
 
     def sensors(self) -> Sequence[FactSensor]:
         """Makes the sensors of the agent; its inputs show them what they bring by `hear`."""
@@ -287,7 +287,7 @@ class Deliberating(AgentNode):
             self._change(message.value, held=held)
         else:
             reason = f"it is for the agent {message.agent_id!r}"
-            self.engine.call(lambda: self.engine.record("refused", "a belief set", "", reason=reason))
+            self.engine.call(lambda: self.engine.trace.record("refused", "a belief set", "", reason=reason))
 
     def _change(self, facts: Sequence[Fact], *, held: bool) -> None:
         """Believes what fits the domain; that the rest does not goes on the trace."""
@@ -297,7 +297,7 @@ class Deliberating(AgentNode):
             for fact in facts:
                 reason = known.unfit(fact) if held else known.unfit_pattern(fact)
                 if reason is not None:
-                    self.engine.record("refused", str(fact), cause, reason=reason)
+                    self.engine.trace.record("refused", str(fact), cause, reason=reason)
                 elif held:
                     known.add(fact, cause=cause)
                 else:

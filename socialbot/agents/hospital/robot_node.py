@@ -55,7 +55,7 @@ from socialbot.agents.hospital.ward.messages import (
 )
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak.parser import parse_literal, parse_plan
-from socialbot.bdi.library import Ready as ReadyPlan
+from socialbot.bdi.library import CompiledPlan
 from socialbot.bdi.literals import literal
 from socialbot.bdi.plans import Plan as AgentSpeakPlan
 from socialbot.bdi.terms import Variable
@@ -99,7 +99,7 @@ class HospitalAgent(AgentNode):
         self._acl = AclSender(name, context.clock, self.said.publish)
         self._labels: list[str] = []
         self._early_messages: list[AclMessage] = []
-        self._uncompiled: list[ReadyPlan] = []
+        self._uncompiled: list[CompiledPlan] = []
         self._plan_message: AclMessage | None = None
         """Message with its latest plans."""
         self._in_progress: dict[str, WorldAction] = {}
@@ -117,7 +117,7 @@ class HospitalAgent(AgentNode):
 
     def build(self) -> Engine:
         engine = Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
-        engine.society = RemoteSociety(self.clock, self._tell)
+        engine.messaging.society = RemoteSociety(self.clock, self._tell)
         for action in ACTIONS:
             engine.add_action(type(action, (WorldAction,), {}))
         for action in (again, by_myself, problem, end):
@@ -280,11 +280,11 @@ class HospitalAgent(AgentNode):
     def _clear_mind(self, labels: list[str]) -> None:
         engine = self.engine
         for intention in list(engine.intentions):
-            engine.drop(intention)
+            engine.intentions.drop(intention)
         for label in labels:
             engine.remove_plan(label)
         for belief in mission_beliefs(engine):
-            engine.forget_all(engine.relations[belief.key], belief.args, (), "")
+            engine.beliefs.forget_all(engine.beliefs.relation(belief.key), belief.args, (), "")
 
     def _give_up(self) -> None:
         self._clear()

@@ -11,12 +11,10 @@ from socialbot.agents.hospital.missions import JOINT_ACTIONS
 from socialbot.agents.hospital.ward.messages import AgentState
 from socialbot.bdi import Action, Engine, Sensor
 from socialbot.bdi.agentspeak.printer import agentspeak
-from socialbot.bdi.beliefs import literal_of
 from socialbot.bdi.durative_actions import LongAction
 from socialbot.bdi.intentions import Failed
-from socialbot.bdi.library import Ready
-from socialbot.bdi.literals import Change, Event, Literal, literal
-from socialbot.bdi.messaging import send
+from socialbot.bdi.library import CompiledPlan
+from socialbot.bdi.literals import Change, Event, Literal, literal, literal_from_key
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.society import Society
 from socialbot.bdi.terms import Atom, Variable
@@ -128,7 +126,7 @@ class end(Action):  # noqa: N801
 
 
 def _happens(engine: Engine, event: Literal, cause: str) -> None:
-    engine.call(lambda: engine.raise_event(Event(Change.ADDED, event), cause))
+    engine.call(lambda: engine.interpreter.raise_event(Event(Change.ADDED, event), cause))
 
 
 class Senses(Sensor):
@@ -149,15 +147,15 @@ class Senses(Sensor):
         return [-literal("at", (Variable("_"),)), +place, +low if percept.low_battery else -low]
 
 
-def install(engine: Engine, plans: Iterable[Plan]) -> list[Ready]:
+def install(engine: Engine, plans: Iterable[Plan]) -> list[CompiledPlan]:
     """Add plans of a mission, and return their uncompiled library entries."""
     new = list(plans)
     for plan in new:
-        engine.add_plan(plan)
+        engine.add_rules(plan)
     return [ready for ready in all_plans(engine) if ready.plan in new]
 
 
-def all_plans(engine: Engine) -> Iterator[Ready]:
+def all_plans(engine: Engine) -> Iterator[CompiledPlan]:
     """The plans in the library of an agent."""
     for trigger in list(engine.library.triggers.values()):
         yield from trigger.plans
@@ -184,7 +182,7 @@ class RemoteSociety(Society):
         return self.agents[name]
 
     def tell(self, sender: Engine, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
-        send(sender, receiver, "tell", literal_of(key, args), cause)
+        sender.messaging.send(receiver, "tell", literal_from_key(key, args), cause)
 
 
 class _RemoteAgent(Engine):
@@ -201,7 +199,7 @@ class _RemoteAgent(Engine):
             send_remote(name, agentspeak(content))
             return False
 
-        self.accepts = take
+        self.messaging.accepts = take
 
     def call(self, function: Callable[[], object]) -> None:
         function()

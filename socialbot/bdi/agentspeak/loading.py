@@ -19,15 +19,16 @@ from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
 from socialbot.bdi.agentspeak.parser import Program, parse
-from socialbot.bdi.beliefs import is_source
+from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler.conditions import COLLECTORS
 from socialbot.bdi.compiler.plans import compile_inference, compile_plan
-from socialbot.bdi.compiler.runtime import FUNCTIONS, OPEN, SUBGOAL, div, mod
-from socialbot.bdi.intentions import Failed
-from socialbot.bdi.library import Library, Ready, ReadyInference
+from socialbot.bdi.compiler.runtime import FUNCTIONS, div, mod
+from socialbot.bdi.intentions import OPEN, SUBGOAL, Failed
+from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
 from socialbot.bdi.literals import SELF, Literal, ground
 from socialbot.bdi.plans import Inference, Origin, Plan
-from socialbot.bdi.stdlib.registry import INTERNALS, opened
+from socialbot.bdi.stdlib import find
+from socialbot.bdi.stdlib.registry import opened
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, Step, Update, While
 from socialbot.bdi.terms import (
     Atom,
@@ -58,9 +59,9 @@ def load(engine: Engine, text: str, file: str = "<text>") -> None:
     if problems:
         raise problems[0]
     for inference in program.inferences:
-        engine.own_library().add_inference(inference)
+        engine.add_rules(inference)
     for plan in program.plans:
-        engine.add_plan(plan)
+        engine.add_rules(plan)
     begin(engine, program)
 
 
@@ -79,19 +80,19 @@ def begin(engine: Engine, program: Program) -> None:
     # Questions try the newest belief first: this makes it the order of the text.
     for belief in reversed(program.beliefs):
         args, notes = _evaluated(engine, belief.args), _evaluated(engine, belief.annotations)
-        engine._post((engine.relations[belief.key], args, _with_source(notes), "", None))
+        engine.interpreter.post((engine.beliefs.relation(belief.key), args, _with_source(notes), "", None))
     for goal in program.goals:
         variables: dict[str, Any] = {}
         args = opened(_evaluated(engine, goal.args), variables)
         notes = opened(_evaluated(engine, goal.annotations), variables)
-        engine._post(_Beginning(engine, goal.key, args, _with_source(notes)))
+        engine.interpreter.post(_InitialGoal(engine, goal.key, args, _with_source(notes)))
 
 
-class _Beginning:
-    """A goal that an agent begins with; the events of its beliefs come before."""
+class _InitialGoal:
+    """Adopts an initial goal, after the events of the initial beliefs."""
 
     mental = True
-    """A mind that is restored takes its place (see `socialbot.bdi.saving`)."""
+    """A restored mind replaces it."""
 
     def __init__(self, engine: Engine, key: str, args: tuple[Any, ...], notes: tuple[Any, ...]) -> None:
         self.engine = engine
@@ -100,11 +101,11 @@ class _Beginning:
         self.notes = notes
 
     def __call__(self) -> None:
-        trigger = self.engine.triggers[f"+!{self.key}"]
+        trigger = self.engine.library.triggers[f"+!{self.key}"]
         if closed(self.args):
-            self.engine.events.append((trigger, self.args, self.notes, ""))
+            self.engine.interpreter.events.append((trigger, self.args, self.notes, ""))
         else:
-            self.engine.adopt((SUBGOAL | OPEN, trigger, self.args, self.notes, ""))
+            self.engine.intentions.adopt((SUBGOAL | OPEN, trigger, self.args, self.notes, ""))
 
 
 def _with_source(notes: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -173,7 +174,7 @@ def problems_of(
     nobody: Any = SimpleNamespace(random=random.Random(0), clock=ManualClock())
     for inference in program.inferences:
         try:
-            compile_inference(ReadyInference(inference, scratch))
+            compile_inference(CompiledInference(inference, scratch))
         except SocialbotError as problem:
             found.append(_placed(problem, inference, text, file))
     for plan in program.plans:
@@ -202,7 +203,7 @@ def check_plans(plans: Iterable[Plan], library: Library) -> None:
 def _check_plan(plan: Plan, library: Library) -> None:
     plan.check()
     for opened_ in (False, True):
-        compile_plan(Ready(plan, library), opened=opened_)
+        compile_plan(CompiledPlan(plan, library), opened=opened_)
     for inner in _inner_plans(plan.body):
         _check_plan(inner, library)
 
@@ -212,7 +213,7 @@ def _look_over(plan: Plan, library: Library) -> None:
     plan.check()
     for term in plan.condition.terms:
         if isinstance(term, Literal) and "." in term.functor:
-            entry = INTERNALS.get(term.functor)
+            entry = find(term.functor)
             if entry is not None and entry.pauses:
                 raise RuleError(f"{term.functor} cannot be a condition", remedy="make it a step of the body")
     _known(plan.condition)
@@ -246,7 +247,7 @@ def _known_action(action: Literal) -> None:
         if len(action.args) != wanted or not isinstance(action.args[-2], (Condition, Atom)):
             raise RuleError(f"{action} is put together wrongly", remedy="see docs/semantics.md")
         return
-    entry = INTERNALS.get(action.functor)
+    entry = find(action.functor)
     if entry is None:
         raise RuleError(f"there is no internal action {action.functor}", remedy="see docs/semantics.md")
     least, most = entry.arity

@@ -9,7 +9,7 @@ from socialbot.bdi.compiler.conditions import COLLECTORS, arguments_of, query, u
 from socialbot.bdi.compiler.source import CELL, VALUE, Function, tuple_of
 from socialbot.bdi.compiler.terms import build, has_value, match, value, values
 from socialbot.bdi.literals import Belief, Event, Literal, literal
-from socialbot.bdi.stdlib.registry import find
+from socialbot.bdi.stdlib import find
 from socialbot.bdi.steps import Achieve, Await, Constrain, Do, Enter, Forget, Fork, Step, Update, send
 from socialbot.bdi.terms import Atom, Comparison, Condition, Expression, Variable, names_in
 from socialbot.core.errors import RuleError
@@ -47,7 +47,7 @@ def pauses(action: Literal) -> bool:
 
 def limited(f: Function, pause: str, limit_s: object) -> str:
     """The expression of a pause that ends after ``limit_s`` at the latest, if that is not None."""
-    return pause if limit_s is None else f"ag.limited({pause}, {value(f, limit_s)})"
+    return pause if limit_s is None else f"limited({pause}, {value(f, limit_s)})"
 
 
 def do(f: Function, step: Do) -> str | None:
@@ -57,17 +57,17 @@ def do(f: Function, step: Do) -> str | None:
         return internal(f, step)
     args = [value(f, arg) for arg in action.args]
     if isinstance(action, send) and len(args) == 2 and isinstance(action.args[1], Belief):
-        f.line(f"ag.tell({args[0]}, {content(f, action.args[1])}, c)", step)
+        f.line(f"ag.messaging.tell({args[0]}, {content(f, action.args[1])}, c)", step)
         return None
     r = f.unit.name("r")
-    record = f"if ag.sink is not None: ag.acting({action.functor!r}, {tuple_of(args)}, c)"
+    record = f"if ag.trace.sink is not None: record_action(ag, {action.functor!r}, {tuple_of(args)}, c)"
     if not isinstance(action, Action):
-        f.line(f"{r} = ag.act({action.functor!r}, {tuple_of(args)}, c)", step)
+        f.line(f"{r} = act(ag, {action.functor!r}, {tuple_of(args)}, c)", step)
     elif action.function is not None:
         f.line(record, step)
-        f.line(f"{r} = {f.unit.constant(action.function)}({', '.join(['ag', *args])})", step)
+        f.line(f"{r} = {f.unit.constant(action.function)}({', '.join(['ag.engine', *args])})", step)
     else:
-        f.line(f"{r} = ag.perform({f.unit.constant(type(action))}, {tuple_of(args)}, c)", step)
+        f.line(f"{r} = perform(ag, {f.unit.constant(type(action))}, {tuple_of(args)}, c)", step)
     return r
 
 
@@ -102,7 +102,7 @@ def internal(f: Function, step: Do) -> str | None:
         and has_value(f, action)
         and not action.args[2].annotations
     ):
-        f.line(f"ag.tell({value(f, action.args[0])}, {content(f, action.args[2])}, c)", step)
+        f.line(f"ag.messaging.tell({value(f, action.args[0])}, {content(f, action.args[2])}, c)", step)
         return None
     entry = find(action.functor)
     if entry is None:
@@ -112,7 +112,7 @@ def internal(f: Function, step: Do) -> str | None:
     before = set(f.scope)
     r = f.unit.name("r")
     f.line(
-        f"{r} = ag.internal({f.unit.constant(entry)}, {action.functor!r}, {arguments_of(f, entry, action)}, c)",
+        f"{r} = internal(ag, {f.unit.constant(entry)}, {action.functor!r}, {arguments_of(f, entry, action)}, c)",
         step,
     )
     if pauses(action):
@@ -134,14 +134,14 @@ def await_(f: Function, step: Await, limit_s: object = None) -> None:
         fresh = names_in(literal) - f.scope.keys() - {"_"}
         args = tuple_of([build(f, arg) for arg in literal.args])
         notes = tuple_of([build(f, note) for note in literal.annotations])
-        pause = f"ag.await_event({step.what.key!r}, {args}, {notes}, {limit})"
+        pause = f"EventPause({step.what.key!r}, {args}, {notes}, {limit})"
         f.line(f"yield {limited(f, pause, limit_s)}", step)
         for name in sorted(fresh):
             f.line(f"{f.local(name)} = resolve({f.local(name)})")
     else:
         name, arguments, fresh_states = query(f, step.what)
         f.line(f"{found} = []")
-        pause = f"ag.await_condition(lambda: next({name}({arguments}), None), {found}, {limit})"
+        pause = f"await_condition(lambda: next({name}({arguments}), None), {found}, {limit})"
         f.line(f"yield {limited(f, pause, limit_s)}", step)
         unpack(f, fresh_states, f"{found}[0]")
 

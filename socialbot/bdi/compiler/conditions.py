@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable
 from socialbot.bdi.compiler.source import CELL, VALUE, Function, tuple_of
 from socialbot.bdi.compiler.terms import build, has_cell, has_value, match, value, values
 from socialbot.bdi.literals import Literal, literal
-from socialbot.bdi.stdlib.registry import Internal, find
+from socialbot.bdi.stdlib import find
+from socialbot.bdi.stdlib.registry import Internal
 from socialbot.bdi.terms import (
     Atom,
     Comparison,
@@ -32,6 +33,16 @@ COLLECTORS = {".findall", ".setof", ".count"}
 Rest = Callable[[], None]
 
 
+class Reached(Condition):
+    """Mark in a probe: the conditions before it hold."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+    def names(self) -> set[str]:
+        return set()
+
+
 def write(f: Function, condition: Condition, fail: str, rest: Rest) -> None:
     """Writes code that runs ``rest`` for each solution, and the statement ``fail`` to go on to the next one."""
     if isinstance(condition, Conjunction):
@@ -46,10 +57,13 @@ def write(f: Function, condition: Condition, fail: str, rest: Rest) -> None:
         arguments = ", ".join(value(f, Variable(name)) for name in condition.parameters)
         with f.block(f"if {f.unit.constant(condition.function)}({arguments})"):
             rest()
+    elif isinstance(condition, Reached):
+        f.line(f"trail.reached = max(trail.reached, {condition.number})")
+        rest()
     elif isinstance(condition, Negation):
         negation(f, condition.condition, rest)
     elif isinstance(condition, Disjunction):
-        aside(f, condition, rest)
+        as_function(f, condition, rest)
     elif isinstance(condition, Comparison):
         comparison(f, condition, fail, rest)
     else:
@@ -65,7 +79,7 @@ def conjunction(f: Function, terms: tuple[Condition, ...], fail: str, rest: Rest
     if len(terms) == 0:
         rest()
     elif (f.loops >= MOST_LOOPS or f.depth >= MOST_BLOCKS) and len(terms) > 1:
-        aside(f, Conjunction(terms), rest)
+        as_function(f, Conjunction(terms), rest)
     else:
         loops = f.loops
 
@@ -179,7 +193,7 @@ def _plain(f: Function, pattern: Literal) -> bool:
     return all(isinstance(arg, Variable) for arg in free) and len(names) == len(set(names))
 
 
-def aside(f: Function, condition: Condition, rest: Rest) -> None:
+def as_function(f: Function, condition: Condition, rest: Rest) -> None:
     """Writes the condition as a function of its own, and the loop over its solutions."""
     name, arguments, fresh = query(f, condition)
     with loop(f, f"{name}({arguments})") as found:
@@ -315,7 +329,7 @@ def internal(f: Function, condition: Literal, fail: str, rest: Rest) -> None:
         )
     fresh = names_in(condition) - f.scope.keys() - {"_"}
     args = arguments_of(f, entry, condition)
-    test = f"{f.unit.constant(entry.function)}(ag, {args}, trail)"
+    test = f"{f.unit.constant(entry.function)}(ag.engine, {args}, trail)"
     cells = {name: f.unit.name("x") for name in sorted(fresh)}
     for name, cell in cells.items():
         f.line(f"{cell} = {f.local(name)}")

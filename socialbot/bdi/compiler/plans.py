@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.compiler.actions import straight
-from socialbot.bdi.compiler.conditions import loop, query, write
+from socialbot.bdi.compiler.conditions import Reached, loop, query, write
 from socialbot.bdi.compiler.source import CELL, Function, Unit, tuple_of
 from socialbot.bdi.compiler.steps import Body
 from socialbot.bdi.compiler.terms import build, match
@@ -20,7 +20,7 @@ from socialbot.bdi.steps import Do
 from socialbot.bdi.terms import Conjunction, Variable, names_in
 
 if TYPE_CHECKING:
-    from socialbot.bdi.library import Library, Ready, ReadyInference
+    from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
 
 GOALS = {Change.WANTED, Change.FAILED, Change.ASKED, Change.UNANSWERED}
 
@@ -28,11 +28,11 @@ OTHERS = "ag.ready or ag.events"
 """Whether somebody else waits for a turn."""
 
 
-def compile_plan(ready: Ready, *, opened: bool) -> Any:
+def compile_plan(compiled: CompiledPlan, *, opened: bool) -> Any:
     """The function of a plan; an ``opened`` one takes arguments that are variables."""
-    plan = ready.plan
-    unit = Unit(str(plan.origin or plan), ready.library)
-    unit.constants["PLAN"] = ready
+    plan = compiled.plan
+    unit = Unit(str(plan.origin or plan), compiled.library)
+    unit.constants["PLAN"] = compiled
     f = unit.function("plan", ["ag", "args", "notes", "cause"], {})
     fail = "return undo(trail, 0)" if opened else "return None"
     if plan.stage is not None:
@@ -42,7 +42,7 @@ def compile_plan(ready: Ready, *, opened: bool) -> Any:
     f.line(fail)
     _trails(unit)
     run, lines = unit.build()
-    ready.lines.update(lines)
+    compiled.lines.update(lines)
     return run
 
 
@@ -71,7 +71,7 @@ def head(f: Function, plan: Plan, fail: str, *, opened: bool) -> None:
 
 def chosen(f: Function, plan: Plan) -> None:
     """Writes what is done when the condition holds."""
-    f.line("c = cause if ag.sink is None else ag.chose(PLAN, args, notes, cause)")
+    f.line("c = cause if ag.trace.sink is None else chosen(ag, PLAN, args, notes, cause)")
     if not plan.body:
         f.line("return DONE")
         return
@@ -101,20 +101,20 @@ def inline(f: Function, plan: Plan, body: Body) -> None:
             if i:
                 # Only actions can wake another intention.
                 others = OTHERS if isinstance(plan.body[i - 1], Do) else "ag.events"
-                f.line(f"if {others}: return ag.hand_over({rest(i)})")
+                f.line(f"if {others}: return ag.intentions.hand_over({rest(i)})")
             body.write_inline(
                 f, step, last=i == len(plan.body) - 1, rest=lambda pause, i=i: f"return {rest(i + 1, pause)}"
             )
     with f.block("except Exception as problem"):
-        f.line("return ag.broken(PLAN, problem, c)")
+        f.line("return ag.intentions.failure_of(PLAN, problem, None, c)")
     f.line("return DONE")
     f.scope, f.depth = scope, depth
 
 
-def compile_inference(ready: ReadyInference) -> Any:
+def compile_inference(compiled: CompiledInference) -> Any:
     """The generator of a rule: engine, arguments (perhaps variables) and trail in, a step for each solution."""
-    inference = ready.inference
-    unit = Unit(str(inference.origin or inference), ready.library)
+    inference = compiled.inference
+    unit = Unit(str(inference.origin or inference), compiled.library)
     f = unit.function("rule", ["ag", "args", "trail"], {})
     f.line("mark = len(trail)")
     with f.block("for _ in ONCE"):
@@ -149,13 +149,14 @@ def _trails(unit: Unit) -> None:
             function.lines.insert(0, (0, "trail = []", None))
 
 
-def compile_probe(ready: Ready, count: int) -> Any:
-    """A function like that of the plan, which only tells whether the event and the first ``count`` conditions fit."""
-    plan = ready.plan
-    unit = Unit(str(plan.origin or plan), ready.library)
-    f = unit.function("probe", ["ag", "args", "notes"], {})
-    head(f, plan, "return False", opened=False)
-    write(f, Conjunction(plan.condition.terms[:count]), "return False", lambda: f.line("return True"))
-    f.line("return False")
+def compile_probe(compiled: CompiledPlan) -> Any:
+    """A function like that of the plan, which only counts in ``trail.reached`` the conditions that hold."""
+    plan = compiled.plan
+    unit = Unit(str(plan.origin or plan), compiled.library)
+    f = unit.function("probe", ["ag", "args", "notes", "trail"], {})
+    head(f, plan, "return", opened=False)
+    terms = plan.condition.terms
+    marked = [part for i, term in enumerate(terms) for part in (Reached(i), term)]
+    write(f, Conjunction((*marked, Reached(len(terms)))), "return", lambda: f.line("return"))
     _trails(unit)
     return unit.build()[0]

@@ -1,15 +1,44 @@
-"""What compiled plans call: unification, failures and arithmetic functions."""
+"""Runtime of generated code: its names, and the operations of plan steps.
+
+Generated functions receive the interpreter as ``ag`` and use `NAMES` beside it. They read ``ag.stage``,
+``ag.relations``, ``ag.triggers``, ``ag.ready``, ``ag.events``, ``ag.others``, ``ag.inbox`` and ``ag.trace.sink``, and
+call public methods of ``ag``, ``ag.beliefs``, ``ag.intentions`` and ``ag.messaging``. Actions receive ``ag.engine``.
+"""
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.intentions import Failed
+from socialbot.bdi.actions import Action
+from socialbot.bdi.explain import reasons_against
+from socialbot.bdi.intentions import (
+    DONE,
+    OPEN,
+    SUBGOAL,
+    ConditionPause,
+    EventPause,
+    Failed,
+    ForkPause,
+    Pause,
+    Request,
+    TimedRequest,
+)
 from socialbot.bdi.literals import SELF, Event, Literal, literal
-from socialbot.bdi.terms import Atom, Cons, order
+from socialbot.bdi.terms import Atom, Cons, order, show
 from socialbot.bdi.unification import Trail, Var, annotations_match, closed, cons, resolve, undo, unify
+
+if TYPE_CHECKING:
+    from socialbot.bdi.interpreter import Interpreter
+    from socialbot.bdi.library import CompiledPlan, Trigger
+    from socialbot.bdi.stdlib.registry import Internal
+
+Args = tuple[Any, ...]
+
+
+# Functions of AgentSpeak
 
 
 def _length(engine: Any, items: Any) -> int:
@@ -18,17 +47,8 @@ def _length(engine: Any, items: Any) -> int:
     return len(items)
 
 
-def _random(engine: Any, most: float = 1) -> float:
-    return engine.random.random() * most
-
-
-def _time(engine: Any) -> int:
-    """The time (ms) of the agent's clock."""
-    return engine.clock.now() // 1_000_000
-
-
-def _plain(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of numbers. What it cannot compute is a failure."""
+def _checked(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of numbers, which fails for arguments outside its domain."""
 
     def compute(engine: Any, *args: Any) -> Any:
         try:
@@ -41,8 +61,8 @@ def _plain(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _of_all(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of several numbers, which may also come in a list."""
-    return _plain(name, lambda *args: function(args[0] if len(args) == 1 and isinstance(args[0], tuple) else args))
+    """A function of several numbers, which may also be given as a list."""
+    return _checked(name, lambda *args: function(args[0] if len(args) == 1 and isinstance(args[0], tuple) else args))
 
 
 def _average(numbers: Any) -> float:
@@ -54,59 +74,28 @@ def _deviation(numbers: Any) -> float:
     return math.sqrt(sum((number - mean) ** 2 for number in numbers) / (len(numbers) - 1))
 
 
+_STATISTICS = {"max": max, "min": min, "sum": sum, "average": _average, "std_dev": _deviation}
+_MATH = ("floor", "ceil", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "log", "exp")
+
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     ".length": _length,
-    "math.random": _random,
-    "system.time": _time,
-    **{
-        name: _of_all(name, function)
-        for name, function in {
-            "math.max": max,
-            "math.min": min,
-            "math.sum": sum,
-            "math.average": _average,
-            "math.std_dev": _deviation,
-        }.items()
-    },
-    **{
-        name: _plain(name, function)
-        for name, function in {
-            "math.abs": abs,
-            "math.round": lambda x: math.floor(x + 0.5),
-            "math.floor": math.floor,
-            "math.ceil": math.ceil,
-            "math.sqrt": math.sqrt,
-            "math.sin": math.sin,
-            "math.cos": math.cos,
-            "math.tan": math.tan,
-            "math.asin": math.asin,
-            "math.acos": math.acos,
-            "math.atan": math.atan,
-            "math.log": math.log,
-            "math.exp": math.exp,
-            "math.pi": lambda: math.pi,
-            "math.e": lambda: math.e,
-        }.items()
-    },
+    "math.random": lambda engine, most=1: engine.random.random() * most,
+    "system.time": lambda engine: engine.clock.now() // 1_000_000,  # ms
+    **{f"math.{name}": _of_all(f"math.{name}", function) for name, function in _STATISTICS.items()},
+    **{f"math.{name}": _checked(f"math.{name}", getattr(math, name)) for name in _MATH},
+    "math.abs": _checked("math.abs", abs),
+    "math.round": _checked("math.round", lambda x: math.floor(x + 0.5)),
+    "math.pi": _checked("math.pi", lambda: math.pi),
+    "math.e": _checked("math.e", lambda: math.e),
 }
-"""By name."""
+"""The functions of AgentSpeak by name; they receive the engine first."""
 
 
-FILENAME = "<plan>"
-"""What the names of generated files begin with; a traceback shows no lines of a file that ends with ``>``."""
-
-SUBGOAL, TAIL, EVENT, OPEN = 0, 1, 2, 4
-"""What a body asks for: a goal; a goal as its last step; plans for an event it made; and (added) with variables."""
-
-DONE = object()
-"""Told by a plan that is done already."""
-
-END = object()
-"""Told by a body that has ended."""
+# Terms
 
 
 def known(term: Any) -> Any:
-    """The value of a term. Raises Failed when it has none."""
+    """The value of a term. Raises Failed if it has none."""
     value = resolve(term)
     if not closed(value):
         raise Failed("no_value", f"{value} has no value")
@@ -114,13 +103,13 @@ def known(term: Any) -> Any:
 
 
 def renew(cell: Any) -> Any:
-    """A variable without a value made anew; anything else as it is."""
+    """A new variable for one without a value; other terms as they are."""
     cell = resolve(cell)
     return Var(cell.name) if cell.__class__ is Var else cell
 
 
 def holds(solutions: Iterator[Any], trail: Trail) -> bool:
-    """Whether there is a solution; binds nothing."""
+    """Whether a solution exists; binds nothing."""
     mark = len(trail)
     found = next(solutions, None) is not None
     undo(trail, mark)
@@ -155,10 +144,176 @@ def univ(term: Any, parts: Any, trail: Trail) -> bool:
     return unify(term, made if made.args or made.annotations or made.negated else Atom(name), trail)
 
 
+# Actions
+
+
+def record_action(ag: Interpreter, functor: str, args: Args, cause: Any) -> str:
+    """Writes an action to the trace; returns the id of the record."""
+    what = "" if ag.trace.sink is None else f"{functor}({', '.join(map(show, args))})"
+    ag.action = ag.trace.record("action", what, cause)
+    return ag.action
+
+
+def perform(ag: Interpreter, kind: type[Action], args: Args, cause: Any) -> Any:
+    """Executes an action of a class, with an object of its own: agents that share a plan share no state."""
+    action = kind(*args)
+    action.engine = ag.engine
+    action.id = record_action(ag, kind.functor, args, cause)
+    if kind.threaded:
+        from socialbot.bdi.durative_actions import ThreadRun
+
+        return ThreadRun(action)  # type: ignore[arg-type]
+    return action.execute(*args)
+
+
+def act(ag: Interpreter, name: str, args: Args, cause: Any) -> Any:
+    """Executes an action by its name, as AgentSpeak does."""
+    action = ag.engine.actions.get(name)
+    if action is None:
+        raise Failed("action_failed", f"there is no action {name}/{len(args)}")
+    if isinstance(action, type):
+        if action.function is None:
+            return perform(ag, action, args, cause)
+        action = action.function
+    if ag.trace.sink is not None:
+        record_action(ag, name, args, cause)
+    return action(ag.engine, *args)
+
+
+def outcome(ag: Interpreter, found: Any) -> Pause | None:
+    """The result of an action as a pause: a pause, a coroutine, False for a failure; other results are ignored."""
+    if isinstance(found, Pause):
+        return found
+    if inspect.iscoroutine(found):
+        from socialbot.bdi.durative_actions import CoroutineRun
+
+        return CoroutineRun(found, ag.action)
+    if found is False:
+        raise Failed("action_failed", "the action returned False")
+    return None
+
+
+def internal(ag: Interpreter, entry: Internal, name: str, args: Args, cause: Any) -> Pause | None:
+    """Executes an internal action."""
+    trail: Trail = []
+    if ag.trace.sink is not None:
+        record_action(ag, name, tuple(map(resolve, args)), cause)
+    ag.cause = cause
+    found = entry.function(ag.engine, args, trail)
+    if entry.many:
+        found = next(found, "none") != "none"
+    if found is False:
+        raise Failed("ia_failed", f"{name} failed")
+    return found if isinstance(found, Pause) else None
+
+
+def limited(pause: Pause | None, seconds: float) -> Pause | None:
+    """A pause that fails if it takes longer than ``seconds``."""
+    if pause is None:
+        return None
+    begin = pause.begin
+
+    def begin_limited(interpreter: Interpreter, intention: Any) -> None:
+        begin(interpreter, intention)
+        pause.limit(seconds, Failed("timeout", f"it took longer than {seconds} s"))
+
+    pause.begin = begin_limited  # type: ignore[method-assign]
+    return pause
+
+
+def await_condition(solve: Callable[[], Any], found: list[Any], limit_s: float | None) -> Pause | None:
+    """A pause until a condition holds; None if it does already."""
+    solution = solve()
+    if solution is not None:
+        found.append(solution)
+        return None
+    return ConditionPause(solve, found, limit_s)
+
+
+# Goals
+
+
+def open_goal(ag: Interpreter, kind: int, trigger: Trigger, args: Args, notes: Args, cause: Any) -> Request:
+    """The request for a goal whose arguments may be variables."""
+    args = resolve(args)
+    return (kind if closed(args) else kind | OPEN, trigger, args, notes, cause)
+
+
+def goal_of(ag: Interpreter, goal: Any, cause: Any) -> Request:
+    """The request for a goal that is the value of a variable."""
+    goal = _literal(goal)
+    return open_goal(ag, SUBGOAL, ag.triggers[f"+!{goal.key}"], goal.args, goal.annotations or SELF, cause)
+
+
+def adopt_later(ag: Interpreter, request: Request) -> None:
+    """``!!g``: adopts a goal in an intention of its own in its turn."""
+    _, trigger, args, notes, cause = request
+    if not closed(args):
+        raise Failed("no_value", f"!!{trigger.key[2:]} has a variable without a value")
+    ag.events.append((trigger, args, notes, cause))
+
+
+def question(ag: Interpreter, trigger: Trigger, args: Args, notes: Args, cause: Any) -> Request:
+    """The request for a plan that answers a question."""
+    if not trigger.plans:
+        raise Failed("test_goal_failed", f"nothing answers {trigger.key[1:].rpartition('/')[0]}")
+    return open_goal(ag, SUBGOAL, trigger, args, notes, cause)
+
+
+def question_of(ag: Interpreter, query: Any, cause: Any) -> Request | None:
+    """``?Q``: None if a belief answers it."""
+    query = _literal(query)
+    for _ in ag.solve(query.key, query.args, query.annotations, []):
+        return None
+    return question(ag, ag.triggers[f"+?{query.key}"], query.args, SELF, cause)
+
+
+# Beliefs, the trace
+
+
+def update_of(ag: Interpreter, sign: str, belief: Any, cause: Any) -> Any:
+    """``+B`` and the like, for the value of a variable."""
+    belief = _literal(belief)
+    base = ag.beliefs
+    relation, notes = base.relation(belief.key), belief.annotations or SELF
+    if sign in ("-", "--"):
+        return base.remove(relation, belief.args, notes, cause, sign == "-")
+    if sign == "++":
+        return base.add(relation, belief.args, notes, cause)
+    return (base.add_here if sign == "+" else base.replace)(relation, belief.args, notes, cause)
+
+
+def chosen(ag: Interpreter, plan: CompiledPlan, args: Args, notes: Args, cause: Any) -> str:
+    """Writes a selected plan to the trace, with the reasons against the plans before it."""
+    text, event = plan.shown()
+    detail: dict[str, object] = {"rule": text}
+    if plan.plan.label:
+        detail["label"] = plan.plan.label
+    trigger = ag.triggers[plan.plan.event.key]
+    if closed(args) and len(trigger.plans) > 1:
+        rejected = reasons_against(ag, trigger, args, notes, plan)
+        if rejected:
+            detail["rejected"] = rejected
+    return ag.trace.record("plan", event, cause, **detail)
+
+
+def _literal(term: Any) -> Literal:
+    term = resolve(term)
+    if isinstance(term, Atom):
+        return literal(term.name)
+    if not isinstance(term, Literal):
+        raise Failed("wrong_arguments", f"{term} is no literal")
+    return term
+
+
 NAMES: dict[str, Any] = {
-    "Cons": Cons, "DONE": DONE, "Event": Event, "Failed": Failed, "Literal": Literal, "ONCE": (None,), "SELF": SELF,
-    "Var": Var, "annotations_match": annotations_match, "closed": closed, "cons": cons, "div": div, "holds": holds,
-    "known": known, "literal": literal, "mod": mod, "order": order, "renew": renew, "resolve": resolve, "undo": undo,
-    "unify": unify, "univ": univ,
+    "Cons": Cons, "DONE": DONE, "Event": Event, "EventPause": EventPause, "Failed": Failed, "ForkPause": ForkPause,
+    "Literal": Literal, "ONCE": (None,), "SELF": SELF, "TimedRequest": TimedRequest, "Var": Var, "act": act,
+    "adopt_later": adopt_later, "annotations_match": annotations_match, "await_condition": await_condition,
+    "chosen": chosen, "closed": closed, "cons": cons, "div": div, "goal_of": goal_of, "holds": holds,
+    "internal": internal, "known": known, "limited": limited, "literal": literal, "mod": mod, "open_goal": open_goal,
+    "order": order, "outcome": outcome, "perform": perform, "question": question, "question_of": question_of,
+    "record_action": record_action, "renew": renew, "resolve": resolve, "undo": undo, "unify": unify, "univ": univ,
+    "update_of": update_of,
 }  # fmt: skip
-"""By these names."""
+"""The names of generated code."""

@@ -9,7 +9,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.compiler import runtime
+from socialbot.bdi.compiler.runtime import NAMES
+from socialbot.bdi.intentions import GENERATED_FILE
 from socialbot.bdi.terms import Atom
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ VALUE, CELL = "value", "cell"
 Scope = dict[str, str]
 """VALUE or CELL for each variable that has a local."""
 
-_BUILTINS = {**vars(builtins), **runtime.NAMES}
+_BUILTINS = {**vars(builtins), **NAMES}
 _numbers = itertools.count(1)
 
 
@@ -75,7 +76,7 @@ class Unit:
 
 @functools.lru_cache(maxsize=10_000)
 def _make(source: str) -> Any:
-    filename = f"{runtime.FILENAME} {next(_numbers)}"
+    filename = f"{GENERATED_FILE} {next(_numbers)}"
     # A traceback asks the loader of a frame's module for the source.
     namespace = {"__builtins__": _BUILTINS, "__name__": filename, "__loader__": _Loader(source)}
     exec(compile(source, filename, "exec"), namespace)
@@ -118,11 +119,11 @@ class Function:
         self.depth -= 1
 
     def relation(self, key: str) -> str:
-        """Looks up the relation of that key; the local that then holds it."""
+        """Writes the look-up of a relation; returns the local that holds it."""
         name = self.unit.name("r")
-        # A plain dictionary is twice as quick to ask as one that makes what is missing.
-        self.line(f"try: {name} = ag.base[{key!r}]")
-        self.line(f"except KeyError: {name} = ag.relations[{key!r}]")
+        # A plain dictionary is twice as fast as a method that creates missing items.
+        self.line(f"try: {name} = ag.relations[{key!r}]")
+        self.line(f"except KeyError: {name} = ag.beliefs.relation({key!r})")
         return name
 
     def local(self, variable: str) -> str:

@@ -7,9 +7,9 @@ from typing import Any
 
 from socialbot.bdi.compiler.actions import await_, constrain, do, enter, limited, rests
 from socialbot.bdi.compiler.conditions import assign, query, unpack
-from socialbot.bdi.compiler.runtime import SUBGOAL, TAIL
 from socialbot.bdi.compiler.source import CELL, VALUE, Function, Scope, Unit, tuple_of
 from socialbot.bdi.compiler.terms import build, has_value, refresh, value, values
+from socialbot.bdi.intentions import SUBGOAL, TAIL
 from socialbot.bdi.literals import Goal, Literal, Structure
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import (
@@ -43,29 +43,29 @@ def update(f: Function, step: Update) -> None:
     """Writes a change; but for ``++``, the local r then holds what to wait for, or None."""
     literal, sign = step.literal, step.sign
     if isinstance(literal, Variable):
-        f.line(f"r = ag.update_of({sign!r}, {value(f, literal)}, c)", step)
+        f.line(f"r = update_of(ag, {sign!r}, {value(f, literal)}, c)", step)
         return
     relation = f.relation(literal.key)
     if sign in ("-", "--"):
         before = set(f.scope)
         known = "_" not in names_in(literal.args) and has_value(f, literal.args)
         if known and _anyones(literal):
-            f.line(f"r = ag.remove_any({relation}, {values(f, literal.args)}, c, {sign == '-'})", step)
+            f.line(f"r = ag.beliefs.remove_any({relation}, {values(f, literal.args)}, c, {sign == '-'})", step)
             return
         known = known and "_" not in names_in(literal.annotations) and has_value(f, literal.annotations)
         args = values(f, literal.args) if known else tuple_of([build(f, arg) for arg in literal.args])
         method = "remove_known" if known else "remove"
-        f.line(f"r = ag.{method}({relation}, {args}, {notes_of(f, literal)}, c, {sign == '-'})", step)
+        f.line(f"r = ag.beliefs.{method}({relation}, {args}, {notes_of(f, literal)}, c, {sign == '-'})", step)
         refresh(f, names_in(literal), before)
         return
     args = values(f, literal.args)
     if type(literal) is not Structure:
         f.unit.library.declare(type(literal))
     if sign == "++":
-        f.line(f"ag.add({relation}, {args}, {notes_of(f, literal)}, c)", step)
+        f.line(f"ag.beliefs.add({relation}, {args}, {notes_of(f, literal)}, c)", step)
     else:
         method = "add_here" if sign == "+" else "replace"
-        f.line(f"r = ag.{method}({relation}, {args}, {notes_of(f, literal)}, c)", step)
+        f.line(f"r = ag.beliefs.{method}({relation}, {args}, {notes_of(f, literal)}, c)", step)
 
 
 def forget(f: Function, step: Forget) -> None:
@@ -75,13 +75,13 @@ def forget(f: Function, step: Forget) -> None:
     if "_" not in names_in(literal) and has_value(f, literal) and not literal.annotations:
         args = values(f, literal.args)
         # Nobody has to know: no call.
-        f.line(f"if {relation}.quiet and ag.sink is None:")
+        f.line(f"if {relation}.quiet and ag.trace.sink is None:")
         f.line(f"    {relation}.facts.pop({args}, None)", step)
-        f.line(f"else: ag.forget_one({relation}, {args}, c)", step)
+        f.line(f"else: ag.beliefs.forget_one({relation}, {args}, c)", step)
     else:
         args = tuple_of([build(f, arg) for arg in literal.args])
         notes = tuple_of([build(f, note) for note in literal.annotations])
-        f.line(f"ag.forget_all({relation}, {args}, {notes}, c)", step)
+        f.line(f"ag.beliefs.forget_all({relation}, {args}, {notes}, c)", step)
 
 
 def _anyones(literal: Literal) -> bool:
@@ -96,32 +96,32 @@ def request(f: Function, step: Achieve, kind: int) -> str:
     if isinstance(goal, Goal):
         f.unit.library.declare(type(goal))
     if isinstance(goal, Variable):
-        return f"ag.goal_of({value(f, goal)}, c)"
+        return f"goal_of(ag, {value(f, goal)}, c)"
     settled = "_" not in names_in(goal) and has_value(f, goal)
     args = values(f, goal.args) if settled else tuple_of([build(f, arg) for arg in goal.args])
     notes = notes_of(f, goal)
     trigger = f"ag.triggers[{'+!' + goal.key!r}]"
     if settled:
         return f"({kind}, {trigger}, {args}, {notes}, c)"
-    return f"ag.open_goal({kind}, {trigger}, {args}, {notes}, c)"
+    return f"open_goal(ag, {kind}, {trigger}, {args}, {notes}, c)"
 
 
 def achieve(f: Function, step: Achieve, *, last: bool) -> None:
     """Writes a goal; one that is ``last`` takes the place of the goal that the plan serves."""
     if step.apart:
         if isinstance(step.goal, Variable):
-            f.line(f"ag.adopt_term({value(f, step.goal)}, c)", step)
+            f.line(f"adopt_later(ag, goal_of(ag, {value(f, step.goal)}, c))", step)
         elif step.limit_s is not None:
-            f.line(f"ag.adopt_within({request(f, step, SUBGOAL)}, {value(f, step.limit_s)})", step)
+            f.line(f"ag.intentions.adopt_within({request(f, step, SUBGOAL)}, {value(f, step.limit_s)})", step)
         else:
-            f.line(f"ag.adopt_later({request(f, step, SUBGOAL)})", step)
+            f.line(f"adopt_later(ag, {request(f, step, SUBGOAL)})", step)
         return
     goal = step.goal
     tail = last and step.limit_s is None and not isinstance(goal, Variable)
     before = set(f.scope)
     asked = request(f, step, TAIL if tail else SUBGOAL)
     if step.limit_s is not None:
-        asked = f"ag.timed({asked}, {value(f, step.limit_s)})"
+        asked = f"TimedRequest({asked}, {value(f, step.limit_s)})"
     f.line(f"yield {asked}", step)
     refresh(f, names_in(goal), before)
 
@@ -130,7 +130,7 @@ def ask(f: Function, step: Ask) -> None:
     """Writes a question: what is believed answers it, or else a plan does."""
     query_ = step.query
     if isinstance(query_, Variable):
-        f.line(f"yield ag.question_of({value(f, query_)}, c)", step)
+        f.line(f"yield question_of(ag, {value(f, query_)}, c)", step)
         return
     name, arguments, fresh = query(f, query_)
     found = f.unit.name("s")
@@ -142,7 +142,7 @@ def ask(f: Function, step: Ask) -> None:
             scope = dict(f.scope)
             args = tuple_of([build(f, arg) for arg in query_.args])
             trigger = f"ag.triggers[{'+?' + query_.key!r}]"
-            f.line(f"yield ag.question({trigger}, {args}, {notes_of(f, query_)}, c)", step)
+            f.line(f"yield question(ag, {trigger}, {args}, {notes_of(f, query_)}, c)", step)
             for variable in sorted(names_in(query_) - {"_"}):
                 if f.scope[variable] == CELL:
                     f.line(f"{f.local(variable)} = known({f.local(variable)})", step)
@@ -204,7 +204,7 @@ class Body:
             pause = do(f, step)
             if pause:
                 with f.block(f"if {pause} is not None"):
-                    f.line(f"{pause} = ag.outcome({pause})", step)
+                    f.line(f"{pause} = outcome(ag, {pause})", step)
                     f.line(f"if {pause} is not None: {rest(pause)}")
         elif isinstance(step, Update) and step.sign in ("+", "-", "-+"):
             update(f, step)
@@ -224,7 +224,7 @@ class Body:
             if pause:
                 within = limited(f, pause, step.limit_s)
                 with f.block(f"if {pause} is not None"):
-                    f.line(f"{pause} = ag.outcome({pause})", step)
+                    f.line(f"{pause} = outcome(ag, {pause})", step)
                 if within != pause:
                     f.line(f"if {pause} is not None: {pause} = {within}", step)
                 f.line(f"if {pause} is not None: yield {pause}" if last or closes else f"yield {pause}")
@@ -314,7 +314,7 @@ class Body:
                 found.add(name)
             g.line("if False: yield")
             calls.append(f"{g.name}({', '.join(['ag', 'c', out, *(f.local(n) for n in names)])})")
-        f.line(f"yield ag.fork({step.every}, {tuple_of(calls)}, c)", step)
+        f.line(f"yield ForkPause({tuple_of(calls)}, c, every={step.every})", step)
         for name in sorted(found):
             f.line(f"{f.local(name)} = {out}.get({name!r}) or Var({name!r})")
             f.scope[name] = CELL

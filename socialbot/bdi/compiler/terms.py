@@ -71,7 +71,7 @@ def call(f: Function, term: Call) -> str:
     function = FUNCTIONS.get(term.function)
     if function is None:
         raise RuleError(f"there is no function {term.function}", where=f.unit.title, remedy="see docs/semantics.md")
-    return f"{f.unit.constant(function)}(ag{''.join(', ' + value(f, arg) for arg in term.args)})"
+    return f"{f.unit.constant(function)}(ag.engine{''.join(', ' + value(f, arg) for arg in term.args)})"
 
 
 def structure(f: Function, term: Literal, args: str, annotations: list[str]) -> str:

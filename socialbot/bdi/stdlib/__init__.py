@@ -1,16 +1,27 @@
-"""The internal actions of AgentSpeak, by topic. Importing this package makes them known."""
+"""Internal actions of AgentSpeak, such as ``.print``; their modules are imported when one is first looked up."""
 
-from socialbot.bdi.stdlib import environment as messages
-from socialbot.bdi.stdlib import environment as printing
-from socialbot.bdi.stdlib import environment as time
-from socialbot.bdi.stdlib import environment as waiting
-from socialbot.bdi.stdlib import goals, plans
-from socialbot.bdi.stdlib import plans as beliefs
-from socialbot.bdi.stdlib import terms as lists
-from socialbot.bdi.stdlib import terms as numbers
-from socialbot.bdi.stdlib import terms as strings
-from socialbot.bdi.stdlib import terms as types
+from __future__ import annotations
 
-__all__ = [
-    "beliefs", "goals", "lists", "messages", "numbers", "plans", "printing", "strings", "time", "types", "waiting",
-]  # fmt: skip
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from socialbot.bdi.stdlib.registry import INTERNALS
+
+if TYPE_CHECKING:
+    from socialbot.bdi.stdlib.registry import Internal
+
+TOPICS = ("environment", "goals", "plans", "terms")
+
+
+@cache
+def internals() -> dict[str, Internal]:
+    """The internal actions by name, with the dot."""
+    for topic in TOPICS:
+        import_module(f"{__name__}.{topic}")
+    return INTERNALS
+
+
+def find(name: str) -> Internal | None:
+    """The internal action of a name."""
+    return internals().get(name) if name[:1] == "." else INTERNALS.get(name)

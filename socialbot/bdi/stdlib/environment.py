@@ -18,7 +18,11 @@ from socialbot.core.clock import SECOND
 @internal(".print", 0, 100)
 def print_(engine: Any, args: tuple[Any, ...], trail: Trail) -> None:
     """``.print(a1, ..., an)``: prints its arguments, without anything between them."""
-    engine.say("".join(map(said, args)))
+    line = "".join(map(said, args))
+    if engine.out is not None:
+        engine.out(line)
+    else:
+        print(f"[{engine.name}] {line}", flush=True)
 
 
 internal(".println", 0, 100)(print_)
@@ -107,12 +111,12 @@ class Appointment:
     def __init__(self, engine: Any, event: Event) -> None:
         self.engine = engine
         self.event = event
-        self.cause = engine.cause
+        self.cause = engine.interpreter.cause
         self.cancelled = False
 
     def __call__(self) -> None:
         if not self.cancelled:
-            self.engine.raise_event(self.event, self.cause)
+            self.engine.interpreter.raise_event(self.event, self.cause)
 
 
 @internal(".at", 2)
@@ -126,7 +130,7 @@ def at(engine: Any, args: Args, trail: Trail) -> None:
         raise wrong(".at", when, 'a time, such as "now +3 s"')
     if not closed(event.literal):
         raise Failed("no_value", f".at: {event} has a variable without a value")
-    engine.at_in(float(found[1] or 0) * UNITS[unit], Appointment(engine, event))
+    engine.timers.after(float(found[1] or 0) * UNITS[unit], Appointment(engine, event))
 
 
 def event_of(name: str, term: Any) -> Event:
@@ -164,23 +168,21 @@ def send(engine: Any, args: Args, trail: Trail) -> Pause | None:
 
     With an answer to be, the intention rests until it has come, or for so many ms, after which it is ``timeout``.
     """
-    from socialbot.bdi.messaging import send as say
-
     receiver, performative, content, *rest = args
     receiver, performative, content = map(resolve, (receiver, performative, content))
     performative = name_of(".send", performative)
     if not rest:
-        return say(engine, receiver, performative, content, engine.cause)
+        return engine.messaging.send(receiver, performative, content, engine.interpreter.cause)
     limit_s = number_of(".send", rest[1]) / 1000 if len(rest) > 1 else None
-    return say(engine, receiver, performative, content, engine.cause, answer=rest[0], limit_s=limit_s)
+    return engine.messaging.send(
+        receiver, performative, content, engine.interpreter.cause, answer=rest[0], limit_s=limit_s
+    )
 
 
 @internal(".broadcast", 2)
 def broadcast(engine: Any, args: Args, trail: Trail) -> None:
     """``.broadcast(Performative, Content)``: says something to all other agents."""
-    from socialbot.bdi.messaging import broadcast as say
-
-    say(engine, name_of(".broadcast", args[0]), resolve(args[1]), engine.cause)
+    engine.messaging.broadcast(name_of(".broadcast", args[0]), resolve(args[1]), engine.interpreter.cause)
 
 
 @internal(".my_name", 1, binds=True)
@@ -192,16 +194,17 @@ def my_name(engine: Any, args: Args, trail: Trail) -> bool:
 @internal(".all_names", 1, binds=True)
 def all_names(engine: Any, args: Args, trail: Trail) -> bool:
     """``.all_names(L)``: the names of all agents, this one among them."""
-    names = [engine.name] if engine.society is None else engine.society.agents
+    society = engine.messaging.society
+    names = [engine.name] if society is None else society.agents
     return gives(args[0], tuple(map(Atom, names)), trail)
 
 
 @internal(".stopMAS", 0, 1)
 def stop_all(engine: Any, args: Args, trail: Trail) -> None:
     """Ends the running of all agents; with ms, after so long."""
-    society = engine.society or engine
+    society = engine.messaging.society or engine
     if args:
-        engine.at_in(number_of(".stopMAS", args[0]) / 1000, society.stop)
+        engine.timers.after(number_of(".stopMAS", args[0]) / 1000, society.stop)
     else:
         society.stop()
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from socialbot.bdi.compiler.runtime import SUBGOAL
-from socialbot.bdi.intentions import Failed, Failure, ForkPause, Intention, Request, goal_of
+from socialbot.bdi.intentions import SUBGOAL, Failed, Failure, ForkPause, Intention, Request, goal_of
 from socialbot.bdi.literals import Literal, error, error_msg, literal
 from socialbot.bdi.stdlib.environment import Appointment, said, spelled
 from socialbot.bdi.stdlib.registry import gives, internal, literal_of
@@ -35,7 +34,7 @@ def desire(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 def intend(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     """``.intend(g(X))``: an intention that is not suspended pursues the goal."""
     goal = literal_of(".intend", args[0])
-    for intention in list(engine.intentions):
+    for intention in engine.intentions:
         if not intention.suspended:
             for request in _goals(intention):
                 yield from _matches(goal, request, trail)
@@ -45,7 +44,7 @@ def intend(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 def suspended(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     """``.suspended(g(X), Reason)``: an intention that rests pursues the goal; the reason is a string."""
     goal = literal_of(".suspended", args[0])
-    for intention in list(engine.intentions):
+    for intention in engine.intentions:
         if intention.suspended or intention.pause is not None:
             for request in _goals(intention):
                 for _ in _matches(goal, request, trail):
@@ -56,7 +55,7 @@ def suspended(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 @internal(".current_intention", 1, aware=True)
 def current_intention(engine: Any, args: Args, trail: Trail) -> bool:
     """``.current_intention(intention(Number, Goals))``: the intention of this plan; its innermost goal is the first."""
-    intention = engine.current
+    intention = engine.intentions.current
     goals = tuple(_atom(goal_of(request, {})) for request in reversed(list(_goals(intention))))
     return gives(args[0], literal("intention", (intention.number, goals)), trail)
 
@@ -72,17 +71,17 @@ def _atom(goal: Literal) -> object:
 def drop_intention(engine: Any, args: Args, trail: Trail) -> None:
     """``.drop_intention(g)``: ends the intentions that pursue the goal; without a goal the one at hand."""
     for intention in _with(engine, args, ".drop_intention"):
-        engine.drop(intention)
+        engine.intentions.drop(intention)
 
 
 @internal(".drop_all_intentions", 0, pauses=True)
 def drop_all_intentions(engine: Any, args: Args, trail: Trail) -> None:
     """Ends all intentions but the one at hand, and what is to come `.at` a time."""
-    ours = engine.current
-    for intention in list(engine.intentions):
-        if intention is not ours and intention in engine.intentions and not _is_branch_parent(intention, ours):
-            engine.drop(intention)
-    for _, _, callback in engine._timers:
+    ours = engine.intentions.current
+    for intention in engine.intentions:
+        if intention is not ours and intention.active and not _is_branch_parent(intention, ours):
+            engine.intentions.drop(intention)
+    for _, _, callback in engine.timers.heap:
         if isinstance(callback, Appointment):
             callback.cancelled = True
 
@@ -104,13 +103,13 @@ def drop_goal(engine: Any, goal: Literal) -> None:
     """Gives up a goal, whatever intentions pursue it."""
     _take_pending(engine, goal)
     for intention in _pursuing(engine, goal):
-        engine.drop(intention)
+        engine.intentions.drop(intention)
 
 
 @internal(".drop_all_desires", 0, pauses=True)
 def drop_all_desires(engine: Any, args: Args, trail: Trail) -> None:
     """Ends all intentions but the one at hand, and forgets the goals and events that wait for their turn."""
-    engine.events.clear()
+    engine.interpreter.events.clear()
     drop_all_intentions(engine, args, trail)
 
 
@@ -123,7 +122,7 @@ def drop_event(engine: Any, args: Args, trail: Trail) -> None:
 @internal(".drop_all_events", 0, pauses=True)
 def drop_all_events(engine: Any, args: Args, trail: Trail) -> None:
     """Forgets the goals and events that wait for their turn."""
-    engine.events.clear()
+    engine.interpreter.events.clear()
 
 
 # Ending
@@ -144,22 +143,22 @@ def fail_goal(engine: Any, args: Args, trail: Trail) -> None:
     goal = literal_of(".fail_goal", args[0])
     message = f"{spelled(goal)} was given up by .fail_goal"
     for request in _take_pending(engine, goal):
-        engine.fail_request(request, Failure("cancelled", message, ".fail_goal", engine.cause))
+        engine.intentions.fail_request(request, Failure("cancelled", message, ".fail_goal", engine.interpreter.cause))
     for intention in _pursuing(engine, goal):
         _unwind(engine, intention, goal, message)
 
 
 def _unwind(engine: Any, intention: Intention, goal: Literal, message: str | None) -> None:
     """Ends what is done for a goal: it has failed if there is a message, otherwise it is achieved."""
-    if intention not in engine.intentions:
+    if not intention.active:
         return
-    cause = engine.cause
+    cause = engine.interpreter.cause
 
     def end() -> None:
         problem = None if message is None else Failure("cancelled", message, ".fail_goal", cause)
-        engine.unwind(intention, lambda request: _fits(goal, request), problem)
+        engine.intentions.unwind(intention, lambda request: _fits(goal, request), problem)
 
-    engine.interrupt(intention, end)
+    engine.intentions.interrupt(intention, end)
 
 
 @internal(".fail", 0, 100)
@@ -191,8 +190,8 @@ def suspend(engine: Any, args: Args, trail: Trail) -> None:
 
 def _suspend(engine: Any, intention: Intention) -> None:
     intention.suspended = True
-    if intention in engine.ready:
-        engine.ready.remove(intention)
+    if intention in engine.interpreter.ready:
+        engine.interpreter.ready.remove(intention)
     if isinstance(intention.pause, ForkPause):
         for branch in intention.pause.branches:
             _suspend(engine, branch)
@@ -209,7 +208,7 @@ def _resume(engine: Any, intention: Intention) -> None:
     if intention.suspended:
         intention.suspended = False
         if intention.pause is None and intention.frames:
-            engine.ready.append(intention)
+            engine.interpreter.ready.append(intention)
         elif isinstance(intention.pause, ForkPause):
             for branch in intention.pause.branches:
                 _resume(engine, branch)
@@ -220,7 +219,7 @@ def _resume(engine: Any, intention: Intention) -> None:
 
 def _with(engine: Any, args: Args, name: str) -> list[Intention]:
     """The intentions that pursue a goal, or the one at hand."""
-    return _pursuing(engine, literal_of(name, args[0])) if args else [_whole(engine, engine.current)]
+    return _pursuing(engine, literal_of(name, args[0])) if args else [_whole(engine, engine.intentions.current)]
 
 
 def _whole(engine: Any, intention: Intention) -> Intention:
@@ -267,12 +266,16 @@ def _fits(goal: Literal, request: Request) -> bool:
 
 def _pending(engine: Any) -> list[Request]:
     """The goals that wait for their turn."""
-    return [(SUBGOAL, trigger, args, notes, cause) for trigger, args, notes, cause in engine.events if trigger.goal]
+    return [
+        (SUBGOAL, trigger, args, notes, cause)
+        for trigger, args, notes, cause in engine.interpreter.events
+        if trigger.goal
+    ]
 
 
 def _take_pending(engine: Any, goal: Literal) -> list[Request]:
     """Takes a goal out of what waits for its turn."""
     taken = [request for request in _pending(engine) if _fits(goal, request)]
     for request in taken:
-        engine.events.remove(request[1:])
+        engine.interpreter.events.remove(request[1:])
     return taken

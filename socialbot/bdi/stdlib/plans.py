@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from socialbot.bdi.beliefs import Relation, is_source
+from socialbot.bdi.belief_base import Relation, is_source
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.literals import SELF, source
 from socialbot.bdi.plans import Plan
@@ -23,14 +23,14 @@ Args = tuple[Any, ...]
 def abolish(engine: Any, args: Args, trail: Trail) -> None:
     """``.abolish(b(_))``: removes every belief that matches, whoever said it."""
     what = literal_of(".abolish", args[0])
-    engine.forget_all(engine.relations[what.key], what.args, what.annotations, engine.cause)
+    engine.beliefs.forget_all(engine.beliefs.relation(what.key), what.args, what.annotations, engine.interpreter.cause)
 
 
 @internal(".belief", 1, many=True)
 def belief(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     """``.belief(b(X))``: it is held, and does not only follow from others."""
     what = literal_of(".belief", args[0])
-    for _ in engine.relations[what.key].match(what.args, what.annotations, trail):
+    for _ in engine.beliefs.relation(what.key).match(what.args, what.annotations, trail):
         yield
 
 
@@ -53,10 +53,10 @@ def _assert(engine: Any, term: Any, name: str) -> tuple[Relation, Args | None]:
     what = literal_of(name, term)
     if not closed(what):
         raise Failed("no_value", f"{name}: {what} has a variable without a value")
-    relation = engine.relations[what.key]
+    relation = engine.beliefs.relation(what.key)
     new = what.args not in relation.facts
     notes = what.annotations if any(map(is_source, what.annotations)) else what.annotations + SELF
-    engine.add(relation, what.args, notes, engine.cause)
+    engine.beliefs.add(relation, what.args, notes, engine.interpreter.cause)
     return relation, what.args if new and what.args in relation.facts else None
 
 
@@ -77,7 +77,7 @@ def _put_last(relation: Relation, args: Args) -> None:
 @internal(".enter", 1)
 def enter(engine: Any, args: Args, trail: Trail) -> None:
     """``.enter(night)``: enters a stage: plans of other stages are no longer chosen."""
-    engine.enter(name_of(".enter", args[0]), cause=engine.cause)
+    engine.interpreter.enter(name_of(".enter", args[0]), cause=engine.interpreter.cause)
 
 
 @internal(".add_plan", 1, 3)
@@ -120,8 +120,8 @@ def plan_label(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 def relevant(engine: Any, term: Any) -> tuple[Plan, ...]:
     """The plans that may fit an event, in the order in which they are tried."""
     event = event_of(".relevant_plans", term)
-    found = []
-    for ready in engine.triggers[event.key].plans if event.key in engine.triggers else ():
+    found, triggers = [], engine.library.triggers
+    for ready in triggers[event.key].plans if event.key in triggers else ():
         trail: Trail = []
         head = opened(ready.plan.event.literal)
         if unify(head.args, event.literal.args, trail) and annotations_match(
@@ -144,7 +144,7 @@ def learn(engine: Any, item: Any, notes: tuple[Any, ...], *, first: bool = False
 
     try:
         check_plans([plan], engine.library)
-        engine.add_plan(replace(plan, annotations=(*_others(plan), *notes)), first=first)
+        engine.add_rules(replace(plan, annotations=(*_others(plan), *notes)), first=first)
     except RuleError as problem:
         raise Failed("wrong_arguments", f"the plan cannot be added: {problem}") from problem
 
@@ -159,7 +159,7 @@ def unlearn(engine: Any, item: Any, notes: tuple[Any, ...]) -> None:
         return
     left = tuple(note for note in _sources(known.plan) if note not in notes)
     if left:
-        engine.own_library()
+        engine.interpreter.own_library()
         known = _known(engine, known.plan)
         known.plan = replace(known.plan, annotations=(*_others(known.plan), *left))
     else:
@@ -182,7 +182,7 @@ def _plan(item: Any) -> Plan:
 
 def _known(engine: Any, plan: Plan) -> Any:
     """The plan of the library that is the same, with its code."""
-    trigger = engine.triggers.get(plan.event.key)
+    trigger = engine.library.triggers.get(plan.event.key)
     for ready in trigger.plans if trigger is not None else ():
         if ready.plan is plan or _text(ready.plan) == _text(plan):
             return ready

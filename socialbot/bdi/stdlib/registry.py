@@ -52,13 +52,6 @@ def internal(
     return register
 
 
-def find(name: str) -> Internal | None:
-    """The internal action of a name; those of AgentSpeak are loaded when one is first asked for."""
-    if name[:1] == "." and ".print" not in INTERNALS:
-        pass
-    return INTERNALS.get(name)
-
-
 Args = tuple[Any, ...]
 
 

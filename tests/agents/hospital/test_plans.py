@@ -190,7 +190,7 @@ def carried_out(plan: Sequence[PlanStage], context: Mapping[str, str], arguments
                 for agent in stage.agents:
                     event = Event(Change.ADDED, literal(f"success_{name}", args))
                     society.agents[agent].call(
-                        lambda agent=agent, event=event: society.agents[agent].raise_event(event, "")
+                        lambda agent=agent, event=event: society.agents[agent].interpreter.raise_event(event, "")
                     )
 
         return begin

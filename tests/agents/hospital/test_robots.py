@@ -208,7 +208,7 @@ def test_listing_1_runs_as_printed():
     ]  # fmt: skip
     assert spot.believes("milestone6")
     assert not spot.believes("milestone5")
-    assert [str(goal) for goal in spot.engine.desires()] == [f"a_authorize_disinfect({UVD}, {SPOT})"]
+    assert [str(goal) for goal in spot.engine.intentions.desires()] == [f"a_authorize_disinfect({UVD}, {SPOT})"]
 
 
 def test_listing_2_runs_as_printed():
@@ -218,7 +218,7 @@ def test_listing_2_runs_as_printed():
     uvd.engine.add_text("+!a_authorize_disinfect(U, S) : milestone5 <- a_authorize_disinfect(U, S).")
     uvd.tell(Belief("milestone5"), sender=SPOT)
     uvd.tell(Belief(f"trigger_a_authorize_disinfect({UVD}, {SPOT})"), sender=SPOT)
-    assert [str(goal) for goal in uvd.engine.desires()] == [f"a_authorize_disinfect({UVD}, {SPOT})"]
+    assert [str(goal) for goal in uvd.engine.intentions.desires()] == [f"a_authorize_disinfect({UVD}, {SPOT})"]
 
 
 def test_agent_executes_plans_reports_and_forgets_mission():
@@ -261,7 +261,7 @@ def test_stop_aborts_the_mission(word):
     spot.runner.advance(spot.now + SECOND)
     assert spot.cancels == [spot.commands[0].id]
     assert spot.believes("idle")
-    assert not spot.engine.desires()
+    assert not spot.engine.intentions.desires()
 
 
 def test_messages_about_other_plans_are_ignored():

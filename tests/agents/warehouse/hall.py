@@ -117,7 +117,7 @@ class Hall:
 
     def give_up(self, agent: str, trial: Try) -> None:
         engine = self.node(agent).engine
-        engine.call(lambda: engine.drop(trial.intention, lambda: setattr(trial, "end", "stopped")))
+        engine.call(lambda: engine.intentions.drop(trial.intention, lambda: setattr(trial, "end", "stopped")))
         self.after(0.0)
 
     def request(

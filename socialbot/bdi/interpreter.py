@@ -1,0 +1,358 @@
+"""Interpreter of an agent, its reasoning cycle: in each turn one event, and one step of one intention."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Iterable, Iterator
+from itertools import repeat
+from typing import TYPE_CHECKING, Any
+
+from socialbot.bdi.belief_base import Annotations, Args, BeliefBase, Relation
+from socialbot.bdi.intention_stack import IntentionStack
+from socialbot.bdi.intentions import DONE, END, EVENT, SUBGOAL, TAIL, Intention, TimedRequest
+from socialbot.bdi.library import CompiledPlan, Library, Trigger
+from socialbot.bdi.literals import ANYTHING, PERCEPT, SELF, Change, Computed, Event, Literal, Reactor, Structure
+from socialbot.bdi.messaging import Messaging
+from socialbot.bdi.sensors import Sensor, changes
+from socialbot.bdi.stdlib.registry import opened
+from socialbot.bdi.unification import Trail, closed, free, resolve, undo, unify
+from socialbot.core.errors import RuleError
+
+if TYPE_CHECKING:
+    from random import Random
+
+    from socialbot.bdi.durative_actions import Pool
+    from socialbot.bdi.engine import Engine
+
+STEPS = 8
+"""Steps of an intention in one turn if no other one waits; then the clock is checked."""
+
+
+class entered(Reactor):  # noqa: N801 - written like a belief
+    """``+entered(Stage)``: the event that a stage has begun."""
+
+
+class Interpreter:
+    """Selects events, plans and intentions, and gives each its turn. Compiled plans receive it as ``ag``.
+
+    Attributes:
+        engine: The agent, as actions receive it.
+        beliefs, intentions, library, messaging, timers, trace: The parts of the agent.
+        relations, triggers, ready: Those of the belief base, the library and the intention stack, for quick access.
+        inbox: Items posted from any thread: beliefs to add, as tuples, and functions to call.
+        events: Queue of events and goals.
+        others: The events that a plan for an event has to wait for. During the turn of an event these are none.
+        stage: The current stage of plans.
+        cause: The trace record of the internal action that is executed.
+        action: The trace record of the action that was executed last.
+        signalled: Whether the wake-up of the engine was called since the last turn.
+        pool: The threads for blocking actions, made when one is needed.
+        random: The source of random numbers, made when one is needed.
+    """
+
+    __slots__ = (
+        "action", "beliefs", "cause", "engine", "events", "inbox", "intentions", "library", "messaging",
+        "now", "others", "pool", "random", "ready", "relations", "signalled", "stage", "timers", "trace", "triggers",
+    )  # fmt: skip
+
+    def __init__(self, engine: Engine, library: Library) -> None:
+        self.engine = engine
+        self.trace = engine.trace
+        self.timers = engine.timers
+        self.now = engine.clock.now
+        self.library = library
+        self.triggers = library.triggers
+        self.inbox: deque[Any] = deque()
+        self.events: deque[tuple[Trigger, Args, Annotations, Any]] = deque()
+        self.others: Collection[Any] = self.events
+        self.beliefs = BeliefBase(library, self.events, self.timers, self.trace)
+        self.relations = self.beliefs.relations
+        self.intentions = IntentionStack(self)
+        self.messaging = Messaging(engine)
+        self.ready = self.intentions.ready
+        self.stage: str | None = None
+        self.cause: Any = ""
+        self.action = ""
+        self.signalled = False
+        self.pool: Pool | None = None
+        self.random: Random | None = None
+
+    # From any thread
+
+    def post(self, item: Any) -> None:
+        """Queues a belief to add, or a function to call in the engine's thread."""
+        self.inbox.append(item)
+        if self.engine.wake is not None and not self.signalled:
+            self.signal()
+
+    def signal(self) -> None:
+        """Wakes the host."""
+        self.signalled = True
+        if self.engine.wake is not None:
+            self.engine.wake()
+
+    # Beliefs
+
+    def admit(self, belief: Literal) -> tuple[Relation, Any, Any, str, None]:
+        """Checks a belief; returns its inbox item, which is kept for the next time. Callable from any thread."""
+        belief.check()
+        kind, beliefs = belief.__class__, self.beliefs
+        relation = beliefs.known.get((kind, len(belief.args)))
+        if relation is None:
+            relation = beliefs.relation(belief.key)
+            if kind is not Structure and relation.kind is not kind:
+                beliefs.declare(kind)
+            if kind is not Structure and not belief.negated and belief.posted is None:
+                # It pays for a class of new beliefs, not for a constant that agents share.
+                beliefs.know(kind, len(belief.args), relation)
+        belief.posted = item = (relation, belief.args, belief.annotations + SELF, "", None)
+        return item
+
+    def forget(self, belief: Literal, cause: str) -> None:
+        """Removes the beliefs that match, with all their sources."""
+        args, notes = opened((belief.args, belief.annotations))
+        self.beliefs.forget_all(self.beliefs.relation(belief.key), args, notes, cause)
+
+    def sense(self, sensor: Sensor, percept: Any, cause: str, since: int | None) -> None:
+        """Updates the beliefs from a percept of a sensor."""
+        if sensor.engine is self.engine and not sensor.running:
+            return
+        try:
+            sensed = changes(sensor.sense(percept))
+            for event in sensed:
+                if event.change is Change.ADDED:
+                    relation, args, *_ = self.admit(event.literal)
+                    self.beliefs.add(relation, args, event.literal.annotations + PERCEPT, cause, since)
+                else:
+                    self.forget(event.literal, cause)
+        except Exception as problem:  # noqa: BLE001 - sensors are user code
+            self.trace.record_failure(type(sensor).__name__, cause, problem)
+            return
+        if sensor.once and sensed:
+            sensor.stop()
+
+    # The cycle
+
+    def run_until_idle(self, budget: int = 10_000) -> bool:
+        """Runs turns until nothing is left to do now, at most ``budget``; returns whether something is left.
+
+        In a turn the agent takes in what was posted, calls due timers, handles one event and makes a step of one
+        intention (more steps if no other one waits).
+        """
+        self.signalled = False
+        inbox, events, ready, intentions, heap = self.inbox, self.events, self.ready, self.intentions, self.timers.heap
+        while budget > 0:
+            budget -= 1
+            trigger: Trigger | None = None
+            args: Args = ()
+            notes: Annotations = ()
+            cause: Any = None
+            if inbox:
+                item = inbox.popleft()
+                if inbox or events or item.__class__ is not tuple:
+                    inbox.appendleft(item)
+                    self.take_in()
+                else:
+                    # A single belief, as most percepts are, skips the queue.
+                    relation, args, notes, cause, since = item
+                    if args in relation.facts or relation.care or self.trace.sink is not None:
+                        self._take(item)
+                    else:
+                        relation.facts[args] = (self.now() if since is None else since, notes, cause)
+                        if relation.indexes:
+                            relation.enter(args)
+                        trigger = relation.added
+            if heap and heap[0][0] <= self.now():
+                self.timers.run_due()
+            if intentions.atomic is not None:
+                if trigger is not None:
+                    events.append((trigger, args, notes, cause))
+                if not self._advance_atomic() and not inbox and not self._wake_atomic():
+                    return False
+                continue
+            if trigger is None and events:
+                trigger, args, notes, cause = events.popleft()
+                if trigger.goal:
+                    intentions.adopt((SUBGOAL, trigger, args, notes, cause))
+                    trigger = None
+            if trigger is not None:
+                position = trigger.position
+                if events:
+                    self.others = ()
+                for plan in trigger.plans if position is None else trigger.by.get(args[position], trigger.rest):
+                    try:
+                        result = plan.run(self, args, notes, cause)
+                    except Exception as problem:  # noqa: BLE001 - a condition is user code
+                        self.trace.record_failure(str(plan.plan), cause, problem)
+                        continue
+                    if result is not None:
+                        if result is not DONE:
+                            intentions.intend((EVENT, trigger, args, notes, cause), plan, result)
+                        break
+                self.others = events
+                if intentions.waiting:
+                    intentions.notify(trigger.key, args, notes)
+            if ready:
+                self._advance(ready.popleft())
+            if intentions.conditions:
+                intentions.recheck()
+            busy = events or ready or inbox or intentions.atomic
+            if not busy and (not heap or heap[0][0] > self.now()):
+                return False
+        return bool(inbox or events or ready)
+
+    def take_in(self) -> None:
+        """Takes in everything that was posted."""
+        inbox = self.inbox
+        while inbox:
+            self._take(inbox.popleft())
+
+    def _take(self, item: Any) -> None:
+        try:
+            if item.__class__ is tuple:
+                self.beliefs.add(*item)
+            else:
+                item()
+        except Exception as problem:  # noqa: BLE001 - errors from outside must not stop the agent
+            self.trace.record_failure("inbox", "", problem)
+
+    # Steps of intentions
+
+    def _advance(self, intention: Intention) -> None:
+        """Makes steps of an intention, until others want their turn."""
+        frames, intentions = intention.frames, self.intentions
+        if intention.suspended or not intention.active:
+            return
+        intentions.current = intention
+        for _ in repeat(None, STEPS):
+            body, goal, plan = frames[-1]
+            result: Any = None
+            intentions.turn_may_end = True
+            try:
+                result = next(body, END)  # type: ignore[arg-type]
+            except Exception as problem:  # noqa: BLE001 - actions are user code: they fail their goal, never the agent
+                frames.pop()
+                intentions.finished_atomic(intention, plan)
+                intentions.turn_may_end = False
+                intentions.fail_goal(intention, goal, intentions.failure_of(plan, problem, goal))
+                body = frames[-1][0] if frames else None
+            if not frames or frames[-1][0] is not body:
+                # The step has ended a goal of its own intention.
+                result = None
+            if result is END:
+                frames.pop()
+                intentions.finished(intention, goal, plan)
+                intentions.turn_may_end = False
+            elif result.__class__ is tuple:
+                if result[0] & TAIL:
+                    frames.pop()
+                    intentions.finished_atomic(intention, plan)
+                    if plan is not None:
+                        intentions.replace_goal(intention, goal, plan)
+                intentions.turn_may_end = False
+                intentions.pursue(intention, result)
+            elif result.__class__ is TimedRequest:
+                intentions.pursue_timed(intention, result)
+            elif result is not None:
+                intentions.rest(intention, result)
+                if intention.pause is not None or not frames:
+                    return
+            if frames and frames[-1][0] is None:
+                intentions.pop_kept(frames)
+            if not frames:
+                if intention.active:
+                    intentions.end(intention, None)
+                return
+            if intention.suspended or intention.pause is not None:
+                return
+            # A plan whose goal has ended goes on to the end of its step.
+            if intentions.turn_may_end and (self.ready or self.events or self.inbox) and not intention.atomic:
+                break
+        self.ready.append(intention)
+
+    def _advance_atomic(self) -> bool:
+        """Makes steps of the atomic intention only; returns False if it waits."""
+        for candidate in list(self.ready):
+            if candidate is self.intentions.atomic or candidate.atomic:
+                self.ready.remove(candidate)
+                self._advance(candidate)
+                return True
+        return False
+
+    def _wake_atomic(self) -> bool:
+        """Continues the atomic intention if its event or condition has come; the events themselves stay queued."""
+        self.intentions.recheck()
+        for trigger, args, notes, _ in list(self.events):
+            if trigger.key in self.intentions.waiting:
+                self.intentions.notify(trigger.key, args, notes)
+        return any(intention.atomic for intention in self.ready)
+
+    # Plans and queries
+
+    def select_plan(
+        self, trigger: Trigger, args: Args, notes: Annotations, cause: Any, opened: bool
+    ) -> tuple[CompiledPlan | None, Any]:
+        """The first applicable plan and its result; ``opened`` tells that the arguments have variables."""
+        for plan in trigger.plans if opened else trigger.candidates(args):
+            try:
+                result = (plan.run_open if opened else plan.run)(self, args, notes, cause)
+            except Exception as problem:  # noqa: BLE001 - a condition is user code
+                self.trace.record_failure(str(plan.plan), cause, problem)
+                if opened:
+                    free(args)
+                continue
+            if result is not None:
+                return plan, result
+        return None, None
+
+    def solve(self, key: str, args: Args, notes: Annotations, trail: Trail) -> Iterator[None]:
+        """The solutions of a query: beliefs held, computed or inferred; bindings hold until the next one."""
+        for _ in self.beliefs.relation(key).match(args, notes, trail):
+            yield
+        mark = len(trail)
+        kind = self.library.computes(key)
+        if kind is not None:
+            for found in self._compute(kind, resolve(args)):
+                if unify(args, found, trail):
+                    yield
+                undo(trail, mark)
+        for rule in self.library.inferences.get(key, ()):
+            for _ in rule.solve(self, args, trail):
+                if not closed(args):
+                    raise RuleError(
+                        f"{rule.inference.head} follows with a variable that has no value",
+                        where=str(rule.inference.origin or rule.inference),
+                        remedy="give every variable of the head a value in the condition, or in the question",
+                    )
+                yield
+            undo(trail, mark)
+
+    def _compute(self, kind: type[Computed], args: Args) -> Iterable[Args]:
+        computed = self.library.computed.get(kind.functor) or self.library.computed.setdefault(kind.functor, kind())
+        found = computed.solutions(*(arg if closed(arg) else ANYTHING for arg in args))
+        if isinstance(found, bool):
+            return [args] if found else []
+        return list(found)
+
+    def own_library(self) -> Library:
+        """The library, which from now on belongs to this agent alone; a shared one is copied."""
+        if self.library.users > 1:
+            self.library.users -= 1
+            self.library = self.library.copy()
+            self.library.users = 1
+            self.triggers = self.library.triggers
+            self.beliefs.use(self.library)
+        return self.library
+
+    def enter(self, stage: str | None, *, cause: Any = "") -> None:
+        """Enters a stage, with the event ``entered(stage)``; plans of other stages are no longer selected."""
+        self.stage = stage
+        self.beliefs.declare(entered)
+        self.beliefs.add(self.beliefs.relation("entered/1"), (stage or "",), SELF, cause)
+
+    def raise_event(self, event: Event, cause: Any) -> None:
+        """Queues an event or goal as if it had come from outside."""
+        literal = event.literal
+        trigger = self.triggers[event.key] if event.key.startswith("+!") else self.triggers.get(event.key)
+        if trigger is not None:
+            self.events.append((trigger, literal.args, literal.annotations or SELF, cause))
