@@ -57,6 +57,8 @@ class Watch:
     last: int | None = None
     told: bool = False
     """Whether the node knows that it is silent."""
+    deadline: int = 0
+    """The deadline (ns) when it was last asked for."""
     _periods: deque[int] = field(default_factory=lambda: deque(maxlen=PERIODS_KEPT))
     _returned: bool = False
 
@@ -69,15 +71,20 @@ class Watch:
 
     def due(self) -> int | None:
         """When (ns) it is silent if nothing comes; None when it is, or has no deadline."""
-        deadline_s = self.node.deadline_s(self.port)
-        if self.told or deadline_s <= 0:
+        self.deadline = patience = nanoseconds(self.node.deadline_s(self.port))
+        if self.told or patience <= 0:
             return None
-        patience = nanoseconds(deadline_s)
         if len(self._periods) < LEAST_PERIODS:
             patience = max(patience, nanoseconds(FIRST_S))
         else:
             patience = max(patience, round(PERIODS * median(tuple(self._periods))))
         return (self.begun if self.last is None else self.last) + patience
+
+    def next_check(self, now: int) -> int | None:
+        """When (ns) to check again; no later than `due`, also if later messages make the usual period shorter."""
+        due = self.due()
+        earliest = (self.begun if self.last is None else self.last) + self.deadline
+        return due if due is None or earliest <= now else earliest
 
     def returned(self) -> bool:
         """Whether the node has to be told that it is back: something has come, or there is no deadline any more."""
@@ -102,6 +109,8 @@ class HealthMonitor:
         self._topics = {port.name: topic for topic, port in placement.subscriptions}
         self._outputs = tuple(topic for topic, _ in placement.publications)
         self._watches: dict[str, Watch] = {}
+        self._watch_of: dict[str, Watch] = {}
+        self._next_check: int | None = None
         self._said: tuple[State, str] = ("ok", "")
         self._shown: Health | None = None
         self._node: Node | None = None
@@ -117,6 +126,10 @@ class HealthMonitor:
         for name, port in node.inputs().items():
             if port.deadline_s > 0 and port.alternative_to is None:
                 self._watches[name] = Watch(port, node, now)
+        for name, port in node.inputs().items():
+            watch = self._watches.get(name if port.alternative_to is None else port.alternative_to.name)
+            if watch is not None:
+                self._watch_of[name] = watch
 
         def beat() -> None:
             self._show(again=True)
@@ -137,27 +150,41 @@ class HealthMonitor:
         )
 
     def came(self, port: Input[Any], message: Message) -> bool:
-        """Notes that ``message`` has come; says whether anybody watches that. Safe from any thread."""
-        watch = self._watches.get(port.name if port.alternative_to is None else port.alternative_to.name)
+        """Note that ``message`` was received; True if `look` or an earlier `due` may follow. Safe from any thread."""
+        watch = self._watch_of.get(port.name)
         if watch is None or not watch.node.counts(port, message):
             return False
-        watch.came(port, self._clock.now())
-        return True
+        now = self._clock.now()
+        watch.came(port, now)
+        return watch.told or self._next_check is None or self._next_check > now + watch.deadline
 
     def due(self) -> int | None:
-        """When (ns) the next input is silent if nothing comes; None when there is nothing to wait for."""
-        return min((due for watch in self._watches.values() if (due := watch.due()) is not None), default=None)
+        """When (ns) to check for silent inputs again; None if no input has a deadline or all are silent."""
+        now = self._clock.now()
+        first = None
+        for watch in self._watches.values():
+            check = watch.next_check(now)
+            if check is not None and (first is None or check < first):
+                first = check
+        self._next_check = first
+        return first
 
     @property
     def returned(self) -> bool:
         """Whether an input is back, and the node does not know it."""
-        return any(watch.returned() for watch in self._watches.values())
+        return any(watch.returned() for watch in self._watches.values() if watch.told)
 
     @property
     def pending(self) -> bool:
-        """Whether there is something to tell the node by `look`."""
-        due = self.due()
-        return self.returned or (due is not None and due <= self._clock.now())
+        """Whether `look` has a change to report to the node."""
+        now = self._clock.now()
+        for watch in self._watches.values():
+            if watch.told:
+                if watch.returned():
+                    return True
+            elif (due := watch.due()) is not None and due <= now:
+                return True
+        return False
 
     def look(self) -> None:
         """Tells the node of one input that is silent or back, if there is one; for the node's own thread."""
@@ -182,13 +209,20 @@ class HealthMonitor:
 
     def health(self) -> Health:
         """How the node is now: the worst of what it says and what its inputs do."""
-        found = [self._said, *(self._silence(watch) for watch in self._watches.values() if watch.told)]
+        state, reason = self._said
+        silent = ()
+        for watch in self._watches.values():
+            if watch.told:
+                silent = (*silent, self.topic(watch.port))
+                its_state, its_reason = self._silence(watch)
+                state = max(state, its_state, key=WORSE.index)
+                reason = f"{reason}; {its_reason}" if reason else its_reason
         return Health(
             stamp=self._clock.now(),
             node=self._name,
-            state=max((state for state, _ in found), key=lambda state: WORSE.index(state)),
-            reason="; ".join(reason for _, reason in found if reason),
-            silent=tuple(self.topic(watch.port) for watch in self._watches.values() if watch.told),
+            state=state,
+            reason=reason,
+            silent=silent,
             outputs=self._outputs,
         )
 
@@ -236,21 +270,24 @@ class Healths:
 
     def __init__(self) -> None:
         self._said: dict[str, tuple[Health, int]] = {}
+        self._ended: set[str] = set()
 
     def note(self, health: Health, now: int) -> None:
-        """Takes what a node says at the time ``now`` (ns)."""
+        """Take the health of a node at the time ``now`` (ns)."""
         self._said[health.node] = (health, now)
+        (self._ended.add if health.state == "ended" else self._ended.discard)(health.node)
 
     @property
     def over(self) -> bool:
         """Whether a recording is over, so that no silence needs another reason."""
-        return any(health.state == "ended" for health, _ in self._said.values())
+        return bool(self._ended)
 
     def goes_on(self, now: int) -> None:
         """Takes note that pictures come: a recording that was over some time ago is no reason any more why not."""
-        over = [name for name, (one, heard) in self._said.items() if one.state == "ended" and now - heard > _A_WHILE]
-        for name in over:
-            del self._said[name]
+        for name in tuple(self._ended):
+            if now - self._said[name][1] > _A_WHILE:
+                del self._said[name]
+                self._ended.discard(name)
 
     def silent_above(self, topic: str) -> bool:
         """Whether a node that publishes ``topic`` says that nothing comes to itself."""

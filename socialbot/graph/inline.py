@@ -56,11 +56,11 @@ class _Context:
     def __init__(self, runner: InlineRunner, placement: NodeConfig) -> None:
         self.name = placement.name
         self.alive = True
-        self.watched = False
+        self._next_check: int | None = None
         self._runner = runner
         self.vitals = HealthMonitor(placement, runner.clock, self._publish_health)
         self._topics = {port.name: topic for topic, port in placement.publications}
-        self._own_health = own_health_topic(placement.name)
+        self._health_topics = (HEALTH_TOPIC, own_health_topic(placement.name))
         self._last = placement.type.is_simulator
 
     @property
@@ -84,26 +84,24 @@ class _Context:
         while self.alive and self.vitals.pending:
             self._runner.attempt(self, self.vitals.look)
         due = self.vitals.due()
-        if due is not None and not self.watched:
-            self.watched = True
-            self._runner.schedule(due, self._watch_again)
+        if due is not None and (self._next_check is None or due < self._next_check):
+            self._next_check = due
+            self._runner.schedule(due, functools.partial(self._watch_again, due))
 
-    def _watch_again(self) -> None:
-        self.watched = False
-        if self.alive:
+    def _watch_again(self, due: int) -> None:
+        if self.alive and due == self._next_check:
+            self._next_check = None
             self.watch()
 
     def _call_beat(self, time: int, beat: Callable[[], None]) -> None:
-        if self._heard_health_topics():
-            self._runner.schedule(time, lambda: beat() if self.alive else None)
+        # Without a listener the node publishes no signs of life.
+        if self.alive and not self._runner.heard.isdisjoint(self._health_topics):
+            self._runner.schedule(time, beat)
 
     def _publish_health(self, health: Health) -> None:
-        for topic in self._heard_health_topics() if self.alive else ():
-            self._runner.enqueue(topic, health)
-
-    def _heard_health_topics(self) -> list[str]:
-        """Where somebody listens to how the node is; if nobody does, it does not say it."""
-        return [topic for topic in (HEALTH_TOPIC, self._own_health) if self._runner.hears(topic)]
+        for topic in self._health_topics:
+            if self.alive and topic in self._runner.heard:
+                self._runner.enqueue(topic, health)
 
     def call_soon(self, callback: Callable[[], None]) -> None:
         self._runner.posted.put(self._guarded(callback))
@@ -132,6 +130,8 @@ class InlineRunner:
         self._latched: dict[str, Message] = {}
         self._taps: dict[str, list[Tap]] = {}
         self._queue: deque[tuple[str, Message]] = deque()
+        self.heard: set[str] = set()
+        """Topics with a listener."""
         self._timers: list[tuple[int, bool, int, _Timer]] = []
         self._sequence = itertools.count()
         for placement in graph.placements:
@@ -139,6 +139,7 @@ class InlineRunner:
             self.faults[placement.name] = Faults()
             for topic, port in placement.subscriptions:
                 self._listeners.setdefault(topic, []).append((placement.name, port))
+        self.heard.update(self._listeners)
 
     def start(self) -> None:
         """Starts the nodes, and lets what they send at once arrive. Raises NodeError, or the node's own error."""
@@ -161,7 +162,7 @@ class InlineRunner:
         self._contexts[name].begin_vitals(node)
         for topic, port in placement.subscriptions:
             if port.delivery is Delivery.LATCHED and topic in self._latched:
-                self.guard(self._contexts[name], functools.partial(port.deliver, node, self._latched[topic]))
+                self.guard(self._contexts[name], port.deliver, node, self._latched[topic])
         self._drain()
 
     def close(self) -> None:
@@ -173,13 +174,10 @@ class InlineRunner:
                 self.faults[name].count(error)
                 log.warning("%s: cannot stop: %s: %s", name, type(error).__name__, error)
 
-    def hears(self, topic: str) -> bool:
-        """Whether anybody listens to ``topic``."""
-        return topic in self._listeners or topic in self._taps
-
     def tap(self, topic: str, callback: Tap) -> None:
         """Shows every message on ``topic`` to ``callback`` before the nodes get it."""
         self._taps.setdefault(topic, []).append(callback)
+        self.heard.add(topic)
 
     def feed(self, topic: str, message: Message, *, time: int | None = None) -> None:
         """Moves to ``time`` (the message's stamp if not given) and delivers ``message`` and all that follows."""
@@ -195,7 +193,7 @@ class InlineRunner:
             moment = list(together)
             topics.update(dict.fromkeys(topic for topic, _ in moment))
             self._feed(stamp, moment)
-        if self.hears(HEALTH_TOPIC):
+        if HEALTH_TOPIC in self.heard:
             self.enqueue(HEALTH_TOPIC, ended("bag", tuple(topics), self.clock.now()))
         self.advance(self.clock.now() + nanoseconds(tail_s))
 
@@ -236,19 +234,19 @@ class InlineRunner:
         """Takes ``message`` from a node; one that is latched also reaches those who start later."""
         if delivery is Delivery.LATCHED:
             self._latched[topic] = message
-        self.enqueue(topic, message)
+        self._queue.append((topic, message))
 
-    def guard(self, context: _Context, callback: Callable[[], None]) -> None:
-        """Calls into a node while it lives, and counts that."""
+    def guard(self, context: _Context, callback: Callable[..., None], *arguments: Any) -> None:
+        """Call into a node that is alive; count the call, and count and log an exception."""
         if context.alive:
-            self.faults[context.name].calls += 1
-            self.attempt(context, callback)
+            self.attempt(context, callback, *arguments, calls=1)
 
-    def attempt(self, context: _Context, callback: Callable[[], None]) -> None:
-        """Calls into a node; its exceptions are counted and logged, and end nothing."""
+    def attempt(self, context: _Context, callback: Callable[..., None], *arguments: Any, calls: int = 0) -> None:
+        """Call into a node; count and log an exception."""
         faults = self.faults[context.name]
+        faults.calls += calls
         try:
-            callback()
+            callback(*arguments)
         except Exception as error:  # noqa: BLE001 - whatever a node raises, the graph goes on
             faults.count(error)
             if faults.failures == 1:
@@ -269,10 +267,10 @@ class InlineRunner:
                     tap(topic, message)
                 for name, port in self._listeners.get(topic, ()):
                     context = self._contexts.get(name)
-                    if context is not None:
+                    if context is not None and context.alive:
                         if context.vitals.came(port, message):
                             context.watch()
-                        self.guard(context, functools.partial(port.deliver, self.nodes[name], message))
+                        self.attempt(context, port.deliver, self.nodes[name], message, calls=1)
 
 
 def _start(node: Node) -> None:

@@ -114,7 +114,11 @@ class Output(Generic[M]):
     @overload
     def __get__(self, node: Node, owner: type) -> Publisher[M]: ...
     def __get__(self, node: Node | None, owner: type) -> Output[M] | Publisher[M]:
-        return self if node is None else Publisher(node, self)
+        if node is None:
+            return self
+        # Kept in the node's attributes, where it is found before this descriptor.
+        publisher = vars(node)[self.name] = Publisher(node, self)
+        return publisher
 
 
 class Publisher(Generic[M]):

@@ -208,7 +208,11 @@ class ImageConverter(Node):
 
     @image_raw
     def on_image(self, image: Image) -> None:
-        self._publish(bgr_from_image(image), image)
+        pixels = bgr_from_image(image)
+        if image.encoding == "bgr8" and pixels.base is not None and image.data.size == pixels.size:
+            self.image_color.publish(image)  # nothing to convert: the same message, without a copy
+        else:
+            self._publish(pixels, image)
 
     @image_compressed
     def on_compressed(self, image: CompressedImage) -> None:
