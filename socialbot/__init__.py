@@ -65,7 +65,8 @@ if TYPE_CHECKING:
     from socialbot.planning.pddl.reader import read_domain, read_problem
     from socialbot.planning.planners.engines import make_planner
     from socialbot.runs.folder import RecordedRun, open_run
-    from socialbot.runtime.replay import Replay, replay
+    from socialbot.runtime.bag_source import replay
+    from socialbot.runtime.run import RunResult
 
 __version__ = "0.1.0"
 
@@ -75,10 +76,10 @@ __all__ = [
     "FactSensor", "Goal", "Graph", "GraphError", "HeadCommand", "Health", "Image", "InlineRunner", "Input",
     "Library", "Literal", "LongAction", "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output",
     "Parameter", "ParameterError", "PersonDetection", "PersonDetections", "Plan", "PlanAction", "Record",
-    "RecordedRun", "Replay", "Sensor", "SingletonBelief", "SocialbotError", "Society", "SpeechStatus", "Structured",
-    "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace", "TraceRecord", "Utterance", "Variable",
-    "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner", "nanoseconds", "open_bag",
-    "open_run", "parse_graph", "predicate", "read_domain", "read_problem", "replay", "variables",
+    "RecordedRun", "RunResult", "Sensor", "SingletonBelief", "SocialbotError", "Society", "SpeechStatus",
+    "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace", "TraceRecord", "Utterance",
+    "Variable", "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner", "nanoseconds",
+    "open_bag", "open_run", "parse_graph", "predicate", "read_domain", "read_problem", "replay", "variables",
 ]  # fmt: skip
 
 _MODULES = {
@@ -108,7 +109,8 @@ _MODULES = {
     "socialbot.planning.pddl.reader": "read_domain read_problem",
     "socialbot.planning.planners.engines": "make_planner",
     "socialbot.runs.folder": "RecordedRun open_run",
-    "socialbot.runtime.replay": "Replay replay",
+    "socialbot.runtime.bag_source": "replay",
+    "socialbot.runtime.run": "RunResult",
 }
 __getattr__ = _lazy_exports(__name__, _MODULES)
 _install_old_names()

@@ -9,7 +9,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 
 import pytest
-from socialbot.runtime.replay import graph_of
+from socialbot.runtime.bag_source import graph_of
 
 from socialbot import InlineRunner, open_bag, open_run
 from socialbot._old_names import OldNamesFinder, old_modules
