@@ -9,11 +9,11 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 
 import pytest
-from socialbot.runtime.bag_source import graph_of
 
 from socialbot import InlineRunner, open_bag, open_run
 from socialbot._old_names import OldNamesFinder, old_modules
 from socialbot.core.clock import SECOND
+from socialbot.runtime.bag_source import graph_of
 
 RUN = Path(__file__).parent / "data" / "run_0_1"
 
