@@ -23,25 +23,25 @@ if TYPE_CHECKING:
 
 
 NOT_ENDED = 10
-"""The exit code when something was not heard, or has not ended in time."""
+"""Exit code: a run was not found, or did not end in time."""
 
 LISTEN_S = 5.0
-"""So long another machine is listened for that nobody knows anything of; who is up says so each second."""
+"""Time to wait for an unknown machine; running ones announce themselves every second."""
 
 SLOW = {
     "up": "no answer; with keys it obeys known senders only",
-    "ending": "it is about to",
-    "ended": "its nodes are, but its process is still there",
+    "ending": "it is still ending",
+    "ended": "its nodes have ended, but not its process",
 }
-"""What a run that has not ended in time said last, in words."""
+"""Explanation of the last state of a run that did not end in time."""
 
 ASK_EVERY_S = 0.5
-LOOK_AGAIN_S = 0.05
+POLL_S = 0.05
 
 
 @dataclass(frozen=True)
 class Target:
-    """What is to end: runs that are ``wanted``, one on each of ``machines``; this is the machine ``own`` of them."""
+    """Runs to end: those that are ``wanted``, one on each of ``machines``; ``own`` is this machine."""
 
     wanted: Callable[[UpStatus], bool]
     machines: tuple[str, ...] = ()
@@ -49,7 +49,7 @@ class Target:
 
     @property
     def here(self) -> bool:
-        """Whether runs on this computer are meant."""
+        """Whether runs on this computer are to end."""
         return not self.machines or self.own in self.machines
 
 
@@ -57,15 +57,15 @@ def down(
     file: Annotated[
         str | None,
         typer.Argument(
-            help="A deployment file or a graph; default: all that is up on this machine.", autocompletion=graph_names
+            help="A deployment file or a graph; default: all runs on this machine.", autocompletion=graph_names
         ),
     ] = None,
-    machine: Annotated[str | None, typer.Option(help="Of a deployment: end only what runs there.")] = None,
-    timeout: Annotated[float, typer.Option(min=0.0, help="How long (s) all may take to end.")] = 20.0,
+    machine: Annotated[str | None, typer.Option(help="Machine of a deployment: end only its run.")] = None,
+    timeout: Annotated[float, typer.Option(min=0.0, help="Time limit in seconds.")] = 20.0,
 ) -> None:
-    """End what "socialbot up" has started, as Ctrl-C there would, and wait until it has. Exit code 10 when it has not.
+    """End runs of "socialbot up" as Ctrl-C would, and wait for them. Exit code 10: one did not end.
 
-    With keys only who has one can do that.
+    With keys, only the owner of a key can end a run.
     """
     target = _enter(file, machine)
     from socialbot.bridge.environment import spinning_node
@@ -82,7 +82,7 @@ def down(
         refused = runs.refused
     unheard = [name for name in target.machines if name not in {one.machine for one in found}]
     for name in (name for name in unheard if not silent or name != target.own):
-        # What is up on this machine would be heard.
+        # A run on this machine would have been received.
         what = "nothing is up" if name == target.own else "nothing is heard of it; what is up there stays up"
         typer.echo(f"{name}: {what}", err=name != target.own)
     for pid in silent:
@@ -97,10 +97,10 @@ def down(
 
 
 def heard(runs: RunListener, target: Target, ending: Ending, timeout_s: float) -> list[UpStatus]:
-    """Those of ``runs`` that are to end.
+    """Return the runs to end.
 
-    It listens until everything that is up on this computer has been heard, and all machines of ``target`` are among
-    those found: for ``timeout_s`` at most, and for `LISTEN_S` where nothing is known of who is missing.
+    It waits for all runs on this computer and all machines of ``target``: at most ``timeout_s``, and `LISTEN_S` for
+    machines of which nothing is known.
     """
     from socialbot.runtime.run_lock import locked_runs
 
@@ -113,11 +113,11 @@ def heard(runs: RunListener, target: Target, ending: Ending, timeout_s: float) -
         known = not here or (others and runs.incomplete)
         if (here and not others) or ending.asked or passed > (max(timeout_s, LISTEN_S) if known else LISTEN_S):
             return found
-        time.sleep(LOOK_AGAIN_S)
+        time.sleep(POLL_S)
 
 
 def end(runs: RunListener, found: Sequence[UpStatus], ending: Ending, timeout_s: float) -> list[UpStatus]:
-    """Asks ``found`` to end, and tells of each that has. Returns those that have not after ``timeout_s``."""
+    """Ask the runs ``found`` to end and print each end. Return the runs left after ``timeout_s``."""
     from socialbot.bridge.run_announcer import is_gone
     from socialbot.runtime.run_lock import locked_runs
 
@@ -137,12 +137,12 @@ def end(runs: RunListener, found: Sequence[UpStatus], ending: Ending, timeout_s:
             last = runs.statuses[run]
             error = f", with an error: {printable(last.reason)}" if last.reason else ""
             typer.echo(f"{_named(last)}: ended after {time.monotonic() - begun:.1f} s{error}")
-        time.sleep(LOOK_AGAIN_S)
+        time.sleep(POLL_S)
     return [runs.statuses[run] for run in left]
 
 
 def _enter(file: str | None, machine: str | None) -> Target:
-    """Joins the graph of ``file``, and says what of it is to end."""
+    """Join the ROS domain of ``file`` and return the runs to end."""
     from socialbot.runtime.deployment import is_deployment, load_deployment
 
     if file is not None and is_deployment(file):
@@ -166,7 +166,7 @@ def _enter(file: str | None, machine: str | None) -> Target:
 
 
 def _own(deployment: Deployment, machine: str | None) -> str:
-    """The machine that this is; ``machine`` where its addresses do not tell."""
+    """Return this machine; ``machine`` if the addresses do not tell."""
     try:
         return deployment.this_machine()
     except GraphError:

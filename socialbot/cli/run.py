@@ -81,7 +81,7 @@ def simulate(
     from socialbot.cli.inspect import watched
     from socialbot.core.clock import SECOND, nanoseconds
     from socialbot.core.messages import Message
-    from socialbot.core.registry import terminal_view_of
+    from socialbot.core.registry import terminal_view_of, world_view_of
     from socialbot.graph.files import with_changes
     from socialbot.runs.console import Display
     from socialbot.runs.record import STOPPED, RunRecord
@@ -93,13 +93,15 @@ def simulate(
     graph = with_changes(graph, changes or [])
     report, folder, console = RunReport(graph), out or new_run_folder(), Console(highlight=False)
     logging.getLogger("socialbot").setLevel(logging.ERROR)  # the display shows failures
-    world = terminal_view_of(graph, console)
+    world, view = terminal_view_of(graph, console), world_view_of(graph)
     source = SimulatedSource(rate, limit, folder / "bag" if bag else None)
     start, end = (None, None) if report.deliberates else (SECOND, SECOND + nanoseconds(limit))
     with RunRecord(folder) as record, Display(console, graph.without_sources(), start=start, until=end) as display:
 
         def observe(topic: str, message: Message) -> None:
             report.observe(topic, message)
+            if view is not None:
+                view.take(message)
             display.show(topic, message)
             if world is not None:
                 world.show(message)
@@ -122,6 +124,8 @@ def simulate(
     elif report.deliberates:
         console.print()
         _print_summary(console, summary)
+        for line in view.summary(summary.story.start, summary.story.end) if view is not None else ():
+            console.print(line, soft_wrap=True, markup=False)
     print_outcome(console, result)
     console.print(f"\n{result.seconds:.1f} s, in {result.wall_s:.1f} s of real time; {result.ended}")
     write_page(console, record, title, report=report)
@@ -130,7 +134,7 @@ def simulate(
 
 
 def _print_summary(console: Console, summary: Summary) -> None:
-    """Print counts by agent, the outcome of each desire and the final state of the world."""
+    """Print counts by agent and the outcome of each desire."""
     story = summary.story
     table = Table("agent", title_justify="left", box=None, padding=(0, 2, 0, 0), header_style="dim")
     for heading in ("plans", "given up", "steps", "requests"):
@@ -145,8 +149,3 @@ def _print_summary(console: Console, summary: Summary) -> None:
         how = f"{desire.how or 'still wanted'}{f' after {took_s:.1f} s' if took_s is not None else ''}"
         reason = f": {desire.reason}" if desire.reason else ""
         console.print(f"{desire.agent}: {desire.name} {how}{planned}{reason}", soft_wrap=True, markup=False)
-    holders: dict[str, list[str]] = {}
-    for box, holder in summary.world.get("boxes", {}).items():
-        holders.setdefault(holder, []).append(box)
-    for holder in sorted(holders):
-        console.print(f"{holder}: {', '.join(sorted(holders[holder]))}", soft_wrap=True, markup=False)
