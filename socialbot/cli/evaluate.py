@@ -1,4 +1,4 @@
-"""``socialbot evaluate``: how well people are seen, by distance, beside the paper's tables."""
+"""``socialbot evaluate``: score person detectors by distance, beside the tables of the paper."""
 
 from __future__ import annotations
 
@@ -20,28 +20,24 @@ if TYPE_CHECKING:
 
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 PAGE_WIDTH = 150
-"""Columns where the output is no terminal."""
+"""Width of the tables if the output is not a terminal."""
 
 
 def evaluate(
     bags: Annotated[list[Path] | None, typer.Argument(metavar="BAG...", help="Bags with ground truth.")] = None,
-    images: Annotated[Path | None, typer.Option(metavar="DIR", help="A folder of labelled pictures.")] = None,
+    images: Annotated[Path | None, typer.Option(metavar="DIR", help="A folder of labelled images.")] = None,
     truth: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Their labels; default: persons.json in the folder.")
+        Path | None, typer.Option(metavar="FILE", help="Label file; default: persons.json in the folder.")
     ] = None,
     detector: Annotated[
         list[str] | None,
-        typer.Option(help="Which to judge; may be repeated, or several with commas. Default: all but onnx."),
+        typer.Option(help="Detectors, repeated or separated by commas. Default: all but onnx."),
     ] = None,
-    bands: Annotated[str, typer.Option(help="Distances, m.")] = "0-2,2-10,10-20",
-    split: Annotated[
-        Literal["held-back", "tune"] | None, typer.Option(help="Only bags that say they are for this.")
-    ] = None,
-    iou: Annotated[float, typer.Option(min=0.05, max=0.95, help="From this overlap on a person is found.")] = 0.5,
-    presence: Annotated[
-        bool, typer.Option("--presence", help="Judge only whether somebody is there, in each frame and band.")
-    ] = False,
-    raw: Annotated[bool, typer.Option("--raw", help="Judge the detector without tracking.")] = False,
+    bands: Annotated[str, typer.Option(help="Distance bands, m.")] = "0-2,2-10,10-20",
+    split: Annotated[Literal["held-back", "tune"] | None, typer.Option(help="Only bags of this split.")] = None,
+    iou: Annotated[float, typer.Option(min=0.05, max=0.95, help="Least overlap (IoU) of a match.")] = 0.5,
+    presence: Annotated[bool, typer.Option("--presence", help="Match by presence in each frame and band.")] = False,
+    raw: Annotated[bool, typer.Option("--raw", help="Evaluate the detector without tracking.")] = False,
     changes: Annotated[
         list[str] | None,
         typer.Option(
@@ -55,18 +51,18 @@ def evaluate(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write both, and the tables as Markdown with curves as SVG.")
     ] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Processes that work side by side; default: cores.")] = None,
-    threads: Annotated[int, typer.Option(min=1, max=64, help="Processor threads while the speed is measured.")] = min(
+    jobs: Annotated[int | None, typer.Option(min=1, help="Parallel processes; default: cores.")] = None,
+    threads: Annotated[int, typer.Option(min=1, max=64, help="Processor threads for the speed measurement.")] = min(
         2, CORES
     ),
-    speed: Annotated[bool, typer.Option(help="Measure how many frames a second go through.")] = True,
+    speed: Annotated[bool, typer.Option(help="Measure the frames per second.")] = True,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Work on the Dask cluster of this scheduler.")
+        str | None, typer.Option(metavar="ADDRESS", help="Use the Dask cluster of this scheduler.")
     ] = None,
 ) -> None:
-    """Judge detectors by ground truth: precision, recall and F1 by scene and distance, and what Waldo makes of it.
+    """Evaluate detectors: precision, recall and F1 by scene and distance, and Waldo's behaviour.
 
-    Tracking and all: what is judged is what runs on the robot. docs/evaluation.md explains every figure.
+    The pipeline is that of the robot, with tracking. docs/evaluation.md explains every figure.
     """
     from socialbot.graph.files import load_graph
     from socialbot.runs.evaluation_figures import write_json
@@ -130,29 +126,27 @@ def _sources(
     from socialbot.vision.metrics.frames import bag_source, image_sources
 
     if truth is not None and images is None:
-        raise ParameterError("labels without pictures", where="--truth", remedy="name their folder by --images")
+        raise ParameterError("labels without images", where="--truth", remedy="name their folder with --images")
     if not bags and images is None:
-        raise ParameterError("nothing to evaluate", where="evaluate", remedy="name bags, or pictures by --images")
+        raise ParameterError("nothing to evaluate", where="evaluate", remedy="name bags, or use --images")
     known = [bag_source(path) for path in bags]
     sources = [source for source in known if split is None or source.split == split]
     for source in known:
         if source not in sources:
-            errors.print(
-                f"{source.name} is left out: it is for {source.split or 'no split'}", style="dim", markup=False
-            )
+            errors.print(f"{source.name} is skipped: its split is {source.split or 'none'}", style="dim", markup=False)
     if images is not None:
         sources += image_sources(images, truth)
     names = [source.name for source in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise ParameterError(f"two sources are called {twice}", where="evaluate", remedy="give each its own name")
+        raise ParameterError(f"two sources have the name {twice}", where="evaluate", remedy="give each its own name")
     if not sources:
-        raise ParameterError(f"no bag is for {split}", where="--split", remedy="leave it out, or name other bags")
+        raise ParameterError(f"no bag has the split {split}", where="--split", remedy="omit it, or name other bags")
     return tuple(sources)
 
 
 def _expect_writable(path: Path) -> None:
-    """Makes the folder of ``path``. Raises ParameterError when nothing can be written there: better now than later."""
+    """Create the folder of ``path``. Raises ParameterError early if the file cannot be written."""
     there = path.exists() or path.is_symlink()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -166,7 +160,7 @@ def _expect_writable(path: Path) -> None:
 
 
 def _report_missing(evaluation: Evaluation, errors: Console) -> None:
-    """Says which frames could not be judged; that is the same for every detector."""
+    """Print which frames could not be scored, which is the same for every detector."""
     first = next(iter(evaluation.detectors.values()))
     for clip in (clip for scene in first.scenes.values() for clip in scene.clips):
         if clip.missing_frames or clip.damaged:
@@ -176,7 +170,7 @@ def _report_missing(evaluation: Evaluation, errors: Console) -> None:
 
 
 class _Progress:
-    """A bar for the frames of all jobs, and how many clips are done."""
+    """Progress bar for the frames and clips of all jobs."""
 
     def __init__(self, plan: EvaluationPlan, console: Console) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -203,11 +197,11 @@ class _Progress:
         self._progress.stop()
 
     def say(self, what: str) -> None:
-        """Tells what is going on."""
+        """Show the current phase."""
         self._progress.update(self._task, description=what)
 
     def advance(self, job: int, frames: int) -> None:
-        """Hears that ``frames`` of a job are done."""
+        """Record that ``frames`` of a job are done."""
         with self._lock:
             self._done[job] = max(self._done[job], min(frames, self._totals[job]))
             whole = sum(done == total for done, total in zip(self._done, self._totals, strict=True))

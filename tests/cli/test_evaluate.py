@@ -29,7 +29,7 @@ def test_a_bag_and_pictures_with_everything_written(tmp_path):
     )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
     assert "Beside the paper's Table 3" in ended.stdout
-    assert "tuning is left out: it is for tune" in ended.stderr
+    assert "tuning is skipped: its split is tune" in ended.stderr
     said = json.loads((tmp_path / "figures.json").read_text())
     scenes = said["detectors"]["hog"]["scenes"]
     assert set(scenes) == {"hall", "room"}
@@ -105,9 +105,9 @@ def test_results_that_cannot_be_written_are_told_of_before_anything_is_looked_at
         ([], 4, "nothing to evaluate"),
         (["{bag}", "--detector", "hogg"], 4, "did you mean 'hog'"),
         (["{bag}", "--bands", "2"], 4, "is not a band"),
-        (["{bag}", "--split", "tune"], 4, "no bag is for tune"),
-        (["{bag}", "--truth", "x.json"], 4, "labels without pictures"),
-        (["{bag}", "{bag}"], 4, "two sources are called clip"),
+        (["{bag}", "--split", "tune"], 4, "no bag has the split tune"),
+        (["{bag}", "--truth", "x.json"], 4, "labels without images"),
+        (["{bag}", "{bag}"], 4, "two sources have the name clip"),
         (["{bag}", "--set", "colour=red"], 4, "no setting 'colour'"),
         (["nowhere"], 3, "no such file or folder"),
         (["--images", "nowhere"], 3, "persons.json"),
