@@ -18,7 +18,7 @@ from socialbot.runs.folder import open_run
 from socialbot.runs.record import SCORED
 from socialbot.runs.report import difference_page, write_report
 from socialbot.vision.metrics.frames import bag_source
-from tests.runs.browsing import chromium, waldo_with_pictures
+from tests.runs.browsing import Visit, chromium, waldo_with_pictures
 from tests.runs.runs import greeting
 from tests.runs.test_report import scored
 from tests.vision.metrics.scenes import drawn_bag, evaluated
@@ -70,3 +70,15 @@ def _look(browser: Browser, path: Path, width: int, scheme: Literal["light", "da
     faults = [each for each in Axe().run(page).response["violations"] if each["impact"] in SERIOUS]
     assert (faults, said) == ([], [])
     page.close()
+
+
+def test_report_shows_any_moment_and_its_causes(browser, pages):
+    visit = Visit(browser, pages[0].as_uri(), "t=0.5")
+    assert 'personDetected("Yes")' not in visit.texts("#beliefs .what")
+    visit.seek(2.0)
+    assert 'personDetected("Yes")' in visit.texts("#beliefs .what")
+    assert visit.texts("#boxes .box") == ["t1 · 4.0 m"]
+    visit.page.locator("#log button", has_text="Waldo said").first.click()
+    visit.page.wait_for_selector("#pane-why .chain")
+    assert any("the frame at" in text for text in visit.texts("#pane-why .chain li"))
+    visit.close()
