@@ -42,7 +42,7 @@ class DiscoveryServer:
 
     @property
     def pid(self) -> int | None:
-        """The id of its process, if it lives."""
+        """The id of its process, if it runs."""
         process = self._process
         return process.pid if process is not None and process.poll() is None else None
 
@@ -63,17 +63,17 @@ class DiscoveryServer:
             self._keeper.join()
 
     def _keep(self) -> None:
-        """Runs the server again and again, as long as that helps.
+        """Run the server and restart it until it is given up.
 
-        The thread that starts it has to live as long as it does: the kernel ends it with that thread.
+        This thread must outlive the server: the kernel kills it together with its parent thread.
         """
-        patience = RestartBackoff(self._policy)
+        backoff = RestartBackoff(self._policy)
         while (process := self._start()) is not None:
-            patience.started(time.monotonic())
+            backoff.started(time.monotonic())
             code = process.wait()
             if self._closed.is_set():
                 return
-            pause_s = patience.died(time.monotonic())
+            pause_s = backoff.crashed(time.monotonic())
             if pause_s is None:
                 log.error("the discovery server is given up: it %s; its log: %s", how_it_ended(code), self._output)
                 return
@@ -81,7 +81,7 @@ class DiscoveryServer:
             self._closed.wait(pause_s)
 
     def _start(self) -> subprocess.Popen[bytes] | None:
-        """The process, unless it is not to run any more."""
+        """Start the process, unless it was closed."""
         with self._one_at_a_time, self._output.open("ab") as output:
             if self._closed.is_set():
                 return None
@@ -99,7 +99,7 @@ class DiscoveryServer:
 
 
 def listening(address: str) -> str:
-    """Where to listen to be found at ``address``: a name may mean another address here than elsewhere."""
+    """Return the address to listen on; a host name may resolve to another address here than elsewhere."""
     try:
         return str(ipaddress.IPv4Address(address))
     except ValueError:
@@ -107,7 +107,7 @@ def listening(address: str) -> str:
 
 
 def program() -> str:
-    """The path of the server. Raises InstallationError when there is none."""
+    """Return the path of the server. Raises InstallationError when it is missing."""
     beside = str(Path(sys.executable).parent)
     found = shutil.which(PROGRAM, path=os.pathsep.join([beside, os.environ.get("PATH", "")]))
     if found is None:

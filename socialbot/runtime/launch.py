@@ -1,6 +1,6 @@
-"""Brings up a graph in processes of its own, watches them and takes them down.
+"""Run a graph in processes of its own.
 
-Here one that dies ends them all, as is right for a replay; `socialbot.runtime.supervisor` starts it anew.
+A crashed process ends them all, as a replay needs; `socialbot.runtime.supervisor` restarts it instead.
 """
 
 from __future__ import annotations

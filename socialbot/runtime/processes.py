@@ -19,14 +19,14 @@ from socialbot.core.process import ENDING_SIGNALS
 from socialbot.runtime.supervisor_channel import CHANNEL_VARIABLE
 
 GRACE_S = 8.0
-"""How long processes may take to end after SIGINT before they are killed."""
+"""Time between SIGINT and SIGKILL."""
 
 ASKED_AGAIN_S = 3.0
-"""After this time they get another SIGINT."""
+"""Time between the first and the second SIGINT."""
 
 
 class Process(Protocol):
-    """A child of this process, as `subprocess.Popen` has them."""
+    """A child of this process; a subset of `subprocess.Popen`."""
 
     @property
     def pid(self) -> int: ...
@@ -41,7 +41,7 @@ class Process(Protocol):
 
 
 def environment_of(log_folder: Path) -> dict[str, str]:
-    """The environment of processes whose logs go to ``log_folder``."""
+    """Return the environment of processes whose logs go to ``log_folder``."""
     inherited = dict(os.environ)
     environment.prepare(inherited, log_folder=log_folder / "ros")
     inherited["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
@@ -51,9 +51,9 @@ def environment_of(log_folder: Path) -> dict[str, str]:
 def start_process(
     arguments: list[str], log: Path, *, variables: Mapping[str, str] | None = None, lifeline: int | None = None
 ) -> subprocess.Popen[bytes]:
-    """Starts ``socialbot *arguments``, which ends when this process does.
+    """Start ``socialbot *arguments``, which ends when this process does.
 
-    ``variables`` come on top of the environment; ``lifeline`` is the file that the process speaks to its supervisor by.
+    ``variables`` are added to the environment; ``lifeline`` is the file descriptor of its supervisor channel.
     """
     inherited = {**environment_of(log.parent), **(variables or {})}
     if lifeline is not None:
@@ -71,13 +71,13 @@ def start_process(
 
 
 def until_parent_ends(arguments: list[str]) -> list[str]:
-    """``arguments`` for a process that ends when this one does."""
+    """Return ``arguments`` of a process that ends when this one does."""
     return [*arguments, "--parent", str(os.getpid())]
 
 
 @contextlib.contextmanager
 def blocked_signals() -> Iterator[None]:
-    """A child that is started here inherits the mask, and lets signals through once it can end well."""
+    """Block signals in children started here, until they unblock them to end cleanly."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
     try:
         yield
@@ -86,14 +86,14 @@ def blocked_signals() -> Iterator[None]:
 
 
 def end_processes(processes: Mapping[str, Process]) -> dict[str, int]:
-    """Ends them by SIGINT, after a time of grace by SIGKILL; returns their exit codes."""
-    # Twice, as a signal may be lost that comes just while a process imports a module.
+    """End processes by SIGINT, after `GRACE_S` by SIGKILL; return their exit codes."""
+    # Twice: a signal may be lost while a process imports a module.
     for grace_s in (ASKED_AGAIN_S, GRACE_S - ASKED_AGAIN_S):
-        living = [process for process in processes.values() if process.poll() is None]
-        for process in living:
+        running = [process for process in processes.values() if process.poll() is None]
+        for process in running:
             process.send_signal(signal.SIGINT)
         deadline = time.monotonic() + grace_s
-        for process in living:
+        for process in running:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(max(0.0, deadline - time.monotonic()))
     for process in processes.values():
@@ -103,18 +103,18 @@ def end_processes(processes: Mapping[str, Process]) -> dict[str, int]:
 
 
 def how_it_ended(code: int) -> str:
-    """An exit code in words."""
+    """Describe an exit code."""
     return f"was ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
 
 
 @dataclass(frozen=True)
 class RestartPolicy:
-    """How patient a supervisor is.
+    """When a supervisor restarts or gives up a process. Times are in s.
 
-    What dies after it has lived for longer than ``longest_s`` is started again at once. When it dies sooner it is left
-    alone for ``first_s``, and each time that it does so again for twice as long, up to ``longest_s``. What has died
-    more than ``times`` times in ``within_s`` is given up. A node is hung, and its process is killed, when it has not
-    said for ``hung_s`` that it is well; to get ready it may take ``ready_s``.
+    A process that crashes after more than ``longest_s`` restarts at once. After an earlier crash it waits for
+    ``first_s``, and twice as long after each further one, up to ``longest_s``. After more than ``times`` crashes within
+    ``within_s`` it is given up. A node that reports nothing for ``hung_s`` is hung, and its process is killed; while it
+    starts, the limit is ``ready_s``.
     """
 
     times: int = 5
@@ -126,25 +126,25 @@ class RestartPolicy:
 
 
 class RestartBackoff:
-    """The patience with one process. Times are those of a clock that only goes forward, in s."""
+    """Restart delays of one process. Times are those of a monotonic clock, in s."""
 
     def __init__(self, policy: RestartPolicy) -> None:
         self._policy = policy
-        self._deaths: deque[float] = deque()
+        self._crashes: deque[float] = deque()
         self._started = 0.0
         self._pause_s = 0.0
 
     def started(self, now: float) -> None:
-        """Notes that it was started."""
+        """Note a start."""
         self._started = now
 
-    def died(self, now: float) -> float | None:
-        """Notes that it died. Returns how long (s) to wait before it is started again; None to give it up."""
+    def crashed(self, now: float) -> float | None:
+        """Note a crash. Return the delay (s) before the restart; None to give up."""
         policy = self._policy
-        self._deaths.append(now)
-        while self._deaths[0] < now - policy.within_s:
-            self._deaths.popleft()
-        if len(self._deaths) > policy.times:
+        self._crashes.append(now)
+        while self._crashes[0] < now - policy.within_s:
+            self._crashes.popleft()
+        if len(self._crashes) > policy.times:
             return None
         lived_long = now - self._started > policy.longest_s
         self._pause_s = 0.0 if lived_long else min(max(policy.first_s, 2 * self._pause_s), policy.longest_s)
@@ -152,5 +152,5 @@ class RestartBackoff:
 
 
 def in_time(pause_s: float) -> str:
-    """``pause_s`` in words."""
+    """Describe a delay."""
     return f"in {pause_s:.1f} s" if pause_s else "at once"

@@ -33,14 +33,14 @@ from socialbot.runtime.processes import (
 from socialbot.runtime.supervisor_channel import SupervisorChannel, channel_pair
 
 CONFIGURED_S = 10.0
-"""So long it is waited until all nodes are configured; then those begin that are."""
+"""Time limit for all nodes to be configured; then the configured ones start."""
 
 ACTIVE_S = 1.0
-"""So long each node may take to become active before the next one is asked to."""
+"""Time limit for a node to become active before the next one is activated."""
 
 
 def sinks_first(graph: Graph) -> list[str]:
-    """The names of the nodes, each as far as possible after those that listen to it."""
+    """Return the names of the nodes, subscribers before publishers as far as possible."""
     heard_by = {
         placement.name: {
             other.name
@@ -53,7 +53,7 @@ def sinks_first(graph: Graph) -> list[str]:
     left = list(reversed(heard_by))
     order: list[str] = []
     while left:
-        # Where they listen to each other in a circle, with the one that has the fewest listeners.
+        # In a circle of subscriptions: the node with the fewest subscribers left.
         name = min(left, key=lambda name: len(heard_by[name].intersection(left)))
         left.remove(name)
         order.append(name)
@@ -61,7 +61,7 @@ def sinks_first(graph: Graph) -> list[str]:
 
 
 class BringUp:
-    """Asks nodes to become active by ``activate``, one after the other in ``order``. Times are in s."""
+    """Activates nodes one after the other in ``order``, by ``activate``. Times are in s."""
 
     def __init__(self, order: Collection[str], activate: Callable[[str], None], now: float) -> None:
         self._waiting = list(order)
@@ -71,7 +71,7 @@ class BringUp:
         self._asked_at = now
 
     def look(self, inactive: Collection[str], dead: Collection[str], now: float) -> None:
-        """Goes on as far as it can. ``inactive`` are the nodes that are configured, ``dead`` those not to wait for."""
+        """Activate further nodes if possible. ``inactive`` nodes are configured, ``dead`` ones are skipped."""
         self._waiting = [name for name in self._waiting if name not in dead]
         if not self._asked and set(self._waiting) - set(inactive) and now < self._begun + CONFIGURED_S:
             return
@@ -82,7 +82,7 @@ class BringUp:
 
     @property
     def done(self) -> bool:
-        """Whether all have been asked."""
+        """Whether every node was activated."""
         return not self._waiting
 
     def _is_busy(self, inactive: Collection[str], dead: Collection[str], now: float) -> bool:
@@ -93,12 +93,12 @@ class BringUp:
 log = logging.getLogger("socialbot.supervisor")
 
 ACTIVE, INACTIVE = "active", "inactive"
-"""What a node says that has started and is well, and one that is ready to start."""
+"""Reports of a node: it runs well; it is configured."""
 
 ROTATE_EVERY_S = 5.0
 
 ABSENT_S = 1.0
-"""Whoever attends later than by that was kept from it, as by a machine that slept: then nodes were, too."""
+"""Polls later than this are treated as a system suspend, which nodes share."""
 
 Variables = Callable[[Collection[str]], Mapping[str, str]]
 """Environment variables for a process with the nodes of these names."""
@@ -111,11 +111,11 @@ def no_variables(nodes: Collection[str]) -> Mapping[str, str]:
 
 @dataclass(eq=False)
 class Member:
-    """One process: its nodes, what they said last and when (s), and what became of it."""
+    """One process: its nodes, their last reports with times (s), and its restarts."""
 
     name: str
     nodes: list[str]
-    patience: RestartBackoff
+    backoff: RestartBackoff
     process: Process | None = None
     line: SupervisorChannel | None = None
     words: dict[str, str] = field(default_factory=dict)
@@ -143,12 +143,11 @@ class Member:
 
 
 class Supervisor:
-    """The processes of one graph, kept alive. Use it as a context manager: leaving it ends them all.
+    """Runs the processes of one graph and restarts crashed ones. A context manager: leaving it ends them all.
 
-    ``folder`` takes the graph as it runs (graph.yaml) and a log for each process. Only ``nodes`` of the graph are
-    started, by default all; ``variables`` are more of the environment, for a process with the nodes of these names.
-    Processes whose names are in ``well`` have been so before, under another one: theirs is no very first start.
-    Whoever has it calls `attend` all the time.
+    ``folder`` takes the graph file and a log for each process. Only ``nodes`` of the graph are started, by default all;
+    ``variables`` returns more environment variables for a process with these nodes. Processes named in ``well`` ran
+    before, so this is not their first start. Call `attend` continuously.
     """
 
     def __init__(
@@ -199,10 +198,10 @@ class Supervisor:
         self.stop()
 
     def attend(self, timeout_s: float) -> None:
-        """Sees to the processes, once; waits at most ``timeout_s`` for something to happen.
+        """Handle all events once; wait at most ``timeout_s`` for the next one.
 
-        Raises NodeError when nothing is left to wait for, and the error of a process that says at its very first start
-        that it cannot be: with such an error it would never start.
+        Raises NodeError when every process is given up, and the error of a process whose first start fails for a
+        documented reason, since it would never start.
         """
         self._listen(timeout_s)
         now = time.monotonic()
@@ -233,7 +232,7 @@ class Supervisor:
             )
 
     def renew(self, begin: float, end: float) -> None:
-        """Starts the processes again that were started between two times (monotonic s). It is no fault of theirs."""
+        """Restart the processes that started between two times (monotonic s); this counts as no crash."""
         for member in self.members.values():
             if member.process is not None and member.renewed is None and begin <= member.started <= end:
                 log.warning("%s is started again, as it has missed what came later", member.name)
@@ -241,7 +240,7 @@ class Supervisor:
                 member.process.send_signal(signal.SIGINT)
 
     def stop(self) -> None:
-        """Ends all processes."""
+        """End all processes."""
         self._fork_server.close()
         end_processes({name: one.process for name, one in self.members.items() if one.process is not None})
         for member in self.members.values():
@@ -250,12 +249,12 @@ class Supervisor:
 
     @property
     def well(self) -> frozenset[str]:
-        """The names of the processes that have been well."""
+        """The names of the processes that have run well."""
         return frozenset(member.name for member in self.members.values() if member.was_well)
 
     @property
     def pids(self) -> dict[str, int]:
-        """The ids of the processes that live, by name."""
+        """The ids of the running processes by name."""
         return {name: one.process.pid for name, one in self.members.items() if one.process is not None}
 
     def _start(self, member: Member) -> None:
@@ -276,7 +275,7 @@ class Supervisor:
         member.started, member.renewed, member.is_pressed = now, None, False
         member.words.clear()
         member.heard = dict.fromkeys(member.nodes, now)
-        member.patience.started(now)
+        member.backoff.started(now)
 
     def _listen(self, timeout_s: float) -> None:
         lines = {one.line: one for one in self.members.values() if one.line is not None and not one.line.broken}
@@ -311,13 +310,13 @@ class Supervisor:
             member.was_well, member.is_down = True, False
 
     def _discount_suspend(self, absent_s: float, now: float) -> None:
-        """Does not count as silence what nobody has attended to."""
+        """Do not count the time of a suspend as silence."""
         if absent_s > ABSENT_S:
             for member in self.members.values():
                 member.heard = {node: min(now, heard + absent_s) for node, heard in member.heard.items()}
 
     def _hung(self, member: Member, now: float) -> str:
-        """The node that says nothing any more, if there is one."""
+        """Return a node that has stopped reporting, if any."""
         for node, heard in member.heard.items():
             patience_s = self._policy.hung_s if member.words.get(node) == ACTIVE else self._policy.ready_s
             if now - heard > patience_s:
@@ -339,7 +338,7 @@ class Supervisor:
             raise failure(member.name, code, file)
         what = f"hung ({member.hung} said nothing)" if member.hung else how_it_ended(code)
         member.last_error, member.is_down = what, True
-        pause_s = member.patience.died(now)
+        pause_s = member.backoff.crashed(now)
         if pause_s is None:
             member.is_given_up = True
             log.error(
@@ -353,7 +352,7 @@ class Supervisor:
 
     @staticmethod
     def _escalate(member: Member, process: Process, waited_s: float) -> None:
-        """Sees to it that one that is to be started again ends: a signal may be lost, and not all care for it."""
+        """Send SIGINT again, then SIGKILL, to a process that must restart: a signal may be lost or ignored."""
         if waited_s > GRACE_S:
             process.kill()
         elif waited_s > ASKED_AGAIN_S and not member.is_pressed:
