@@ -28,7 +28,7 @@ _COMPARE: dict[str, Callable[[float, float], bool]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Match:
+class FactMatch:
     """Match of conditions: the binding of variables, and the compared fluents."""
 
     bindings: tuple[tuple[str, str], ...] = ()
@@ -48,7 +48,7 @@ class Match:
         return ", ".join([*(f"{name}={value}" for name, value in self.bindings), *map(str, self.fluents)])
 
 
-def matches(dnf: Dnf, facts: FactIndex) -> list[Match]:
+def matches(dnf: Dnf, facts: FactIndex) -> list[FactMatch]:
     """Return all matches of a DNF in order; an empty DNF has one empty match."""
     found = {match: None for clause in clauses_of(dnf, facts.domain) for match in clause.solve(facts)}
     return sorted(found, key=lambda match: match.order)
@@ -182,7 +182,7 @@ class CompiledClause:
                 return False
         return True
 
-    def solve(self, facts: FactIndex, binding: Binding | None = None) -> Iterator[Match]:
+    def solve(self, facts: FactIndex, binding: Binding | None = None) -> Iterator[FactMatch]:
         """Yield the matches that extend a binding, perhaps repeatedly."""
         start = binding or {}
         bound = frozenset(start)
@@ -198,10 +198,10 @@ class CompiledClause:
         binding: Binding,
         read: tuple[tuple[int, Fact], ...],
         facts: FactIndex,
-    ) -> Iterator[Match]:
+    ) -> Iterator[FactMatch]:
         if depth == len(order):
             fluents = tuple(fact for _, fact in sorted(read, key=lambda item: item[0]))
-            yield Match(tuple((name, binding[name]) for name in self.variables), fluents)
+            yield FactMatch(tuple((name, binding[name]) for name in self.variables), fluents)
             return
         number = order[depth]
         literal = self.literals[number]

@@ -13,7 +13,7 @@ from socialbot.deliberation._fact_index import FactIndex, filled, has_wildcards,
 from socialbot.deliberation._matching import (
     CompiledClause,
     CompiledCondition,
-    Match,
+    FactMatch,
     clauses_of,
     each_of,
     mismatch,
@@ -64,7 +64,7 @@ class Reaction(RuleEffect):
     """Effect for one match of a rule; ``cause`` is the trace record of the last change that it needed."""
 
     rule: str
-    match: Match
+    match: FactMatch
     cause: str = ""
 
     __str__ = RuleEffect.__str__
@@ -146,7 +146,7 @@ class RuleBook:
         part = index.part
         return self._wild if has_wildcards(part.name) else self._indexes.setdefault((part.pddl_type, part.name), [])
 
-    def _reaction(self, rule: ReactiveRule, effect: RuleEffect, match: Match, cause: str) -> Reaction:
+    def _reaction(self, rule: ReactiveRule, effect: RuleEffect, match: FactMatch, cause: str) -> Reaction:
         filled = _filled(effect, match.binding)
         return Reaction(
             operation=effect.operation,
@@ -210,15 +210,15 @@ class _MatchIndex:
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self._names = names
-        self._matches: dict[tuple[str, ...], dict[Match, None]] = {}
+        self._matches: dict[tuple[str, ...], dict[FactMatch, None]] = {}
 
-    def of(self, binding: dict[str, str]) -> dict[Match, None]:
+    def of(self, binding: dict[str, str]) -> dict[FactMatch, None]:
         return self._matches.get(self._key(binding), {})
 
-    def enter(self, match: Match) -> None:
+    def enter(self, match: FactMatch) -> None:
         self._matches.setdefault(self._key(match.binding), {})[match] = None
 
-    def leave(self, match: Match) -> None:
+    def leave(self, match: FactMatch) -> None:
         key = self._key(match.binding)
         del self._matches[key][match]
         if not self._matches[key]:
@@ -235,8 +235,8 @@ class _RuleState:
         self.rule = rule
         self.number = number
         self.indexes: list[_LiteralIndex] = []
-        self._counts: dict[Match, int] = {}
-        self._before: dict[Match, tuple[int, str]] = {}
+        self._counts: dict[FactMatch, int] = {}
+        self._before: dict[FactMatch, tuple[int, str]] = {}
         also = tuple(each_of(name, kinds) for name, kinds in _typed_in(rule, facts.domain))
         for clause in clauses_of(rule.condition, facts.domain, also):
             groups = tuple(_MatchIndex(tuple(sorted(part.names()))) for part in clause.literals)
@@ -247,14 +247,14 @@ class _RuleState:
                     group.enter(match)
                 self.count(match, +1, "")
 
-    def count(self, match: Match, change: int, cause: str) -> None:
+    def count(self, match: FactMatch, change: int, cause: str) -> None:
         """Count the conjunctions that have a match."""
         count = self._counts.pop(match, 0)
         self._before.setdefault(match, (count, cause))
         if count + change:
             self._counts[match] = count + change
 
-    def fired(self) -> list[tuple[Match, str]]:
+    def fired(self) -> list[tuple[FactMatch, str]]:
         """Return the new matches since the last call in order, with their causes."""
         before, self._before = self._before, {}
         new = [(match, cause) for match, (count, cause) in before.items() if not count and match in self._counts]

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.deliberation._fact_index import FactIndex
-from socialbot.deliberation._matching import Match, fitting, matches, unfit_condition
+from socialbot.deliberation._matching import FactMatch, fitting, matches, unfit_condition
 from socialbot.deliberation.messages import FLUENT, INSTANCE, Dnf, Fact, FactCondition, FactConjunction
 from tests.deliberation.domains import YARD, dnf, i, n, p
 
@@ -22,12 +22,12 @@ def index(*facts: Fact) -> FactIndex:
     return FactIndex(YARD, [*(i(name, kind) for name, kind in OBJECTS.items()), *facts])
 
 
-def bindings(found: list[Match]) -> list[str]:
+def bindings(found: list[FactMatch]) -> list[str]:
     return [" ".join(value for _, value in match.bindings) for match in found]
 
 
 def test_nothing_to_hold_holds_in_one_way():
-    assert matches(Dnf(), index()) == matches(dnf([]), index()) == [Match()]
+    assert matches(Dnf(), index()) == matches(dnf([]), index()) == [FactMatch()]
 
 
 def test_a_variable_stands_for_each_object_that_fits():
@@ -40,7 +40,7 @@ def test_a_variable_stands_for_each_object_that_fits():
 def test_variables_join_across_conditions():
     facts = index(p("in", "box_a", "base_1"), p("in", "box_b", "base_2"), p("carrier_in_base", "carrier_a", "base_2"))
     both = dnf([("T", p("in", "{box}", "{place}")), ("T", p("carrier_in_base", "{who}", "{place}"))])
-    assert matches(both, facts) == [Match((("box", "box_b"), ("place", "base_2"), ("who", "carrier_a")))]
+    assert matches(both, facts) == [FactMatch((("box", "box_b"), ("place", "base_2"), ("who", "carrier_a")))]
     assert matches(both, facts)[0].binding == {"box": "box_b", "place": "base_2", "who": "carrier_a"}
 
 
@@ -55,15 +55,15 @@ def test_a_variable_only_in_negations_is_each_object_of_its_type():
 def test_a_negation_with_wildcards_means_that_nothing_matches():
     facts = index(p("in", "box_a", "base_1"))
     assert matches(dnf([("F", p("in", "box_?", "*"))]), facts) == []
-    assert matches(dnf([("F", p("in", "carrier_*", "*"))]), facts) == [Match()]
-    assert matches(dnf([("F", p("*", "*"))]), facts) == [Match()]
+    assert matches(dnf([("F", p("in", "carrier_*", "*"))]), facts) == [FactMatch()]
+    assert matches(dnf([("F", p("*", "*"))]), facts) == [FactMatch()]
     assert matches(dnf([("F", p("i*", "*", "*"))]), facts) == []
 
 
 def test_fluents_are_compared_and_join():
     facts = index(n("stacked", "base_1", value=2), n("stacked", "base_2", value=3), p("clear", "base_1"))
     found = matches(dnf([("T", p("clear", "{x}")), ("GREQ", n("stacked", "{x}", value=2))]), facts)
-    assert found == [Match((("x", "base_1"),), (n("stacked", "base_1", value=2),))]
+    assert found == [FactMatch((("x", "base_1"),), (n("stacked", "base_1", value=2),))]
     assert str(found[0]) == "x=base_1, (stacked base_1) = 2"
     assert matches(dnf([("LE", n("moving_boxes", "carrier_a", value=9))]), facts) == []
 
@@ -77,14 +77,14 @@ def test_each_fluent_that_a_wildcard_stands_for_is_a_way_of_its_own():
 def test_instances_are_asked_for_by_name_and_type():
     assert bindings(matches(dnf([("EX", i("{x}", "base"))]), index())) == ["base_1", "base_2", "start"]
     assert bindings(matches(dnf([("EX", i("{x}", "thing"))]), index()))[-1] == "start"
-    assert matches(dnf([("EX", i("box_?"))]), index()) == [Match()]
+    assert matches(dnf([("EX", i("box_?"))]), index()) == [FactMatch()]
     assert matches(dnf([("EX", i("box_?", "carrier"))]), index()) == []
 
 
 def test_a_check_that_does_not_go_with_its_fact_never_holds():
     facts = index(p("loaded"), n("load", value=1))
     assert matches(dnf([("EQ", p("loaded"))]), facts) == []
-    assert matches(dnf([("T", n("load"))], [("T", p("loaded"))]), facts) == [Match()]
+    assert matches(dnf([("T", n("load"))], [("T", p("loaded"))]), facts) == [FactMatch()]
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ FACTS = st.lists(
 COMPARE = {"EQ": operator.eq, "GR": operator.gt, "GREQ": operator.ge, "LE": operator.lt, "LEQ": operator.le}
 
 
-def tried(clauses: Dnf, facts: FactIndex) -> set[Match]:
+def tried(clauses: Dnf, facts: FactIndex) -> set[FactMatch]:
     """All matches, found by trying every object for every variable and every fact for every condition."""
     found = set()
     for clause in clauses.clauses:
@@ -162,7 +162,7 @@ def tried(clauses: Dnf, facts: FactIndex) -> set[Match]:
                 witnesses = [held(literal, binding, facts) for literal in clause.literals]
                 for fluents in itertools.product(*witnesses):
                     read = tuple(fact for group in fluents for fact in group)
-                    found.add(Match(tuple(binding.items()), read))
+                    found.add(FactMatch(tuple(binding.items()), read))
     return found
 
 
