@@ -226,7 +226,7 @@ def _besiege(
 ) -> tuple[Counter[tuple[str, str]], Counter[tuple[str, str]], Counter[str], float]:
     """What had been done when the friend had spoken, and in the end; what was refused; how long it took (s)."""
     from socialbot.bridge.graph_observer import LatestStatistics, observe_graph
-    from socialbot.bridge.topics import send
+    from socialbot.bridge.topics import publish_once
 
     graph = load_graph(str(folder / "graph.yaml"))
     effects, fates = Effects(), LatestStatistics(graph)
@@ -237,7 +237,7 @@ def _besiege(
         await_(lambda: _standing(fates.latest, len(graph.placements)), READY_S, "no graph", folder)
         mouths = {topic: Mouth(watch.ros, topic) for topic in say("")}
         for topic, message in say("friend").items():
-            send(watch.ros, topic, message, timeout_s=READY_S)
+            publish_once(watch.ros, topic, message, timeout_s=READY_S)
         await_(lambda: all(mouth.heard for mouth in mouths.values()), READY_S, "not all was heard", folder)
         await_(lambda: effects.told() >= TOLD, READY_S, "the friend was not obeyed", folder)
         await_(lambda: all(mouth.connected for mouth in mouths.values()), READY_S, "no connections", folder)

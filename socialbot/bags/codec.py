@@ -72,9 +72,10 @@ class TypeFactory(Protocol):
 
 
 def ros_type(message_type: type[Message], form: WireForm = "json") -> str:
-    """The name of the ROS type that carries ``message_type``. Raises MessageError when there is none.
+    """The ROS type that carries ``message_type``. Messages of other packages are JSON in both forms.
 
-    Structured messages that do not come with socialbot are JSON in either ``form``.
+    Raises:
+        MessageError: There is no such ROS type.
     """
     if issubclass(message_type, Structured):
         name = type_name(message_type)
@@ -85,7 +86,7 @@ def ros_type(message_type: type[Message], form: WireForm = "json") -> str:
 
 
 def carries(ros_name: str, message_type: type[Message]) -> bool:
-    """Whether messages of the ROS type called ``ros_name`` carry ``message_type``, in one form or the other."""
+    """Whether the ROS type ``ros_name`` carries ``message_type`` in one of the forms."""
     return ros_name in (ros_type(message_type), ros_type(message_type, "typed"))
 
 
@@ -126,7 +127,7 @@ def decode(message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M:
 
 
 def encode(message: Message, types: TypeFactory, form: WireForm = "json") -> Any:
-    """``message`` as a ROS message that ``types`` makes. Raises MessageError when it cannot be expressed."""
+    """Encode ``message`` with ``types``. Raises MessageError when its ROS type cannot express it."""
     if isinstance(message, Structured):
         if ros_type(type(message), form) == STRING:
             return types.make(STRING, data=_json(message))
@@ -157,7 +158,7 @@ def _text(ros_message: Any) -> str:
 def _decode_typed(message_type: type[Structured], ros_message: Any, stamp: int) -> Structured:
     message = from_typed(message_type, ros_message)
     if isinstance(message, Utterance) and not message.id and not message.stamp:
-        # Somebody said no more than a text.
+        # The sender gave only a text.
         return msgspec.structs.replace(message, stamp=stamp, id=f"text-{stamp}")
     return message
 
@@ -227,7 +228,7 @@ def _decode_camera_info(ros: Any, stamp: int) -> CameraInfo:
 
 def _decode_trajectory(ros: Any, stamp: int) -> JointTrajectory:
     if len(ros.points) != 1:
-        raise MessageError(f"a trajectory of {len(ros.points)} points, where one is expected")
+        raise MessageError(f"a trajectory must have 1 point (got {len(ros.points)})")
     point = ros.points[0]
     return JointTrajectory(
         stamp=stamp,
@@ -287,7 +288,7 @@ def _encode_compressed(image: CompressedImage, name: str, types: TypeFactory) ->
 
 def _encode_camera_info(info: CameraInfo, name: str, types: TypeFactory) -> Any:
     if len(info.k) != 9:
-        raise MessageError(f"k of a CameraInfo is a 3x3 matrix, got {len(info.k)} numbers")
+        raise MessageError(f"k of a CameraInfo must have 9 numbers (got {len(info.k)})")
     k = _array(info.k)
     region = types.make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
     return types.make(
@@ -372,7 +373,7 @@ _NUMBERS = {"bool": np.bool_, "int64": np.int64, "float64": np.float64}
 
 
 def to_typed(message: Structured, types: TypeFactory) -> Any:
-    """``message`` as a ROS message of its own type. Raises MessageError when that cannot express it."""
+    """Encode ``message`` as its own ROS type. Raises MessageError when that cannot express it."""
     try:
         seconds, rest = divmod(message.stamp, SECOND)
         if abs(seconds) >= 2**31:
@@ -386,7 +387,7 @@ def to_typed(message: Structured, types: TypeFactory) -> Any:
 
 
 def from_typed(message_type: type[S], ros_message: Any) -> S:
-    """``ros_message`` as ``message_type``. Raises MessageError when it is of another type, or does not fit."""
+    """Decode a ROS message of an own type. Raises MessageError when it has another type, or does not fit."""
     try:
         header = ros_message.header
         given = {
@@ -427,7 +428,7 @@ def _one(field: Field, value: Any, types: TypeFactory) -> Any:
         case "float64":
             return float(value)
         case "int64" if value not in INTEGERS:
-            raise MessageError(f"{field.name} is {value}, which 64 bits cannot hold")
+            raise MessageError(f"{field.name} does not fit into 64 bits (got {value})")
         case _:
             return value
 
@@ -439,7 +440,7 @@ def _text_field(text: str) -> str:
         raise MessageError(f"{text!r} cannot be written as UTF-8: {error}") from error
     if "\0" in text:
         raise MessageError(
-            f"{text!r} holds a zero, where a text of ROS ends", remedy="leave it out, or write wire: json"
+            f"{text!r} has a zero byte, which ends a ROS string", remedy="remove it, or write wire: json"
         )
     return text
 
@@ -452,7 +453,7 @@ def _json_field(value: Any) -> str:
 
 
 def _given(struct: type, ros_message: Any) -> dict[str, Any]:
-    """The fields of ``struct`` that differ from their defaults: the others are the defaults themselves again."""
+    """The fields of ``struct`` that differ from their defaults."""
     fields = ((field, _read(field, getattr(ros_message, field.name))) for field in fields_of(struct))
     defaults = _defaults(struct)
     return {field.name: value for field, value in fields if defaults.get(field.name, MISSING) != value}

@@ -1,10 +1,8 @@
-"""Bags: what a robot saw and said, read and written without ROS (with rosbags).
+"""Read bags without ROS: rosbag2 folders, .mcap and .db3 files, split or compressed, and ROS 1 .bag files.
 
-Reads rosbag2 folders and single .mcap or .db3 files, split or compressed, and ROS 1 .bag files.
-
-Damage: a single message that cannot be read is counted in `Bag.skipped`, and reading goes on. A
-file whose structure is broken is one BagError, after all whole messages before the break. An .mcap
-file that ends too early (the robot lost power) is read as far as it is whole, and ``Bag.damage`` says so.
+A damaged message is counted in `Bag.skipped`, and reading continues. A file with a broken structure raises one BagError
+after all intact messages. A truncated .mcap file, such as after a power failure, is read up to the end of its intact
+part, and `Bag.damage` says so.
 """
 
 from __future__ import annotations
@@ -52,7 +50,7 @@ _REPAIRS = {
 
 @dataclass(frozen=True)
 class BagTopic:
-    """A topic of a bag: its ROS type and the number of its messages."""
+    """A topic of a bag, its ROS type and message count."""
 
     name: str
     type: str
@@ -61,7 +59,7 @@ class BagTopic:
 
 @dataclass(frozen=True)
 class MessageLocation:
-    """Where in a bag a message lies: its stamp (ns), the number of the file, the topic and the time of reception."""
+    """The location of a message: its stamp (ns), the index of the file, the topic and the time of reception (ns)."""
 
     stamp: int
     file: int
@@ -71,7 +69,7 @@ class MessageLocation:
 
 @dataclass
 class Skipped:
-    """Damaged messages of one topic: how many, and what was wrong with the first."""
+    """The number of damaged messages of one topic, and the error of the first."""
 
     count: int
     first: str
@@ -121,7 +119,7 @@ class Bag:
         self.close()
 
     def close(self) -> None:
-        """Closes the files."""
+        """Close the files."""
         for reader in self._readers:
             reader.close()
         self._readers = ()
@@ -133,7 +131,7 @@ class Bag:
 
     @property
     def image_topics(self) -> tuple[BagTopic, ...]:
-        """The topics with pictures, compressed or not."""
+        """The topics with raw or compressed images."""
         return tuple(topic for topic in self.topics if topic.type in IMAGE_TYPES and topic.count)
 
     def topic(self, name: str) -> BagTopic:
@@ -144,14 +142,14 @@ class Bag:
         raise BagError(f"no topic {name!r} in the bag", where=str(self.path), remedy=suggestion(name, self._names()))
 
     def definition(self, type_name: str) -> tuple[str, str]:
-        """How the bag itself defines a type of ROS 2, and the hash of that; empty texts when it does not."""
+        """The definition of a ROS 2 type in the bag, and its hash; empty texts if it has none."""
         for connection in self._connections:
             if connection.msgtype == type_name and not isinstance(connection.owner, Ros1Reader):
                 return connection.msgdef.data, connection.digest
         return "", ""
 
     def is_latched(self, name: str) -> bool:
-        """Whether the last message of a topic was given to those who came late."""
+        """Whether the topic was latched (transient local)."""
         extras = [connection.ext for connection in self._connections if connection.topic == name]
         return any(
             any(qos.durability is QosDurability.TRANSIENT_LOCAL for qos in extra.offered_qos_profiles)
@@ -163,14 +161,14 @@ class Bag:
     def choose_image_topic(self, wanted: str | None = None) -> BagTopic:
         """The ``wanted`` image topic, or the only one.
 
-        Raises BagError when there is none, when there are several and none is ``wanted``, or when
-        the wanted one is unknown or holds no pictures.
+        Raises:
+            BagError: There is none, there are several and none is ``wanted``, or the wanted one has no images.
         """
         names = [topic.name for topic in self.image_topics]
         where = str(self.path)
         if not names:
             raise BagError(
-                "the bag holds no pictures",
+                "the bag has no images",
                 where=where,
                 remedy=f"record an image topic; the bag has {', '.join(self._names())}",
             )
@@ -198,30 +196,33 @@ class Bag:
     def messages(
         self, topics: Mapping[str, str], kinds: Mapping[str, type[Message]] | None = None
     ) -> Iterator[tuple[str, Message]]:
-        """The messages of ``topics`` (bag topic to graph topic), as graph topic and message, in the order of the bag.
+        """Yield graph topic and message of ``topics`` (bag topic to graph topic), in the order of the bag.
 
-        ``kinds`` says what they are by graph topic; without it, structured ones are what their schema names.
+        The stamp is that of the header; for images it is converted to the clock of the reception. If it is zero, or
+        earlier than the previous stamp of the topic, the message gets the previous stamp plus the time between the two
+        receptions. A first stamp of zero becomes the time of reception.
 
-        The stamp is the header's, for pictures on the clock of the reception. Where that is zero, or lies before the
-        topic's previous stamp, the message gets the previous stamp plus the time between the two
-        receptions; a first stamp of zero becomes the time of reception.
+        Args:
+            topics: The bag topics to read, and their names in the graph.
+            kinds: Message types by graph topic; by default the schema of a structured message decides.
 
-        Raises BagError for topics that the bag lacks or whose type socialbot does not know, and
-        where the file breaks off.
+        Raises:
+            BagError: A topic is missing, its type is unknown, or the file is truncated.
         """
         for name in topics:
             if self.topic(name).type not in codec.decodable_types():
                 raise BagError(
-                    f"{name} is {self.topic(name).type}, which no message of socialbot comes from",
+                    f"the type of {name}, {self.topic(name).type}, is unknown",
                     where=str(self.path),
                     remedy=f"known types: {', '.join(sorted(codec.ROS_TYPES.values()))}, those of {PACKAGE}",
                 )
         return self._decoded(topics, kinds or {})
 
-    def places(self, name: str) -> Iterator[MessageLocation]:
-        """Where each message of a topic with headers lies, with the stamp that `messages` gives it.
+    def locations(self, name: str) -> Iterator[MessageLocation]:
+        """The locations of the intact messages of a topic with headers, with the stamps that `messages` gives them.
 
-        Damaged ones are left out. Raises BagError where the file breaks off.
+        Raises:
+            BagError: The file is truncated.
         """
         stamps = Stamps(name, set_right=self.topic(name).type in IMAGE_TYPES)
         times = Receptions(str(self.path))
@@ -233,7 +234,7 @@ class Bag:
                 yield MessageLocation(stamps.next(header, received), file, name, time)
 
     def message_at(self, place: MessageLocation) -> Message | None:
-        """The message at one of `places`, with its stamp; None when it is damaged. Raises BagError."""
+        """The message at one of `locations`, with its stamp; None if it is damaged. Raises BagError."""
         reader = self._readers[place.file]
         wanted = [connection for connection in reader.connections if connection.topic == place.topic]
         try:
@@ -247,16 +248,16 @@ class Bag:
         return self._attempt(connection, lambda: codec.decode(kind, deserialize(connection, data), stamp=place.stamp))
 
     def raw_messages(self, topics: Mapping[str, str]) -> Iterator[tuple[str, int, str, bytes]]:
-        """The messages of ``topics`` as graph topic, time of reception (ns), ROS type and CDR bytes.
+        """Yield graph topic, time of reception (ns), ROS type and CDR bytes of ``topics``.
 
-        Those of ROS 1 bags are converted to ROS 2. Raises BagError as `messages` does, but takes any type.
+        Messages of ROS 1 bags are converted to ROS 2. Any type is accepted; otherwise errors are those of `messages`.
         """
         for name in topics:
             self.topic(name)
         return self._raw(topics)
 
     def check(self) -> Mapping[str, Skipped]:
-        """Reads every message of the bag and tells which are damaged. Raises BagError where the file breaks off."""
+        """Read all messages, and return the damaged ones by topic. Raises BagError if a file is truncated."""
         for connection, _, data in self._read(self._names()):
             read = deserialize if is_known(connection) else to_cdr
             self._attempt(connection, lambda read=read, connection=connection, data=data: read(connection, data))
@@ -294,7 +295,7 @@ class Bag:
             yield connection, times.next(time), data
 
     def _read_files(self, names: Collection[str]) -> Iterator[tuple[int, Connection, int, bytes]]:
-        """What the files hold of some topics, in order: with the number of the file, and times as they are there."""
+        """Yield file index, connection, uncorrected time of reception and bytes, in the order of time."""
         streams = []
         for file, reader in enumerate(self._readers):
             wanted = [connection for connection in reader.connections if connection.topic in names]
@@ -342,7 +343,7 @@ def _open_folder(path: Path, damage: list[str]) -> list[Reader]:
     files = sorted((file for file in path.iterdir() if file.suffix in _STORAGE), key=natural)
     if not metadata.exists() and not files:
         raise BagError(
-            "the folder is no bag: it has no metadata.yaml and no .mcap or .db3 file",
+            "not a bag: the folder has no metadata.yaml and no .mcap or .db3 file",
             where=str(path),
             remedy="give the folder that `bag record` made; for a folder of pictures use `bag import`",
         )
@@ -354,7 +355,7 @@ def _open_folder(path: Path, damage: list[str]) -> list[Reader]:
                 raise
             damage.append(f"{metadata}: {error.what}")
     else:
-        damage.append(f"{metadata}: missing; the bag is read by its files")
+        damage.append(f"{metadata}: missing; the .mcap and .db3 files are read")
     return [_open_file(file, damage) for file in files]
 
 
@@ -371,7 +372,7 @@ def _open_file(path: Path, damage: list[str]) -> Reader:
         salvaged = salvage(path) if path.suffix == ".mcap" else None
         if salvaged is None:
             raise
-    damage.append(f"{path}: breaks off after {salvaged.whole} of {salvaged.size} bytes; what is whole is read")
+    damage.append(f"{path}: truncated; the first {salvaged.whole} of {salvaged.size} bytes are intact and are read")
     return _open(salvaged)
 
 
@@ -388,21 +389,21 @@ def _open(path: Any) -> Reader:
 
 
 def _check_types(reader: Reader) -> None:
-    """Raises ValueError for what a file gives instead of texts and numbers; rosbags takes it as it is."""
+    """Check that names are texts and counts are numbers; rosbags does not. Raises ValueError."""
     texts = [text for each in reader.connections for text in (each.topic, each.msgtype)]
     numbers = [reader.message_count, reader.start_time, reader.end_time]
     numbers += [each.msgcount for each in reader.connections]
     if not all(isinstance(text, str) for text in texts) or not all(type(number) is int for number in numbers):
-        raise ValueError("a topic without a name or a type, or no number where one has to be")
+        raise ValueError("a topic name or type is not a text, or a count is not a number")
 
 
 def _broken(path: Any, error: Exception) -> BagError:
     if isinstance(error, PermissionError):
-        return BagError("may not be read", where=str(path), remedy="ask its owner for the permission to read it")
+        return BagError("permission denied", where=str(path), remedy="ask its owner for read permission")
     what = str(error) or type(error).__name__
     return BagError(f"the bag is damaged: {what}", where=str(path), remedy=_REPAIRS.get(path.suffix, "copy it again"))
 
 
 def natural(path: Path) -> list[tuple[int, str]]:
-    """The key by which files are in natural order: 2 before 10."""
+    """The sort key for natural order: 2 before 10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

@@ -19,7 +19,7 @@ _KNOWN = range(_HEADER, _DATA_END)
 
 @dataclass(frozen=True)
 class Salvaged:
-    """A file of which the first ``whole`` of ``size`` bytes can be used; opens like a path."""
+    """A file with ``whole`` of ``size`` bytes intact. It opens like a path."""
 
     path: Path
     whole: int
@@ -48,7 +48,7 @@ class Salvaged:
 
 
 class _Joined(io.RawIOBase):
-    """The first ``length`` bytes of a file, and ``tail`` behind them."""
+    """The first ``length`` bytes of a file, followed by ``tail``."""
 
     def __init__(self, file: BinaryIO, length: int, tail: bytes) -> None:
         self._file = file
@@ -84,7 +84,7 @@ class _Joined(io.RawIOBase):
 
 
 def salvage(path: Path) -> Salvaged | None:
-    """What is whole of the .mcap file at ``path``; None when that is not even a message."""
+    """The intact part of the .mcap file at ``path``; None if it has no message."""
     size = path.stat().st_size
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
@@ -97,7 +97,7 @@ def salvage(path: Path) -> Salvaged | None:
 
 @dataclass
 class _Chunk:
-    """A chunk record: where it stands, its own header, and the records that index it."""
+    """A chunk record: its position, header fields and index records."""
 
     start: int
     length: int
@@ -108,7 +108,7 @@ class _Chunk:
 
 
 def _scan(file: BinaryIO, size: int) -> tuple[int, list[_Chunk]]:
-    """Where the whole records end, and the chunks among them. A chunk without index does not count."""
+    """The end of the intact records, and their chunks. A chunk without index is not intact."""
     chunks: list[_Chunk] = []
     whole = len(MAGIC)
     while True:
@@ -142,7 +142,7 @@ def _read_chunk(file: BinaryIO, start: int, length: int) -> _Chunk:
 
 
 def _tail(whole: int, chunks: list[_Chunk]) -> bytes:
-    """A summary of ``chunks`` and the footer; statistics of zero make a reader look into the chunks itself."""
+    """A summary of ``chunks`` and the footer. With empty statistics, readers scan the chunks."""
     records = [_record(_CHUNK_INDEX, _chunk_index(chunk)) for chunk in chunks]
     records.append(_record(_STATISTICS, bytes(46)))
     records.append(_record(_FOOTER, struct.pack("<QQI", whole, 0, 0)))
@@ -163,14 +163,11 @@ log = logging.getLogger("socialbot.bags")
 
 CLOCKS_APART_S = 1.0
 LEAP_S = 3600.0
-"""A bag in which nothing happens for longer than that was recorded by a clock that was set meanwhile."""
+"""A longer pause means that the clock was set during the recording."""
 
 
 class Receptions:
-    """The times of reception of a bag, which is called ``name``.
-
-    Where they leap ahead by more than ``LEAP_S``, time goes on from there as if the clock had not been set.
-    """
+    """Corrects the times of reception of the bag ``name``: a leap by more than ``LEAP_S`` is removed."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -178,11 +175,11 @@ class Receptions:
         self._last: int | None = None
 
     def next(self, time: int) -> int:
-        """The time (ns) of a message said to be received at ``time``."""
+        """The corrected time (ns) of a message that was received at ``time``."""
         set_right = time + self._offset
         if self._last is not None and set_right - self._last > nanoseconds(LEAP_S):
             ahead = set_right - self._last
-            log.warning("%s: its clock leaps ahead by %.0f s; set right", self._name, ahead / SECOND)
+            log.warning("%s: the clock leaps ahead by %.0f s; corrected", self._name, ahead / SECOND)
             self._offset -= ahead
             set_right = self._last
         self._last = set_right
@@ -190,10 +187,10 @@ class Receptions:
 
 
 class Stamps:
-    """The stamps of one topic: those of the headers as long as they are good, on the clock of the reception.
+    """Corrects the header stamps of one topic, so that they are plausible on the clock of the reception.
 
-    With ``set_right``, a sender whose clock is off by more than ``CLOCKS_APART_S`` at its first message is set
-    right by that much. That is for pictures: latched messages are older when they are received.
+    With ``set_right``, the clock offset of a sender above ``CLOCKS_APART_S`` at its first message is removed.
+    Use it for images only: latched messages are older than their reception.
     """
 
     def __init__(self, topic: str, *, set_right: bool) -> None:
@@ -205,14 +202,14 @@ class Stamps:
         self._warned = False
 
     def next(self, header: int, time: int) -> int:
-        """The stamp (ns) of a message with this ``header`` stamp, received at ``time``."""
+        """The corrected stamp (ns) of a message with the stamp ``header``, received at ``time``."""
         last = self._stamp
         if self._set_right and last is None and header > 0 and abs(time - header) > nanoseconds(CLOCKS_APART_S):
             self._offset = time - header
-            log.warning("%s: the sender's clock is %.1f s off; set right", self._topic, -self._offset / SECOND)
+            log.warning("%s: the clock of the sender is %.1f s off; corrected", self._topic, -self._offset / SECOND)
         if header > 0:
             header += self._offset
-        why = self._fault(header, time)
+        why = self._defect(header, time)
         if why and not self._warned:
             self._warned = True
             log.warning("%s: header stamps %s; the times of reception are used instead", self._topic, why)
@@ -220,8 +217,7 @@ class Stamps:
         self._stamp, self._time = stamp, time
         return stamp
 
-    def _fault(self, header: int, time: int) -> str:
-        """What is wrong with a stamp; empty: nothing."""
+    def _defect(self, header: int, time: int) -> str:
         if header <= 0:
             return "are zero"
         if self._stamp is not None and header < self._stamp:

@@ -1,4 +1,4 @@
-"""Which topics of a bag feed which inputs of a graph."""
+"""Map topics of a bag to the inputs of a graph."""
 
 from __future__ import annotations
 
@@ -13,40 +13,45 @@ from socialbot.graph.node import Graph
 
 
 def feeding(bag: Bag, graph: Graph, image_topic: str | None) -> dict[str, str]:
-    """Which topics of ``bag`` feed ``graph`` (without its sources): bag topic to graph topic.
+    """The topics of ``bag`` that feed ``graph`` (without its sources): bag topic to graph topic.
 
-    Where the graph takes pictures, the chosen image topic goes there, and its CameraInfo likewise. Other inputs that no
-    node publishes are fed where the bag has the very same topic and type. Raises BagError or GraphError.
+    The chosen image topic and its CameraInfo feed the image inputs. Other inputs need the same topic name and type.
+
+    Raises:
+        BagError: The image topic is missing or ambiguous.
+        GraphError: No topic fits.
     """
     inputs = _inputs(graph)
-    feeds = _pictures(bag, graph, inputs, image_topic) if takes_pictures(graph) else {}
+    feeds = _image_feeds(bag, graph, inputs, image_topic) if takes_images(graph) else {}
     for topic in bag.topics:
         kind = inputs.get(topic.name)
         if kind is not None and topic.name not in feeds.values() and carries(topic.type, kind):
             feeds[topic.name] = topic.name
     if not feeds:
         raise GraphError(
-            f"nothing in {bag.path} is for it",
+            f"no topic of {bag.path} fits its inputs",
             where=graph.name,
-            remedy=f"it takes {', '.join(sorted(inputs)) or 'nothing'}; "
+            remedy=f"the inputs are {', '.join(sorted(inputs)) or 'empty'}; "
             f"the bag has {', '.join(topic.name for topic in bag.topics)}",
         )
     return feeds
 
 
-def takes_pictures(graph: Graph) -> bool:
-    """Whether pictures of a bag can feed ``graph`` (without its sources)."""
+def takes_images(graph: Graph) -> bool:
+    """Whether ``graph`` (without its sources) has image inputs."""
     return any(ros_type(kind) in IMAGE_TYPES for kind in _inputs(graph).values())
 
 
 def _inputs(graph: Graph) -> dict[str, type[Message]]:
-    """The topics that no node of the graph publishes, with their types; how they are, all of them say."""
+    """The topics that no node of the graph publishes, with their types."""
     published = {topic for placement in graph.placements for topic, _ in placement.publications}
     published.update(topic for placement in graph.placements for topic in health_topics(graph, placement.name))
     return {topic: kind for topic, kind in graph.topics().items() if topic not in published}
 
 
-def _pictures(bag: Bag, graph: Graph, inputs: Mapping[str, type[Message]], image_topic: str | None) -> dict[str, str]:
+def _image_feeds(
+    bag: Bag, graph: Graph, inputs: Mapping[str, type[Message]], image_topic: str | None
+) -> dict[str, str]:
     feeds: dict[str, str] = {}
     chosen = bag.choose_image_topic(image_topic)
     info = bag.camera_info_topic_for(chosen.name)

@@ -37,10 +37,14 @@ _LINE = 100
 
 @dataclass(frozen=True)
 class Field:
-    """A field of a ROS type: the ``kind`` of its value or values (a scalar of ROS, `JSON` or a struct), and how many.
+    """A field of a ROS type.
 
-    ``count`` is the suffix of the type in a definition: nothing for one, ``[]`` for many, ``[N]`` for just so many,
-    ``[<=1]`` for one that may be missing. ``choices`` are the only values that there are, if these are few.
+    Attributes:
+        name: The name.
+        kind: A scalar type of ROS, `JSON`, or a struct.
+        count: The suffix of the type: empty, ``[]`` for an array, ``[N]`` for a fixed one, ``[<=1]`` if optional.
+        choices: The allowed values, if they are enumerated.
+        missing_is_nan: Whether NaN stands for a missing number.
     """
 
     name: str
@@ -51,13 +55,13 @@ class Field:
 
     @property
     def definition(self) -> str:
-        """Its line in a definition."""
+        """The line in a definition."""
         kind = "string" if self.kind == JSON else self.kind if isinstance(self.kind, str) else self.kind.__name__
         return f"{kind}{self.count} {self.name}{self._note}"
 
     @property
     def constants(self) -> tuple[str, ...]:
-        """The lines for its choices."""
+        """The lines of the constants for the choices."""
         return tuple(
             f'string {self.name.upper()}_{choice.upper().replace(" ", "_")}="{choice}"' for choice in self.choices
         )
@@ -82,7 +86,7 @@ def typed_messages() -> Mapping[str, type[Structured]]:
 
 @functools.cache
 def fields_of(struct: type) -> tuple[Field, ...]:
-    """The fields of the ROS type of ``struct``, without the header that a message has besides."""
+    """The fields of the ROS type of ``struct``, without the header."""
     info = structs.type_info(struct)
     assert isinstance(info, structs.StructType)
     hidden = HEADER if issubclass(struct, Structured) else ()
@@ -90,7 +94,7 @@ def fields_of(struct: type) -> tuple[Field, ...]:
 
 
 def parts_of(struct: type) -> Iterator[type]:
-    """The structs that the fields of ``struct`` hold, and those that theirs hold."""
+    """The structs in the fields of ``struct``, recursively."""
     for field in fields_of(struct):
         if isinstance(field.kind, type):
             yield field.kind
@@ -233,7 +237,7 @@ _HEADER = "std_msgs/msg/Header"
 
 @functools.cache
 def known_types(release: Stores = Stores.ROS2_JAZZY) -> Typestore:
-    """The types of a ROS release. It is shared, so nothing may be registered in it."""
+    """The types of a ROS release. The result is shared: do not register types in it."""
     return get_typestore(release)
 
 
@@ -242,13 +246,13 @@ def _with_own_types() -> Typestore:
     """The types of ROS 2 Jazzy, and those of `interfaces` and `standard_types`."""
     types = get_typestore(Stores.ROS2_JAZZY)
     for name, text in {**DEFINITIONS, **definitions()}.items():
-        # Comments make the parser fifty times slower.
+        # Comments make the parser 50 times slower.
         types.register(get_types_from_msg("\n".join(line.partition("#")[0] for line in text.splitlines()), name))
     return types
 
 
 def types_with(type_name: str) -> Typestore:
-    """The types of ROS 2 Jazzy, with more where ``type_name`` is none of these packages. They are shared."""
+    """The types of ROS 2 Jazzy, with those of the package of ``type_name``. The result is shared."""
     package = type_name.partition("/")[0]
     return _with_own_types() if package in (PACKAGE, *PACKAGES) else known_types()
 
@@ -280,20 +284,20 @@ class RosbagsTypes:
 
 
 def deserialize(connection: Connection, data: bytes) -> Any:
-    """The message in ``data`` as read from ``connection`` of a bag. Damaged bytes raise whatever rosbags does."""
+    """Decode ``data`` of ``connection``. Damaged bytes raise any exception."""
     ros1 = isinstance(connection.owner, Ros1Reader)
     types = _types(connection.msgtype, connection.msgdef, ros1)
     return types.deserialize_ros1(data, connection.msgtype) if ros1 else _read_cdr(types, data, connection.msgtype)
 
 
 def is_known(connection: Connection) -> bool:
-    """Whether the fields of the messages of ``connection`` are known, from the bag or as a type of ROS."""
+    """Whether the type of ``connection`` is defined in the bag or by ROS."""
     ros1 = isinstance(connection.owner, Ros1Reader)
     return connection.msgtype in _types(connection.msgtype, connection.msgdef, ros1).fielddefs
 
 
 def to_cdr(connection: Connection, data: bytes) -> bytes:
-    """``data`` as read from ``connection`` of a bag, as CDR bytes.
+    """``data`` of ``connection`` as CDR bytes.
 
     Raises as `deserialize` does, and ValueError for a ROS 1 type that ROS 2 has changed.
     """
@@ -304,8 +308,8 @@ def to_cdr(connection: Connection, data: bytes) -> bytes:
 
 
 def _read_cdr(types: Typestore, data: bytes, name: str) -> Any:
-    # As ROS does, but unlike Typestore.deserialize_cdr, this takes bytes behind the message:
-    # rmw_serialize leaves some where a message ends in empty sequences.
+    # Like ROS, but unlike Typestore.deserialize_cdr, this accepts trailing bytes: rmw_serialize adds some after empty
+    # sequences.
     _check_cdr(data)
     definition = types.get_msgdef(name)
     read = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
@@ -319,7 +323,7 @@ def _check_cdr(data: bytes) -> None:
 
 @functools.lru_cache(maxsize=512)
 def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
-    # Each connection is read with its own definition: types have changed between releases of ROS.
+    # Use the definition of each connection: types differ between releases of ROS.
     known = known_types(Stores.ROS1_NOETIC) if ros1 else types_with(name)
     if definition.format is MessageDefinitionFormat.NONE or not definition.data:
         return known
@@ -337,7 +341,7 @@ def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
 
 @functools.lru_cache(maxsize=512)
 def _ros2_types(name: str, definition: MessageDefinition) -> Typestore:
-    """The types of a ROS 1 connection as ROS 2 has them: the same, but for the sequence number in the header."""
+    """The types of a ROS 1 connection in ROS 2: without the sequence number in the header."""
     ros1, ros2 = _types(name, definition, ros1=True).fielddefs, known_types().fielddefs
     for each in ros1.keys() & ros2.keys() - {_HEADER}:
         if _layout(ros1[each]) != _layout(ros2[each]):

@@ -1,4 +1,4 @@
-"""Replay the world side of a bag to agents, inline or over ROS."""
+"""Replay the world side of a bag to agents: recorded sensor messages, in response to the commands of the agents."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from socialbot.graph.node import Delivery, Graph
 
 log = logging.getLogger("socialbot.player")
 
-PATIENCE_S = 2.0
-"""How long (s, simulated) the world waits for a command."""
+COMMAND_TIMEOUT_S = 2.0
+"""The simulated time (s) for which the replay waits for a command."""
 
 STEP_S = 1 / 30
-"""How far the clock goes at once while it waits."""
+"""The clock step (s) while waiting."""
 
 SLACK_S = 0.2
-"""So much later than a command an answer may bear its time that had it given: clocks of processes differ by a step."""
+"""The time (s) after a command in which a recorded message may still be its cause: clocks differ by a step."""
 
 
 def commands(bag: Bag, graph: Graph) -> dict[str, type[Message]]:
-    """The topics of ``bag`` by which nodes of ``graph`` tell the world what to do: those that no node listens to.
+    """The command topics of ``graph`` in ``bag``: published by a node, and subscribed to by none.
 
-    What is latched tells how something is, as traces tell what was done.
+    Latched topics and traces are no commands: they report states.
     """
     heard = {topic for placement in graph.placements for topic, _ in placement.subscriptions}
     names = {topic.name for topic in bag.topics if topic.count}
@@ -47,17 +47,17 @@ def commands(bag: Bag, graph: Graph) -> dict[str, type[Message]]:
 
 @dataclass
 class Commands:
-    """The commands that were recorded beside those that are given: the same but for their times and ids."""
+    """Matches recorded commands with current ones, which differ in times and ids."""
 
     _given: dict[Any, deque[str]] = field(default_factory=dict)
     _ids: dict[str, str] = field(default_factory=dict)
 
     def give(self, topic: str, message: Message) -> None:
-        """Takes a command that is given."""
+        """Add a command of an agent."""
         self._given.setdefault(self._content(topic, message), deque()).append(getattr(message, "id", ""))
 
     def take(self, topic: str, recorded: Message) -> bool:
-        """Whether a recorded command has been given; each one counts once."""
+        """Whether a recorded command has been given; each command matches once."""
         given = self._given.get(self._content(topic, self.as_now(recorded)))
         if not given:
             return False
@@ -65,17 +65,17 @@ class Commands:
         return True
 
     def knows(self, recorded: Message) -> bool:
-        """Whether a recorded message has the id of a command that has been given."""
+        """Whether a recorded message has the id of a matched command."""
         return bool(self._ids.get(getattr(recorded, "id", "")))
 
     def as_now(self, recorded: Message, late: int = 0) -> Message:
-        """A recorded message as it is now: so much later (ns), with the id of its command as that is called now."""
+        """A recorded message with its stamp shifted by ``late`` (ns), and the current id of its command."""
         id = self._ids.get(getattr(recorded, "id", ""))
         changes = {"stamp": recorded.stamp + late, **({"id": id} if id else {})}
         return msgspec.structs.replace(recorded, **changes)
 
     def _content(self, topic: str, message: Message) -> Any:
-        """What a command says: of one that begins something all but its id, of one that takes it back the id."""
+        """The content to match: all fields but id and stamp, or the id if there are no others (a cancellation)."""
         fields = msgspec.structs.asdict(message)
         id = fields.pop("id", "")
         del fields["stamp"]
@@ -83,40 +83,42 @@ class Commands:
 
 
 class WorldScript:
-    """What the world of ``bag`` has to say to ``graph``, which has none of its own.
+    """The recorded messages of ``bag`` to a ``graph`` without a simulator, in order. Times are in ns.
 
-    ``feeds`` are the topics (bag topic to graph topic) of what it says. All is said in the order and at the distances
-    in which it was recorded, as long as the commands in between are given. Times are ns.
+    Messages keep their order and time differences. A recorded command holds back all later messages until the agents
+    give it. ``feeds`` maps bag topics to graph topics.
+
+    Attributes:
+        told: The command topics and their types.
+        sent: The number of messages sent.
+        unanswered: The number of recorded commands that were not given in time.
     """
 
     def __init__(self, bag: Bag, feeds: Mapping[str, str], graph: Graph) -> None:
         self.told = commands(bag, graph)
-        """The topics by which it is told what to do."""
         self.sent = 0
         self.unanswered = 0
-        """Recorded commands that were not given in time."""
         topics = dict(zip(self.told, self.told, strict=True))
         self._messages = bag.messages({**feeds, **topics}, graph.topics())
         self._ahead: deque[tuple[str, Message]] = deque()
         self._held: dict[str, list[tuple[str, Message]]] = {}
         ids = (getattr(message, "id", "") for _, message in bag.messages(topics, graph.topics()))
         self._to_come = set(filter(None, ids))
-        """Ids of recorded commands that were not taken yet."""
         self._commands = Commands()
         self._late = 0
         self._read()
 
     @property
     def due(self) -> int | None:
-        """When the next is to be said, or its command to be given; None when all is said."""
+        """The time of the next message or command; None at the end."""
         return self._ahead[0][1].stamp + self._late if self._ahead else None
 
     def hear(self, topic: str, message: Message) -> None:
-        """Takes a command that is given."""
+        """Add a command of an agent."""
         self._commands.give(topic, message)
 
     def say(self, now: int) -> Iterator[tuple[str, Message]]:
-        """What is due at ``now``, up to the next command that is not given yet."""
+        """Yield the messages due at ``now``, up to the next command that has not been given."""
         while self._ahead:
             topic, message = self._ahead[0]
             id = getattr(message, "id", "")
@@ -134,15 +136,15 @@ class WorldScript:
                     yield self._said(topic, message)
 
     def wait(self, now: int) -> Iterator[tuple[str, Message]]:
-        """What to say while a command is due, and does not come.
+        """Yield messages while a command is overdue.
 
-        It may follow from an answer that was recorded after it. After `PATIENCE_S` all goes on without it.
+        Its cause may have been recorded after it. After `COMMAND_TIMEOUT_S` the replay continues without the command.
         """
         topic, command = self._ahead[0]
-        if topic not in self.told:  # it has been given at last
+        if topic not in self.told:  # it has been given meanwhile
             return
-        if now - command.stamp - self._late >= nanoseconds(PATIENCE_S):
-            log.warning("%s: a command is not given: %s", topic, command)
+        if now - command.stamp - self._late >= nanoseconds(COMMAND_TIMEOUT_S):
+            log.warning("%s: a recorded command was not given: %s", topic, command)
             self.unanswered += 1
             yield from self._past(now)
             return
@@ -155,7 +157,7 @@ class WorldScript:
                 return
 
     def _past(self, now: int) -> Iterator[tuple[str, Message]]:
-        """Leaves a command behind, and says what was held back for it."""
+        """Skip a command, and yield the messages held back for it."""
         command = self._ahead[0][1]
         self._late = max(self._late, now - command.stamp)
         self._next()
@@ -174,7 +176,7 @@ class WorldScript:
             self._read()
 
     def _read(self) -> bool:
-        """Reads one more message of the bag, if there is one."""
+        """Read one more message of the bag; False at its end."""
         found = next(self._messages, None)
         if found is not None:
             self._ahead.append(found)
@@ -182,24 +184,24 @@ class WorldScript:
 
 
 class ReplayStage(Protocol):
-    """Where a script is played."""
+    """The runner of a replay."""
 
     @property
     def now(self) -> int:
-        """The time there, ns."""
+        """The time (ns)."""
         ...
 
     def advance(self, until: int) -> None:
-        """Lets what was said arrive, and time pass."""
+        """Deliver the messages, and advance the time."""
         ...
 
     def say(self, topic: str, message: Message) -> None:
-        """Says something to the agents."""
+        """Send a message to the agents."""
         ...
 
 
 def play(script: WorldScript, stage: ReplayStage, ending: Ending) -> None:
-    """Plays a script until all is said, or it is asked to end."""
+    """Play ``script`` to its end, or until asked to end."""
     while (due := script.due) is not None and not ending.asked:
         stage.advance(max(due, stage.now))
         for topic, message in script.say(stage.now):
@@ -212,7 +214,7 @@ def play(script: WorldScript, stage: ReplayStage, ending: Ending) -> None:
 
 
 class InlineStage:
-    """An inline run as the stage of a script. Call `begin` before its nodes start, then `play`."""
+    """Replay in an inline runner. Call `begin` before its nodes start, then `play`."""
 
     def __init__(self, runner: InlineRunner, script: WorldScript) -> None:
         self._runner = runner
@@ -221,20 +223,20 @@ class InlineStage:
             runner.tap(topic, self._hear)
 
     def begin(self) -> None:
-        """Says what was said at the start."""
+        """Send the messages of the start."""
         self._go_on()
 
     @property
     def now(self) -> int:
-        """The time of the run, ns."""
+        """The time of the run (ns)."""
         return self._runner.clock.now()
 
     def advance(self, until: int) -> None:
-        """Lets time pass, after all that was said has arrived."""
+        """Deliver all messages, then advance the time."""
         self._runner.advance(until)
 
     def say(self, topic: str, message: Message) -> None:
-        """Puts a message in line."""
+        """Queue a message."""
         self._runner.enqueue(topic, message)
 
     def _hear(self, topic: str, message: Message) -> None:
@@ -242,15 +244,15 @@ class InlineStage:
         self._go_on()
 
     def _go_on(self) -> None:
-        """Says at once what was said because of a command, as the world did."""
+        """Send the recorded reaction to a command at once."""
         for topic, message in self._script.say(self.now):
             self.say(topic, message)
 
 
 class PlaybackResult(msgspec.Struct):
-    """How it went: messages sent, what the graph did not answer in time, and the damaged messages of each topic.
+    """Result of a playback: messages sent, missing answers, and damaged messages by topic.
 
-    Where the graph takes pictures, only they count; else it is commands to the world that count as answers.
+    With images, only they are counted. Without, missing commands count as missing answers.
     """
 
     sent: int = 0

@@ -1,4 +1,4 @@
-"""Writing rosbag2 bags, without ROS."""
+"""Write rosbag2 bags, without ROS."""
 
 from __future__ import annotations
 
@@ -25,16 +25,18 @@ _DEPTH = 10
 
 
 class BagWriter:
-    """A bag being written; use it as a context manager.
+    """Writes a bag. It is a context manager that closes the bag properly after any exception.
 
-    However the block is left, by an exception or Ctrl-C too, the bag is closed and can be read.
+    Args:
+        path: The folder to create.
+        storage: "mcap" or "sqlite3".
+        compressed: Whether to compress with zstd, which helps text but not images.
+
+    Raises:
+        BagError: The folder exists, or ``storage`` is unknown.
     """
 
     def __init__(self, path: str | Path, *, storage: str = "mcap", compressed: bool = False) -> None:
-        """``path`` is the folder to make. Raises BagError when it exists or ``storage`` is unknown.
-
-        ``compressed`` (zstd) is for text; pictures are packed already.
-        """
         self.path = Path(path)
         self.counts: dict[str, int] = {}
         self._discarded = False
@@ -65,13 +67,15 @@ class BagWriter:
             shutil.rmtree(self.path, ignore_errors=True)
 
     def discard(self) -> None:
-        """Has the bag removed, instead of kept, when the block is left."""
+        """Remove the bag when the block is left."""
         self._discarded = True
 
     def write(self, topic: str, message: Message, time: int, form: WireForm = "json") -> None:
-        """Writes ``message`` as received at ``time`` (ns), in this ``form`` if it is a structured one.
+        """Write ``message`` as received at ``time`` (ns); ``form`` applies to structured messages.
 
-        Raises MessageError when it cannot be expressed as its ROS type, BagError when the disk fails.
+        Raises:
+            MessageError: Its ROS type cannot express the message.
+            BagError: The disk fails.
         """
         data = self._types.serialize(codec.encode(message, self._types, form))
         self.write_raw(topic, codec.ros_type(type(message), form), data, time, latched=isinstance(message, _STATE))
@@ -87,10 +91,9 @@ class BagWriter:
         type_hash: str = "",
         definition: str = "",
     ) -> None:
-        """Writes the CDR bytes of a message of ``type_name`` as received at ``time`` (ns).
+        """Write the CDR bytes of a message of ``type_name`` as received at ``time`` (ns).
 
-        A type that neither ROS 2 Jazzy nor socialbot knows is written with its ``definition``, if there is one, and
-        ``type_hash``.
+        ``definition`` and ``type_hash`` are stored for types that neither ROS 2 Jazzy nor socialbot knows.
         """
         try:
             connection = self._connections.get((topic, type_name))
@@ -102,10 +105,7 @@ class BagWriter:
         self.counts[topic] = self.counts.get(topic, 0) + 1
 
     def flush(self) -> None:
-        """Puts all that was written so far into the file, where it can be read even if this process is killed.
-
-        Raises BagError when the disk fails.
-        """
+        """Write all buffered messages to the file, so that they survive a kill. Raises BagError when the disk fails."""
         storage = self._writer.storage
         try:
             if isinstance(storage, McapWriter) and storage.chunk.msgs:

@@ -46,7 +46,7 @@ def replay(
 ) -> None:
     """Replay a bag through a graph; show, record and score the run."""
     from socialbot.bags.reader import open_bag
-    from socialbot.bags.topic_mapping import takes_pictures
+    from socialbot.bags.topic_mapping import takes_images
     from socialbot.cli._progress import bar
     from socialbot.cli._runs import print_outcome, write_page
     from socialbot.cli.inspect import watched
@@ -60,7 +60,7 @@ def replay(
 
     console = Console(highlight=False)
     whole = with_changes(load_graph(graph) if graph else graph_of(bag), changes or [])
-    takes_images = takes_pictures(whole.without_sources())
+    takes_images = takes_images(whole.without_sources())
     title, folder = f"{whole.name.capitalize()}: replay of {bag}", out or new_run_folder()
     with open_bag(bag) as opened:
         topics = [topic.name for topic in opened.image_topics] if takes_images else []

@@ -71,7 +71,7 @@ class BagPictures:
     def _look_up(self) -> None:
         try:
             with open_bag(self._path) as bag:
-                for place in bag.places(self._topic):
+                for place in bag.locations(self._topic):
                     if self._closed:
                         return
                     with self._found:

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from socialbot.bags.reader import Bag, open_bag
-from socialbot.bags.topic_mapping import feeding, takes_pictures
+from socialbot.bags.topic_mapping import feeding, takes_images
 from socialbot.bags.world_replay import InlineStage, PlaybackResult, WorldScript, play
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, GraphError
@@ -156,7 +156,7 @@ class BagSource(RunSource):
         if first is None:
             raise self._unreadable()
         with execution.inline(observed_topics(graph), first[1].stamp) as runner:
-            if takes_pictures(graph):
+            if takes_images(graph):
                 runner.start()
                 runner.run(_until(ending, itertools.chain([first], messages)), tail_s=TAIL_S)
             else:

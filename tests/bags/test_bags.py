@@ -171,7 +171,7 @@ def test_of_several_image_topics_one_must_be_named(tmp_path: Path) -> None:
 
 def test_a_bag_without_pictures(tmp_path: Path) -> None:
     path = make_with_rosbags(tmp_path / "bag", [(SAY, START, Utterance(stamp=1, id="u", text="x"))])
-    with open_bag(path) as bag, pytest.raises(BagError, match="no pictures") as caught:
+    with open_bag(path) as bag, pytest.raises(BagError, match="no images") as caught:
         bag.choose_image_topic()
     assert SAY in str(caught.value.remedy)
 

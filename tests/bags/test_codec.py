@@ -410,7 +410,7 @@ def test_a_trajectory_has_one_point() -> None:
     ros = codec.encode(trajectory, TYPES)
     assert (ros.points[0].time_from_start.sec, ros.points[0].time_from_start.nanosec) == (1, 500_000_000)
     ros.points = []
-    with pytest.raises(MessageError, match="0 points"):
+    with pytest.raises(MessageError, match="got 0"):
         codec.decode(JointTrajectory, ros)
 
 
@@ -429,7 +429,7 @@ def test_camera_info_has_the_projection_of_a_single_camera() -> None:
     ros = codec.encode(info, TYPES)
     assert ros.p.tolist() == [500, 0, 320, 0, 0, 510, 240, 0, 0, 0, 1, 0]
     assert ros.r.tolist() == [1, 0, 0, 0, 1, 0, 0, 0, 1]
-    with pytest.raises(MessageError, match="3x3"):
+    with pytest.raises(MessageError, match="9 numbers"):
         codec.encode(CameraInfo(stamp=1, frame_id="c", width=1, height=1, k=(1.0,)), TYPES)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from socialbot.agents.warehouse.messages import GripperStatus
 from socialbot.bags.reader import open_bag
-from socialbot.bags.topic_mapping import feeding, takes_pictures
+from socialbot.bags.topic_mapping import feeding, takes_images
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, GraphError
@@ -77,11 +77,11 @@ def test_a_bag_with_nothing_for_a_graph_is_an_error_that_names_both(tmp_path):
 
 def test_a_graph_that_takes_pictures_wants_some(tmp_path):
     waldo = load_graph("waldo").without_sources()
-    assert takes_pictures(waldo)
-    assert not takes_pictures(GRAPH)
+    assert takes_images(waldo)
+    assert not takes_images(GRAPH)
     with (
         open_bag(recorded(tmp_path / "bag", wish=utterance("hello"))) as bag,
-        pytest.raises(BagError, match="no pictures"),
+        pytest.raises(BagError, match="no images"),
     ):
         feeding(bag, waldo, None)
 

@@ -124,7 +124,7 @@ def test_nodes_of_a_typed_graph_hear_and_speak_types_of_ros() -> None:
     from socialbot.bridge.environment import ros_context
     from socialbot.bridge.graph_observer import observe_graph
     from socialbot.bridge.host import NodeHost
-    from socialbot.bridge.topics import list_topics, onlooker, send
+    from socialbot.bridge.topics import list_topics, observer_node, publish_once
 
     graph = Graph("g", (NodeConfig("mouth", Mouth),), frozenset({"/speech/heard"}), wire="typed")
     said: list[Message] = []
@@ -146,10 +146,10 @@ def test_nodes_of_a_typed_graph_hear_and_speak_types_of_ros() -> None:
         thread.start()
         try:
             word = Utterance(stamp=7, id="u1", text="Good morning")
-            with onlooker() as ros:
+            with observer_node() as ros:
                 while watch.subscriptions["/speech/say"].get_publisher_count() < 1:
                     came.wait(0.02)
-                send(ros, "/speech/heard", word, timeout_s=10.0)
+                publish_once(ros, "/speech/heard", word, timeout_s=10.0)
                 types = {topic.name: topic.types for topic in list_topics(ros)}
             assert came.wait(10.0)
             assert said == [word]
@@ -207,7 +207,7 @@ def test_the_header_holds_stamp_and_frame() -> None:
 @pytest.mark.parametrize(
     ("message", "what"),
     [
-        (Utterance(stamp=1, id="a\0b", text=""), "holds a zero"),
+        (Utterance(stamp=1, id="a\0b", text=""), "has a zero byte"),
         (Utterance(stamp=1, id="\ud800", text=""), "UTF-8"),
         (Utterance(stamp=2**31 * 10**9, id="", text=""), "out of range"),
         (PersonDetections(stamp=1, frame_id="", width=2**63, height=1, persons=()), "64 bits"),

@@ -17,7 +17,7 @@ from socialbot.agents.waldo.nodes import Listener
 from socialbot.bridge import transport as wires
 from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.security import SCHEMA, Keys, Stream, load_keys, new_key
-from socialbot.bridge.topics import onlooker, send
+from socialbot.bridge.topics import observer_node, publish_once
 from socialbot.core.messages import HeadCommand, Utterance
 from socialbot.graph.node import Context, Delivery, Graph, Input, Node, NodeConfig, Output
 from tests.system.running import eventually
@@ -172,11 +172,15 @@ def attacks(genuine: list[str], keys: Keys) -> dict[str, Callable[[int], str]]:
 
 @pytest.mark.parametrize("count", [400, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_of_what_a_stranger_says_nothing_is_done_and_all_is_counted(count, keys):
-    with hosted(Mouth) as (mouth,), observe_graph({}, lambda *_: None, lambda *_: None) as watch, onlooker() as sender:
+    with (
+        hosted(Mouth) as (mouth,),
+        observe_graph({}, lambda *_: None, lambda *_: None) as watch,
+        observer_node() as sender,
+    ):
         stranger = Stranger(watch.ros)
         for number in range(3):
             word = Utterance(stamp=1, id="u", text=f"genuine {number}")
-            send(sender, TOPIC, word, timeout_s=5.0)
+            publish_once(sender, TOPIC, word, timeout_s=5.0)
         assert eventually(lambda: len(stranger.heard) == 3 and len(mouth.node.said) == 3)
         kinds = attacks(list(stranger.heard), keys)
         assert eventually(lambda: stranger.publisher.get_subscription_count() == 2)
@@ -192,10 +196,10 @@ def test_of_what_a_stranger_says_nothing_is_done_and_all_is_counted(count, keys)
 
 
 def test_a_node_that_starts_again_does_not_do_again_what_it_was_told(keys):
-    with onlooker() as sender, observe_graph({}, lambda *_: None, lambda *_: None) as watch:
+    with observer_node() as sender, observe_graph({}, lambda *_: None, lambda *_: None) as watch:
         stranger = Stranger(watch.ros)
         with hosted(Mouth) as (mouth,):
-            send(sender, TOPIC, Utterance(stamp=1, id="u", text="once"), timeout_s=5.0)
+            publish_once(sender, TOPIC, Utterance(stamp=1, id="u", text="once"), timeout_s=5.0)
             assert eventually(lambda: mouth.node.said == ["once"] and len(stranger.heard) == 1)
         with hosted(Mouth) as (mouth,):
             assert eventually(lambda: stranger.publisher.get_subscription_count() == 2)

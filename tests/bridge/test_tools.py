@@ -13,7 +13,7 @@ from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.recorder import Recording, record
 from socialbot.bridge.security import new_key
-from socialbot.bridge.topics import onlooker, send
+from socialbot.bridge.topics import observer_node, publish_once
 from socialbot.cli.topic import topic
 from socialbot.core.messages import Message, Utterance
 from tests.system.running import eventually
@@ -57,13 +57,13 @@ def test_a_bag_holds_what_was_said_and_nothing_of_a_stranger(tmp_path):
     done = threading.Event()
     made: list[Recording] = []
     thread = threading.Thread(target=lambda: made.append(record(tmp_path / "bag", topics=[TOPIC], stopped=done.is_set)))
-    with onlooker() as ros:
+    with observer_node() as ros:
         # A publisher from the start, so that the recorder finds the topic.
         stranger = ros.create_publisher(String, TOPIC, 10)
         thread.start()
         assert eventually(lambda: stranger.get_subscription_count() == 1)
         stranger.publish(String(data="I am a stranger"))
-        send(ros, TOPIC, word("genuine"), timeout_s=5.0)
+        publish_once(ros, TOPIC, word("genuine"), timeout_s=5.0)
         time.sleep(0.5)
         done.set()
         thread.join()
@@ -87,7 +87,7 @@ def test_echo_shows_what_was_said_and_tells_of_strangers():
             while not ended.is_set():
                 stranger.publish(String(data="I am a stranger"))
                 if stranger.get_subscription_count():
-                    send(ros, TOPIC, word("genuine"), timeout_s=5.0)
+                    publish_once(ros, TOPIC, word("genuine"), timeout_s=5.0)
                 time.sleep(0.05)
 
     thread = threading.Thread(target=talk)
