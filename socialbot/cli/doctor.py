@@ -207,7 +207,7 @@ def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Leave out sending pictures over DDS.")] = False,
 ) -> None:
-    """Examine the installation; say how to mend what is missing. Exit code 5 when something is."""
+    """Check the installation and print remedies. Exit code 5: a check failed."""
     console = Console(highlight=False)
     findings: list[Finding] = []
     with console.status("examining"):
