@@ -19,7 +19,7 @@ False
 from socialbot.bdi.actions import Action, PlanFailed, action, fail, wait
 from socialbot.bdi.durative_actions import LongAction, Pool, ThreadAction
 from socialbot.bdi.engine import Engine
-from socialbot.bdi.intentions import Failed, Failure, Intention, Mind, Sleep
+from socialbot.bdi.intentions import Failed, Failure, Intention, MentalState, Sleep
 from socialbot.bdi.library import Library
 from socialbot.bdi.literals import (
     ANYTHING,
@@ -56,9 +56,9 @@ from socialbot.bdi.trace import JsonLines, Record, Trace, as_text, read_trace, t
 
 __all__ = [
     "ANYTHING", "Action", "Atom", "Belief", "Computed", "Engine", "Event", "Failed", "Failure", "Goal", "Inference",
-    "Intention", "JsonLines", "Library", "Literal", "LongAction", "Mind", "Plan", "PlanFailed", "Pool", "Reactor",
-    "Record", "Sensed", "Sensor", "SingletonBelief", "Sleep", "Society", "ThreadAction", "ThreadSensor", "Trace",
-    "Variable", "action", "apart", "as_long_as", "as_text", "ask", "atomic", "enter", "error", "error_msg", "fail",
-    "first_of", "for_each", "labelled", "message", "priority", "read_trace", "send", "source", "stage", "tee", "test",
-    "together", "variables", "wait", "wait_for", "when",
+    "Intention", "JsonLines", "Library", "Literal", "LongAction", "MentalState", "Plan", "PlanFailed", "Pool",
+    "Reactor", "Record", "Sensed", "Sensor", "SingletonBelief", "Sleep", "Society", "ThreadAction", "ThreadSensor",
+    "Trace", "Variable", "action", "apart", "as_long_as", "as_text", "ask", "atomic", "enter", "error", "error_msg",
+    "fail", "first_of", "for_each", "labelled", "message", "priority", "read_trace", "send", "source", "stage", "tee",
+    "test", "together", "variables", "wait", "wait_for", "when",
 ]  # fmt: skip

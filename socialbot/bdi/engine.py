@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.actions import Action
 from socialbot.bdi.explain import why_not
-from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, Mind
+from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
 from socialbot.bdi.interpreter import Interpreter
 from socialbot.bdi.library import Library
 from socialbot.bdi.literals import PERCEPT, SELF, Belief, Change, Goal, Literal, source
@@ -247,9 +247,9 @@ class Engine:
             if self.interpreter.pool is not None:
                 self.interpreter.pool.close()
 
-    def mind(self) -> Mind:
+    def mind(self) -> MentalState:
         """The beliefs, desires and intentions of this moment."""
-        return Mind(tuple(self.beliefs), self.intentions.desires(), tuple(self.intentions))
+        return MentalState(tuple(self.beliefs), self.intentions.desires(), tuple(self.intentions))
 
     def query(self, condition: object) -> Iterator[dict[str, Any]]:
         """The solutions of a condition, as the values of its variables by name."""

@@ -360,7 +360,7 @@ class ForkPause(Pause):
 
 
 @dataclass(frozen=True, slots=True)
-class Mind:
+class MentalState:
     """What an agent believes, desires and intends at one moment."""
 
     beliefs: tuple[HeldBelief, ...]

@@ -49,11 +49,11 @@ class Event(Pattern):
             return f"{self.change.value}{self.literal.functor}/{len(self.literal.args) // 2}"
         return self.change.value + self.literal.key
 
-    def __truediv__(self, condition: object) -> Head:
-        return Head(self, conjunction(condition))
+    def __truediv__(self, condition: object) -> PlanHead:
+        return PlanHead(self, conjunction(condition))
 
     def __rshift__(self, body: Iterable[object]) -> Plan:
-        return Head(self, NOTHING) >> body
+        return PlanHead(self, NOTHING) >> body
 
     def __str__(self) -> str:
         if self.change is Change.HELD:
@@ -67,7 +67,7 @@ class Event(Pattern):
 
 
 @dataclass(eq=False, repr=False)
-class Held:
+class HeldFor:
     """A belief and how long it has to be held; ``+`` makes the event of it."""
 
     belief: Belief
@@ -83,7 +83,7 @@ class Held:
 
 
 @dataclass(eq=False, repr=False)
-class Head:
+class PlanHead:
     """An event with a condition: half a plan, waiting for ``>> [steps]``."""
 
     event: Event
@@ -219,9 +219,9 @@ class Belief(Literal, Condition):
 
     singleton: ClassVar[bool] = False
 
-    def held_for(self, seconds: Seconds) -> Held:
+    def held_for(self, seconds: Seconds) -> HeldFor:
         """The event that this has been believed, without a break, for ``seconds``."""
-        return Held(self, seconds)
+        return HeldFor(self, seconds)
 
     def changed(self, *before: object) -> Event:
         """The event that this took the place of another belief of the name, which had the arguments ``before``."""
@@ -288,7 +288,7 @@ class Goal(Literal):
         """The event that the goal has failed."""
         return Event(Change.FAILED, self)
 
-    def __truediv__(self, condition: object) -> Head:
+    def __truediv__(self, condition: object) -> PlanHead:
         return Event(Change.WANTED, self) / condition
 
     def __rshift__(self, body: Iterable[object]) -> Plan:

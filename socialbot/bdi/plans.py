@@ -18,7 +18,7 @@ from socialbot.bdi.terms import (
     Cons,
     Disjunction,
     Expression,
-    Guard,
+    FunctionCondition,
     Negation,
     Truth,
     Variable,
@@ -161,7 +161,7 @@ class _Checker:
             self.condition(condition.condition, bound)
         elif isinstance(condition, Literal):
             bound = self.pattern((*condition.args, *condition.annotations), bound, str(condition))
-        elif isinstance(condition, Guard):
+        elif isinstance(condition, FunctionCondition):
             self.bound(condition.names() - bound, str(condition))
         elif isinstance(condition, Comparison):
             if condition.symbol.startswith("=") and condition.symbol != "==":

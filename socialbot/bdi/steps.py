@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialbot.bdi.actions import Action
-from socialbot.bdi.literals import Belief, Change, Event, Goal, Held, Literal, Reactor
+from socialbot.bdi.literals import Belief, Change, Event, Goal, HeldFor, Literal, Reactor
 from socialbot.bdi.terms import Condition, Conjunction, Variable, conjunction, show
 from socialbot.core.errors import RuleError
 
@@ -247,7 +247,7 @@ def step_of(item: object) -> Step:
         return Achieve(item, limit_s=item.limit_s)
     if isinstance(item, Event) and item.change in (Change.ADDED, Change.REMOVED):
         return Update("++", item.literal) if item.change is Change.ADDED else Forget(item.literal)
-    if isinstance(item, (Belief, Held, Conjunction)):
+    if isinstance(item, (Belief, HeldFor, Conjunction)):
         raise RuleError(f"{item} is no step of a plan", remedy="write +belief or -belief to change what is believed")
     if isinstance(item, type) and issubclass(item, (Action, Goal)):
         raise RuleError(f"{item.__name__} is a class", remedy=f"write {item.__name__}()")

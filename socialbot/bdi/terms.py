@@ -287,7 +287,7 @@ class Negation(Condition):
         return f"~({self.condition})" if joined else f"~{self.condition}"
 
 
-class Guard(Condition):
+class FunctionCondition(Condition):
     """A Python function as a condition; its parameters are named like the variables it looks at."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -362,7 +362,7 @@ def conjunction(*parts: object) -> Conjunction:
         elif isinstance(part, Condition):
             terms.append(part)
         elif callable(part) and not isinstance(part, type):
-            terms.append(Guard(part))
+            terms.append(FunctionCondition(part))
         else:
             raise RuleError(
                 f"{part!r} cannot be a condition",

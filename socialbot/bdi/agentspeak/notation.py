@@ -26,7 +26,7 @@ from socialbot.bdi.terms import (
     Cons,
     Disjunction,
     Expression,
-    Guard,
+    FunctionCondition,
     Negation,
     Term,
     Truth,
@@ -37,9 +37,10 @@ GOAL, ACTION, BELIEF = "goal", "action", "belief"
 
 RESERVED = frozenset({
     "Achieve", "Ask", "Atom", "Await", "Call", "Change", "Comparison", "Conjunction", "Cons", "Constrain",
-    "Disjunction", "Do", "Event", "Expression", "Guard", "Inference", "NOTHING", "Negation", "Plan", "Truth",
-    "Update", "Variable", "apart", "as_long_as", "ask", "atomic", "conjunction", "enter", "fail", "first_of", "float",
-    "for_each", "labelled", "literal", "priority", "replace", "stage", "test", "together", "wait", "wait_for", "when",
+    "Disjunction", "Do", "Event", "Expression", "FunctionCondition", "Inference", "NOTHING", "Negation", "Plan",
+    "Truth", "Update", "Variable", "apart", "as_long_as", "ask", "atomic", "conjunction", "enter", "fail", "first_of",
+    "float", "for_each", "labelled", "literal", "priority", "replace", "stage", "test", "together", "wait", "wait_for",
+    "when",
 })  # fmt: skip
 """What the printed rules use of Python and of `socialbot.bdi`."""
 
@@ -291,12 +292,12 @@ class _Notation:
         if isinstance(condition, Disjunction):
             return self.disjunction(condition, wrap)
         if isinstance(condition, Negation):
-            if isinstance(condition.condition, (Comparison, Guard)):
+            if isinstance(condition.condition, (Comparison, FunctionCondition)):
                 return f"Negation({self.condition(condition.condition)})"
             return f"~{self.condition(condition.condition, wrap=True)}"
         if isinstance(condition, Comparison):
             return self.comparison(condition, wrap)
-        if isinstance(condition, Guard):
+        if isinstance(condition, FunctionCondition):
             name = getattr(condition.function, "__name__", "")
             return name if name.isidentifier() else f"Guard(lambda {', '.join(condition.parameters)}: ...)"
         return f"Truth({condition.value})" if isinstance(condition, Truth) else self.term(condition)
@@ -304,14 +305,16 @@ class _Notation:
     def conjunction(self, condition: Conjunction, wrap: bool) -> str:
         terms = condition.terms
         # Neither Python functions nor comparisons know &, so one of the first two has to.
-        if len(terms) < 2 or all(isinstance(term, (Comparison, Guard)) for term in terms[:2]):
+        if len(terms) < 2 or all(isinstance(term, (Comparison, FunctionCondition)) for term in terms[:2]):
             return f"conjunction({', '.join(map(self.condition, terms))})"
         return _wrapped(" & ".join(self.condition(term, wrap=True) for term in terms), wrap)
 
     def disjunction(self, condition: Disjunction, wrap: bool) -> str:
         parts = [list(term.terms) if isinstance(term, Conjunction) else [] for term in condition.terms]
         simple = len(parts) > 1 and all(parts) and not isinstance(parts[0][0], Disjunction)
-        if not simple or all(len(part) == 1 and isinstance(part[0], (Comparison, Guard)) for part in parts[:2]):
+        if not simple or all(
+            len(part) == 1 and isinstance(part[0], (Comparison, FunctionCondition)) for part in parts[:2]
+        ):
             return f"Disjunction({self.tuple(condition.terms)})"
         alone = (part[0] if len(part) == 1 else Conjunction(tuple(part)) for part in parts)
         return _wrapped(" | ".join(self.condition(part, wrap=True) for part in alone), wrap)

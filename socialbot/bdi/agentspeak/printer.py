@@ -41,7 +41,7 @@ from socialbot.bdi.terms import (
     Cons,
     Disjunction,
     Expression,
-    Guard,
+    FunctionCondition,
     Negation,
     Truth,
     Variable,
@@ -176,7 +176,9 @@ def _constraint(step: Constrain) -> str:
     text = _condition(condition, OR)
     if text[0] in "+-{":  # which would begin another step
         return f"({text})"
-    return f"{text} & true" if isinstance(condition, (Literal, Guard)) else text  # alone it would be an action
+    return (
+        f"{text} & true" if isinstance(condition, (Literal, FunctionCondition)) else text
+    )  # alone it would be an action
 
 
 def _in_milliseconds(seconds: object) -> object:
@@ -205,7 +207,7 @@ def _condition(condition: object, level: int) -> str:
     if isinstance(condition, Comparison):
         left, right = _compared(condition.left), _compared(condition.right)
         return _within(f"{left} {WRITTEN[condition.symbol]} {right}", COMPARE, level)
-    if isinstance(condition, Guard):
+    if isinstance(condition, FunctionCondition):
         parameters = [Variable(name) for name in condition.parameters]
         return _literal(literal(".python", (_called(condition.function), *parameters)))
     if isinstance(condition, Truth):

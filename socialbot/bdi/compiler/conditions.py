@@ -15,7 +15,7 @@ from socialbot.bdi.terms import (
     Condition,
     Conjunction,
     Disjunction,
-    Guard,
+    FunctionCondition,
     Negation,
     Truth,
     Variable,
@@ -53,7 +53,7 @@ def write(f: Function, condition: Condition, fail: str, rest: Rest) -> None:
             f.lines.append((f.depth - 1, "if False:", None))
         rest()
         f.depth -= 0 if condition.value else 1
-    elif isinstance(condition, Guard):
+    elif isinstance(condition, FunctionCondition):
         arguments = ", ".join(value(f, Variable(name)) for name in condition.parameters)
         with f.block(f"if {f.unit.constant(condition.function)}({arguments})"):
             rest()

@@ -78,12 +78,12 @@ class Unit:
 def _make(source: str) -> Any:
     filename = f"{GENERATED_FILE} {next(_numbers)}"
     # A traceback asks the loader of a frame's module for the source.
-    namespace = {"__builtins__": _BUILTINS, "__name__": filename, "__loader__": _Loader(source)}
+    namespace = {"__builtins__": _BUILTINS, "__name__": filename, "__loader__": _SourceLoader(source)}
     exec(compile(source, filename, "exec"), namespace)
     return namespace["make"]
 
 
-class _Loader:
+class _SourceLoader:
     def __init__(self, source: str) -> None:
         self.source = source
 
