@@ -46,7 +46,7 @@ def commands(bag: Bag, graph: Graph) -> dict[str, type[Message]]:
 
 
 @dataclass
-class Commands:
+class CommandMatcher:
     """Matches recorded commands with current ones, which differ in times and ids."""
 
     _given: dict[Any, deque[str]] = field(default_factory=dict)
@@ -104,7 +104,7 @@ class WorldScript:
         self._held: dict[str, list[tuple[str, Message]]] = {}
         ids = (getattr(message, "id", "") for _, message in bag.messages(topics, graph.topics()))
         self._to_come = set(filter(None, ids))
-        self._commands = Commands()
+        self._commands = CommandMatcher()
         self._late = 0
         self._read()
 

@@ -13,7 +13,7 @@ from socialbot.agents.hospital.ward.messages import ActionCancel, ActionCommand,
 from socialbot.agents.warehouse.messages import GripperStatus, MoveCommand
 from socialbot.bags.reader import open_bag
 from socialbot.bags.topic_mapping import feeding
-from socialbot.bags.world_replay import Commands, InlineStage, WorldScript, commands, play
+from socialbot.bags.world_replay import CommandMatcher, InlineStage, WorldScript, commands, play
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Message, TraceRecord
@@ -27,7 +27,7 @@ GO = ActionCommand(stamp=1, id="then-1", robot="a", action="go", args=("a", "b")
 
 
 def test_a_command_is_the_same_whatever_its_id_and_time():
-    told = Commands()
+    told = CommandMatcher()
     assert not told.take("/c", GO)
     told.give("/c", ActionCommand(stamp=9, id="now-7", robot="a", action="go", args=("a", "b")))
     assert not told.take("/other", GO)
@@ -36,7 +36,7 @@ def test_a_command_is_the_same_whatever_its_id_and_time():
 
 
 def test_answers_have_the_id_that_the_command_has_now():
-    told = Commands()
+    told = CommandMatcher()
     told.give("/c", ActionCommand(stamp=9, id="now-7", robot="a", action="go", args=("a", "b")))
     told.take("/c", GO)
     result = ActionResult(stamp=20, id="then-1", robot="a", action="go", outcome="success")
@@ -46,7 +46,7 @@ def test_answers_have_the_id_that_the_command_has_now():
 
 
 def test_commands_without_ids_are_told_apart_by_what_they_say():
-    told = Commands()
+    told = CommandMatcher()
     told.give("/c", MoveCommand(stamp=1, target="base"))
     assert not told.take("/c", MoveCommand(stamp=1, target="bay"))
     assert told.take("/c", MoveCommand(stamp=3, target="base"))
