@@ -91,9 +91,9 @@ class TimedRunner(InlineRunner):
         self.reasoning_s = self.planning_s = self.world_s = 0.0
         super().__init__(graph)
 
-    def guard(self, context: Any, callback: Callable[[], None]) -> None:
+    def guard(self, context: Any, callback: Callable[..., None], *arguments: Any) -> None:
         plans, begin = self.plans, time.thread_time()
-        super().guard(context, callback)
+        super().guard(context, callback, *arguments)
         seconds = time.thread_time() - begin
         if context.name == WORLD:
             self.world_s += seconds

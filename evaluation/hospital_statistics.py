@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -70,7 +70,7 @@ def fit(points: Sequence[tuple[float, float]]) -> Line | None:
     xs, ys = zip(*points, strict=True) if points else ((), ())
     if len(points) < 5 or len(set(xs)) < 2:
         return None
-    found = stats.linregress(xs, ys)
+    found: Any = stats.linregress(xs, ys)
     half = t_quantile(len(points) - 2) * found.stderr
     return Line(float(found.intercept), float(found.slope), Interval(found.slope - half, found.slope + half))
 
@@ -100,6 +100,6 @@ def growth_interval(without: Sequence[float], with_: Sequence[float], first: flo
         confidence_level=COVERAGE,
         method="percentile",
         vectorized=False,
-        random_state=np.random.default_rng(_SEED),
+        rng=np.random.default_rng(_SEED),
     ).confidence_interval
     return Interval(float(found.low), float(found.high))

@@ -56,7 +56,7 @@ class Field:
     @property
     def definition(self) -> str:
         """The line in a definition."""
-        kind = "string" if self.kind == JSON else self.kind if isinstance(self.kind, str) else self.kind.__name__
+        kind = "string" if self.kind == JSON else self.kind if isinstance(self.kind, str) else ros_name(self.kind)
         return f"{kind}{self.count} {self.name}{self._note}"
 
     @property
@@ -73,9 +73,14 @@ class Field:
         return "  # NaN: none" if self.missing_is_nan else ""
 
 
+def ros_name(struct: type) -> str:
+    """The name of a struct as a ROS type: its attribute ``ros_name`` if it has one, else the name of its class."""
+    return getattr(struct, "ros_name", struct.__name__)
+
+
 def type_name(struct: type) -> str:
     """The ROS type of a message or a part of one, such as ``socialbot_msgs/msg/Utterance``."""
-    return f"{PACKAGE}/msg/{struct.__name__}"
+    return f"{PACKAGE}/msg/{ros_name(struct)}"
 
 
 @functools.cache

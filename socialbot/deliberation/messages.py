@@ -5,7 +5,7 @@ Field names are those of ROS2-BDI; messages are JSON in std_msgs/String.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
@@ -50,12 +50,16 @@ class Fact(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 class FactCondition(msgspec.Struct, frozen=True, kw_only=True):
     """Check of one fact."""
 
+    ros_name: ClassVar[str] = "Condition"
+
     condition_to_check: Fact
     check: Check = "T"
 
 
 class FactConjunction(msgspec.Struct, frozen=True, kw_only=True):
     """Conjunction of checks."""
+
+    ros_name: ClassVar[str] = "Conjunction"
 
     literals: tuple[FactCondition, ...] = ()
 

@@ -215,7 +215,8 @@ class HealthMonitor:
             if watch.told:
                 silent = (*silent, self.topic(watch.port))
                 its_state, its_reason = self._silence(watch)
-                state = max(state, its_state, key=WORSE.index)
+                if WORSE.index(its_state) > WORSE.index(state):
+                    state = its_state
                 reason = f"{reason}; {its_reason}" if reason else its_reason
         return Health(
             stamp=self._clock.now(),

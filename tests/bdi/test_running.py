@@ -68,7 +68,7 @@ def test_what_comes_just_before_falling_asleep_is_not_slept_over():
     engine.add_rules(+p(X) >> [do(X)])
     run_until_idle = engine.run_until_idle
 
-    def post_when_idle(budget: int) -> bool:
+    def post_when_idle(budget: int = 10_000) -> bool:
         left = run_until_idle(budget)
         if not list(engine.beliefs):
             engine.believe(p(1))

@@ -445,10 +445,10 @@ def _check_parameters(data: bytes) -> None:
 class _Strict(InlineRunner):
     """Nodes may refuse what they get by a SocialbotError; any other exception ends it."""
 
-    def guard(self, context: Any, callback: Callable[[], None]) -> None:
+    def guard(self, context: Any, callback: Callable[..., None], *arguments: Any) -> None:
         if context.alive:
             with suppress(SocialbotError):
-                callback()
+                callback(*arguments)
 
 
 def _seen(number: int, distance_m: float = 2.0) -> PersonDetections:
