@@ -113,7 +113,7 @@ class RunAnnouncer:
                 self._sender.publish(status)
 
 
-class RunListener:
+class RunStatuses:
     """The last status of each run of ``socialbot up`` in the ROS domain, by run id (``statuses``)."""
 
     def __init__(self, ros: Any) -> None:

@@ -14,7 +14,7 @@ PORT = 8765
 """Default port of the inspector."""
 
 
-class _Context(Protocol):
+class _CommandContext(Protocol):
     """Context of a command line that is being completed."""
 
     params: Mapping[str, Any]
@@ -28,7 +28,7 @@ def graph_names(incomplete: str) -> list[str]:
     return [*names, *paths(incomplete, (".yaml", ".yml"))]
 
 
-def node_names(ctx: _Context, incomplete: str) -> list[str]:
+def node_names(ctx: _CommandContext, incomplete: str) -> list[str]:
     """Complete a node of the graph that ``--graph`` names; nothing if the graph is unreadable."""
     from socialbot.graph.files import load_graph
 

@@ -18,7 +18,7 @@ from socialbot.core.process import Ending
 from socialbot.graph.status import printable
 
 if TYPE_CHECKING:
-    from socialbot.bridge.run_announcer import RunListener
+    from socialbot.bridge.run_announcer import RunStatuses
     from socialbot.runtime.deployment import Deployment
 
 
@@ -69,11 +69,11 @@ def down(
     """
     target = _enter(file, machine)
     from socialbot.bridge.environment import spinning_node
-    from socialbot.bridge.run_announcer import RunListener
+    from socialbot.bridge.run_announcer import RunStatuses
     from socialbot.runtime.run_lock import locked_runs
 
     with Ending().on_signals() as ending, spinning_node("down") as ros:
-        runs = RunListener(ros)
+        runs = RunStatuses(ros)
         found = heard(runs, target, ending, timeout)
         for one in found:
             typer.echo(f"{_named(one)}: asked to end")
@@ -96,7 +96,7 @@ def down(
         raise typer.Exit(NOT_ENDED)
 
 
-def heard(runs: RunListener, target: Target, ending: Ending, timeout_s: float) -> list[UpStatus]:
+def heard(runs: RunStatuses, target: Target, ending: Ending, timeout_s: float) -> list[UpStatus]:
     """Return the runs to end.
 
     It waits for all runs on this computer and all machines of ``target``: at most ``timeout_s``, and `LISTEN_S` for
@@ -116,7 +116,7 @@ def heard(runs: RunListener, target: Target, ending: Ending, timeout_s: float) -
         time.sleep(POLL_S)
 
 
-def end(runs: RunListener, found: Sequence[UpStatus], ending: Ending, timeout_s: float) -> list[UpStatus]:
+def end(runs: RunStatuses, found: Sequence[UpStatus], ending: Ending, timeout_s: float) -> list[UpStatus]:
     """Ask the runs ``found`` to end and print each end. Return the runs left after ``timeout_s``."""
     from socialbot.bridge.run_announcer import is_gone
     from socialbot.runtime.run_lock import locked_runs

@@ -66,7 +66,7 @@ class _RoundTripScanner(_Shallow, RoundTripScanner):
     pass
 
 
-def read_page(text: str, *, where: str) -> Section:
+def read_page(text: str, *, where: str) -> YamlSection:
     """The page that ``text`` is; ``where`` is named in errors. Raises GraphError for what is no mapping in YAML."""
     try:
         page = load_yaml(YAML(typ="rt"), text)
@@ -75,7 +75,7 @@ def read_page(text: str, *, where: str) -> Section:
         raise GraphError(f"no valid YAML: {error.problem}", where=f"{where}:{line}") from error
     except YAMLError as error:
         raise GraphError(f"no valid YAML: {error}", where=where) from error
-    return Section(page, where, file=where)
+    return YamlSection(page, where, file=where)
 
 
 def plain(value: object) -> object:
@@ -86,7 +86,7 @@ def plain(value: object) -> object:
     return value
 
 
-class Section:
+class YamlSection:
     """A mapping of the ``file`` that knows where it stands. What is not as wanted raises GraphError."""
 
     def __init__(self, page: Any, where: str, *, file: str) -> None:
@@ -134,11 +134,11 @@ class Section:
             )
         return float(value)  # type: ignore[arg-type]
 
-    def section(self, key: Any, default: Mapping[str, object] | None = None) -> Section:
+    def section(self, key: Any, default: Mapping[str, object] | None = None) -> YamlSection:
         """The mapping ``key``."""
         if key not in self.page and default is None:
             raise GraphError(f"{key!r} is missing", where=self.where)
-        return Section(self.page.get(key, default), self.line(key), file=self._file)
+        return YamlSection(self.page.get(key, default), self.line(key), file=self._file)
 
     def line(self, *path: Any) -> str:
         """File and line of the key that ``path`` leads to, or of as much of the way as there is."""

@@ -27,7 +27,7 @@ from ruamel.yaml import YAML
 
 from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, ParameterError, suggestion
-from socialbot.core.yaml import Section, plain, read_page
+from socialbot.core.yaml import YamlSection, plain, read_page
 from socialbot.graph.node import Graph, Node, NodeConfig
 
 
@@ -140,7 +140,7 @@ def _look_in(folder: Path) -> None:
         sys.path.append(str(folder))
 
 
-def _placement(name: str, section: Section, where: str) -> NodeConfig:
+def _placement(name: str, section: YamlSection, where: str) -> NodeConfig:
     section.only("type", "parameters", "remap")
     remap = section.section("remap", {})
     return NodeConfig(

@@ -17,7 +17,7 @@ from socialbot.core import paths
 from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.messages import Image
 from socialbot.core.registry import graph_names
-from socialbot.core.yaml import Section, plain, read_page
+from socialbot.core.yaml import YamlSection, plain, read_page
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import NODE_NAME, Graph, NodeConfig, check_parameters
 from socialbot.runtime.processes import RestartPolicy
@@ -313,7 +313,7 @@ def parse_deployment(text: str, *, where: str, folder: Path) -> Deployment:
         raise type(error)(error.what, where=place, remedy=error.remedy) from error
 
 
-def _graph(root: Section, folder: Path) -> Graph:
+def _graph(root: YamlSection, folder: Path) -> Graph:
     name = root.text("graph")
     try:
         graph = load_graph(name if name in graph_names() else str(folder / name))
@@ -334,7 +334,7 @@ def _graph(root: Section, folder: Path) -> Graph:
     return graph.with_parameters(parameters)
 
 
-def _machines(section: Section) -> dict[str, str]:
+def _machines(section: YamlSection) -> dict[str, str]:
     machines = {}
     for name in section.page:
         machine = section.section(name)
@@ -343,11 +343,11 @@ def _machines(section: Section) -> dict[str, str]:
     return machines
 
 
-def _texts(section: Section) -> dict[str, str]:
+def _texts(section: YamlSection) -> dict[str, str]:
     return {str(key): section.text(key) for key in section.page}
 
 
-def _server(root: Section) -> Server | None:
+def _server(root: YamlSection) -> Server | None:
     if root.page.get("discovery", "peers") == "peers":
         return None
     if isinstance(root.page["discovery"], str):
@@ -366,7 +366,7 @@ def _server(root: Section) -> Server | None:
     return Server(machine, int(port) if colon else SERVER_PORT)
 
 
-def _pictures(section: Section) -> dict[str, Pictures]:
+def _pictures(section: YamlSection) -> dict[str, Pictures]:
     pictures = {}
     for topic in section.page:
         one = section.section(topic)
@@ -381,7 +381,7 @@ def _pictures(section: Section) -> dict[str, Pictures]:
     return pictures
 
 
-def _restart(section: Section) -> RestartPolicy:
+def _restart(section: YamlSection) -> RestartPolicy:
     usual = RestartPolicy()
     names = [field.name for field in fields(RestartPolicy)]
     section.only(*names)
@@ -393,7 +393,7 @@ def _restart(section: Section) -> RestartPolicy:
     return RestartPolicy(times=section.whole("times", usual.times, minimum=0, maximum=10**6), **seconds)
 
 
-def _keys(root: Section, folder: Path) -> Path | None:
+def _keys(root: YamlSection, folder: Path) -> Path | None:
     if "security" not in root.page:
         return None
     section = root.section("security")

@@ -60,7 +60,7 @@ class ForkRequest:
     variables: dict[str, str] = field(default_factory=dict)
 
 
-class Fork:
+class ForkedProcess:
     """A forked child of this process, with the interface of `subprocess.Popen`."""
 
     def __init__(self, pid: int) -> None:
@@ -138,7 +138,9 @@ class ForkServer:
         """Start ``socialbot *arguments`` as `start_process` does."""
         self.prepare()
         pid = self._request(arguments, log, variables or {}, lifeline)
-        return start_process(arguments, log, variables=variables, lifeline=lifeline) if pid is None else Fork(pid)
+        return (
+            start_process(arguments, log, variables=variables, lifeline=lifeline) if pid is None else ForkedProcess(pid)
+        )
 
     @property
     def server_pid(self) -> int | None:

@@ -33,11 +33,11 @@ def two_nodes() -> Iterator[tuple[Any, Any]]:
 
 
 def test_up_is_heard_asked_to_end_and_says_that_it_has():
-    from socialbot.bridge.run_announcer import RunAnnouncer, RunListener, is_gone, is_here
+    from socialbot.bridge.run_announcer import RunAnnouncer, RunStatuses, is_gone, is_here
 
     asked = threading.Event()
     with two_nodes() as (up, down):
-        runs = RunListener(down)
+        runs = RunStatuses(down)
         presence = RunAnnouncer(up, "waldo", asked.set)
         assert eventually(lambda: presence.announce() or presence.run in runs.statuses)
         assert runs.statuses[presence.run].state == "up"
@@ -74,15 +74,15 @@ def test_that_it_has_ended_is_its_last_word(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_with_keys_only_who_has_one_is_obeyed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from socialbot.bridge.run_announcer import DOWN_TOPIC, RunAnnouncer, RunListener
+    from socialbot.bridge.run_announcer import DOWN_TOPIC, RunAnnouncer, RunStatuses
 
     new_key("robot", tmp_path / "keys")
     asked = threading.Event()
     with two_nodes() as (up, down):
-        stranger = RunListener(down)
+        stranger = RunStatuses(down)
         monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
         presence = RunAnnouncer(up, "waldo", asked.set)
-        friend = RunListener(down)
+        friend = RunStatuses(down)
         with presence:
             assert eventually(lambda: presence.announce() or presence.run in friend.statuses)
             assert presence.run not in stranger.statuses
@@ -97,7 +97,7 @@ def test_strangers_cannot_fill_the_memory(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr(presence, "MAX_RUNS", 2)
     with two_nodes() as (_, down):
-        runs = presence.RunListener(down)
+        runs = presence.RunStatuses(down)
         for number in range(5):
             runs.note(UpStatus(stamp=1, run=str(number), graph="g", machine="m", boot="b", pid=number, state="up"))
         assert list(runs.statuses) == ["0", "1"]
@@ -121,12 +121,12 @@ def test_the_same_half_up_twice_is_told_once(caplog: pytest.LogCaptureFixture):
 
 def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
     """As long as nothing is up it knows so at once; what is up it hears, though that says nothing for six seconds."""
-    from socialbot.bridge.run_announcer import RunAnnouncer, RunListener
+    from socialbot.bridge.run_announcer import RunAnnouncer, RunStatuses
     from socialbot.cli.down import LISTEN_S, Target, heard
 
     everything = Target(lambda one: one.graph == "waldo")
     with two_nodes() as (up, down):
-        runs, begun = RunListener(down), time.monotonic()
+        runs, begun = RunStatuses(down), time.monotonic()
         assert heard(runs, everything, Ending(), 20.0) == []
         assert time.monotonic() - begun < 0.5
         presence = RunAnnouncer(up, "waldo", lambda: None)
@@ -140,10 +140,10 @@ def test_down_waits_for_what_is_up_here_though_it_is_slow_to_speak():
 
 
 def test_down_gives_up_on_another_machine_that_nobody_hears():
-    from socialbot.bridge.run_announcer import RunListener
+    from socialbot.bridge.run_announcer import RunStatuses
     from socialbot.cli.down import LISTEN_S, Target, heard
 
     with two_nodes() as (_, down):
         begun = time.monotonic()
-        assert heard(RunListener(down), Target(lambda _: True, ("robot", "here"), "here"), Ending(), 20.0) == []
+        assert heard(RunStatuses(down), Target(lambda _: True, ("robot", "here"), "here"), Ending(), 20.0) == []
         assert LISTEN_S <= time.monotonic() - begun < LISTEN_S + 2.0

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from socialbot.graph.files import load_graph
-from socialbot.runtime.fork_server import Fork, ForkServer
+from socialbot.runtime.fork_server import ForkedProcess, ForkServer
 from tests.system.running import eventually
 
 pytestmark = [pytest.mark.ros, pytest.mark.skipif(sys.platform != "linux", reason="needs Linux")]
@@ -40,7 +40,7 @@ def test_a_fork_runs_the_command_line_and_logs_its_error(fork_server: ForkServer
     log = tmp_path / "nobody.log"
     log.write_text("before\n")
     process = fork_server.start(UNKNOWN_NODE, log)
-    assert isinstance(process, Fork)
+    assert isinstance(process, ForkedProcess)
     assert process.wait(WAIT_S) == 4
     before, *said = log.read_text().splitlines()
     assert before == "before"
@@ -88,12 +88,12 @@ def test_forks_outlive_a_killed_server_and_a_new_server_starts(tmp_path: Path, c
         assert fork_server.server_pid
         os.kill(fork_server.server_pid, signal.SIGKILL)
         plain = fork_server.start(UNKNOWN_NODE, tmp_path / "plain.log")
-        assert not isinstance(plain, Fork)
+        assert not isinstance(plain, ForkedProcess)
         assert [record.getMessage().partition(":")[0] for record in caplog.records] == [
             "plain starts without a fork server"
         ]
         fork = fork_server.start(UNKNOWN_NODE, tmp_path / "fork.log")
-        assert isinstance(fork, Fork)
+        assert isinstance(fork, ForkedProcess)
         assert plain.wait(WAIT_S) == fork.wait(WAIT_S) == 4
         assert head.poll() is None
         head.kill()
