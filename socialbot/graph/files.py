@@ -1,14 +1,14 @@
-"""Graph files: a YAML page that names nodes, their types, parameters and remapped topics.
+"""Graph files in YAML: nodes with their types, parameters and remapped topics.
 
 ::
 
     name: waldo
-    inputs: [/camera/image_raw]          # topics that come from outside
-    paced_by: /humans/bodies/detections  # the answer to each frame that a replay waits for
-    wire: json                           # or typed: messages as socialbot_msgs rather than JSON
+    inputs: [/camera/image_raw]          # external topics
+    paced_by: /humans/bodies/detections  # a replay waits for this topic after each frame
+    wire: json                           # or typed: socialbot_msgs instead of JSON
     nodes:
       person_detector:
-        type: person_detector            # a name from the registry, or package.module:Class
+        type: person_detector            # a registered name, or package.module:Class
         parameters: {threshold: 0.4}
         remap: {image: /camera/image_color}
 """
@@ -32,10 +32,9 @@ from socialbot.graph.node import Graph, Node, NodeConfig
 
 
 def load_graph(name: str) -> Graph:
-    """Load a graph by the name of a registered graph, or from a file.
+    """Load a registered graph by its name, or a graph file by its path.
 
-    Modules with node types, and files that nodes read or write, may be beside the file. Raises GraphError with file
-    and line.
+    The folder of the file may hold modules with node types, and files that nodes read or write. Raises GraphError.
     """
     if (registered := registry.graph_text(name)) is not None:
         return parse_graph(registered, where=name)
@@ -53,7 +52,7 @@ def load_graph(name: str) -> Graph:
 
 
 def parse_graph(text: str, *, where: str) -> Graph:
-    """The graph that the YAML ``text`` describes; ``where`` is named in errors."""
+    """Parse a graph from YAML. Errors name the source ``where``."""
     root = read_page(text, where=where)
     root.only("name", "inputs", "paced_by", "wire", "nodes")
     nodes = root.section("nodes")
@@ -68,7 +67,7 @@ def parse_graph(text: str, *, where: str) -> Graph:
 
 
 def dump_graph(graph: Graph) -> str:
-    """The YAML text that `parse_graph` makes ``graph`` of."""
+    """Format a graph as YAML for `parse_graph`."""
     page = {
         "name": graph.name,
         "inputs": sorted(graph.inputs),
@@ -89,7 +88,7 @@ def dump_graph(graph: Graph) -> str:
 
 
 def node_type(name: str, *, where: str = "") -> type[Node]:
-    """The node class of a registered node type, or of package.module:Class. Raises GraphError."""
+    """Return the class of a registered node type, or of package.module:Class. Raises GraphError."""
     module, _, attribute = (name if ":" in name else registry.node_reference(name) or name).partition(":")
     if not attribute:
         raise GraphError(
@@ -104,10 +103,7 @@ def node_type(name: str, *, where: str = "") -> type[Node]:
 
 
 def _found(name: str, module: str, attribute: str, where: str) -> object:
-    """What is called ``attribute`` in a module that is installed, beside the graph file or in the working directory.
-
-    Those that are installed come first, so that nothing in a folder takes their place.
-    """
+    """Import an attribute. Installed modules take precedence over those in the graph folder or working directory."""
     if module.partition(".")[0] != "socialbot":
         _look_in(Path.cwd())
     what = f"cannot load node type {name!r}"
@@ -129,13 +125,11 @@ def _found(name: str, module: str, attribute: str, where: str) -> object:
 
 
 def _nodes_of(module: ModuleType) -> list[str]:
-    """The node classes that are written in a module."""
     classes = [value for value in vars(module).values() if isinstance(value, type) and issubclass(value, Node)]
     return [one.__name__ for one in classes if one.__module__ == module.__name__]
 
 
 def _look_in(folder: Path) -> None:
-    """Lets modules of one's own stand in ``folder``."""
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
 

@@ -1,8 +1,7 @@
-"""How nodes are: which of their inputs are silent, what they say of themselves, and where a silence begins.
+"""Health monitoring: deadlines of inputs, health of nodes, and the source of a fault.
 
-An input with a deadline is silent when nothing has come for that long by the node's clock, or for `PERIODS` of its
-usual periods where these are longer: a detector that takes its time is not silent. As long as the usual period is not
-known, and before the first message, patience lasts `FIRST_S`.
+An input is silent when it receives no message within its deadline. The deadline is at least `PERIODS` times the median
+period of the input, so a slow publisher is not silent. It is at least `FIRST_S` until that period is known.
 """
 
 from __future__ import annotations
@@ -19,16 +18,16 @@ from socialbot.core.messages import Health, Message, State
 from socialbot.graph.node import Graph, Input, Node, NodeConfig
 
 HEALTH_TOPIC = "/health"
-"""Where all nodes say how they are; each says it on `own_health_topic` as well if its graph listens there."""
+"""Health topic of all nodes. Nodes also publish on `own_health_topic` if a node of the graph subscribes to it."""
 
 BEAT_S = 0.15
-"""How often a node gives a sign of life."""
+"""Heartbeat period of a node."""
 
 SILENT_S = 0.35
-"""The deadline of pictures and of what is seen in them: what is done about a silence is done within half a second."""
+"""Deadline of images and detections. It leaves time to react within half a second."""
 
 BEATLESS_S = 0.45
-"""The deadline for signs of life."""
+"""Deadline of heartbeats."""
 
 FIRST_S = 2.0
 PERIODS = 2.5
@@ -36,10 +35,10 @@ LEAST_PERIODS = 3
 PERIODS_KEPT = 9
 
 AT_ONCE_S = 0.5
-"""Nodes that vanish within this time have vanished together."""
+"""Nodes that time out within this interval share one cause."""
 
 LINK = "link"
-"""What is silent when several nodes have vanished at once."""
+"""Fault source when several nodes time out at once."""
 
 _A_WHILE = nanoseconds(FIRST_S)
 
@@ -48,29 +47,29 @@ WORSE: Sequence[State] = ("ok", "ended", "waiting", "paused", "degraded", "faile
 
 @dataclass
 class Watch:
-    """Notices that an input, with those that may stand in for it, falls silent, and that it is back."""
+    """Deadline watch of an input and its alternatives."""
 
     port: Input[Any]
-    """The one that was heard last."""
+    """The input with the newest message."""
     node: Node
     begun: int
     last: int | None = None
     told: bool = False
-    """Whether the node knows that it is silent."""
+    """Whether the node was notified of the silence."""
     deadline: int = 0
-    """The deadline (ns) when it was last asked for."""
+    """The deadline (ns) at the last check."""
     _periods: deque[int] = field(default_factory=lambda: deque(maxlen=PERIODS_KEPT))
     _returned: bool = False
 
     def came(self, port: Input[Any], now: int) -> None:
-        """Notes a message; safe from any thread."""
+        """Record a message; thread-safe."""
         if self.last is not None:
             self._periods.append(now - self.last)
         self._returned = self.told
         self.port, self.last = port, now
 
     def due(self) -> int | None:
-        """When (ns) it is silent if nothing comes; None when it is, or has no deadline."""
+        """The time (ns) when the input becomes silent; None if it is silent or has no deadline."""
         self.deadline = patience = nanoseconds(self.node.deadline_s(self.port))
         if self.told or patience <= 0:
             return None
@@ -81,25 +80,25 @@ class Watch:
         return (self.begun if self.last is None else self.last) + patience
 
     def next_check(self, now: int) -> int | None:
-        """When (ns) to check again; no later than `due`, also if later messages make the usual period shorter."""
+        """The time (ns) of the next check. It may precede `due`, since new messages can shorten the median period."""
         due = self.due()
         earliest = (self.begun if self.last is None else self.last) + self.deadline
         return due if due is None or earliest <= now else earliest
 
     def returned(self) -> bool:
-        """Whether the node has to be told that it is back: something has come, or there is no deadline any more."""
+        """Whether a silent input has a new message, or no deadline any more."""
         return self.told and (self._returned or self.node.deadline_s(self.port) <= 0)
 
     def turn(self) -> bool:
-        """Becomes silent, or not silent any more; says which."""
+        """Toggle between silent and not silent; return the new state."""
         self.told, self._returned = not self.told, False
         return self.told
 
 
 class HealthMonitor:
-    """How one node is. The runner reports what comes (`came`) and asks when to look again (`due`).
+    """Health monitor of one node, driven by its runner through `came`, `due` and `look`.
 
-    ``publish`` sends a `Health`; before `begin` none is sent but by `wait`.
+    It sends `Health` messages by ``publish``. Before `begin` only `wait` sends any.
     """
 
     def __init__(self, placement: NodeConfig, clock: Clock, publish: Callable[[Health], None]) -> None:
@@ -116,11 +115,11 @@ class HealthMonitor:
         self._node: Node | None = None
 
     def topic(self, port: Input[Any]) -> str:
-        """The topic that ``port`` of this node is connected to."""
+        """The topic of ``port``."""
         return self._topics[port.name]
 
     def begin(self, node: Node, call_at: Callable[[int, Callable[[], None]], object]) -> None:
-        """Begins to watch the inputs of ``node``, and to give signs of life by the timer ``call_at``."""
+        """Start to watch the inputs of ``node`` and to publish heartbeats, with ``call_at`` as the timer."""
         self._node = node
         now = self._clock.now()
         for name, port in node.inputs().items():
@@ -138,7 +137,7 @@ class HealthMonitor:
         beat()
 
     def wait(self, lacking: str) -> None:
-        """Says, before `begin`, that the node waits for the topics it is ``lacking``."""
+        """Publish, before `begin`, that the node waits for the topics ``lacking``."""
         self._publish(
             Health(
                 stamp=self._clock.now(),
@@ -150,7 +149,7 @@ class HealthMonitor:
         )
 
     def came(self, port: Input[Any], message: Message) -> bool:
-        """Note that ``message`` was received; True if `look` or an earlier `due` may follow. Safe from any thread."""
+        """Record a message; thread-safe. Return True if the runner must call `look`, or `due` is earlier now."""
         watch = self._watch_of.get(port.name)
         if watch is None or not watch.node.counts(port, message):
             return False
@@ -159,7 +158,7 @@ class HealthMonitor:
         return watch.told or self._next_check is None or self._next_check > now + watch.deadline
 
     def due(self) -> int | None:
-        """When (ns) to check for silent inputs again; None if no input has a deadline or all are silent."""
+        """The time (ns) of the next check; None if no input has a deadline or all are silent."""
         now = self._clock.now()
         first = None
         for watch in self._watches.values():
@@ -171,12 +170,12 @@ class HealthMonitor:
 
     @property
     def returned(self) -> bool:
-        """Whether an input is back, and the node does not know it."""
+        """Whether an input is back and the node was not notified."""
         return any(watch.returned() for watch in self._watches.values() if watch.told)
 
     @property
     def pending(self) -> bool:
-        """Whether `look` has a change to report to the node."""
+        """Whether `look` would notify the node of a change."""
         now = self._clock.now()
         for watch in self._watches.values():
             if watch.told:
@@ -187,7 +186,7 @@ class HealthMonitor:
         return False
 
     def look(self) -> None:
-        """Tells the node of one input that is silent or back, if there is one; for the node's own thread."""
+        """Notify the node of at most one input that is silent or back; call it in the thread of the node."""
         now = self._clock.now()
         for watch in self._watches.values():
             if watch.last is not None and watch.last > now:
@@ -203,12 +202,12 @@ class HealthMonitor:
                 return
 
     def say(self, state: State, reason: str) -> None:
-        """Takes what the node says of itself."""
+        """Set the state and reason that the node reports."""
         self._said = (state, reason)
         self._show()
 
     def health(self) -> Health:
-        """How the node is now: the worst of what it says and what its inputs do."""
+        """The worst of the reported state and the states of the inputs."""
         state, reason = self._said
         silent = ()
         for watch in self._watches.values():
@@ -243,23 +242,26 @@ class HealthMonitor:
 
 
 def own_health_topic(node: str) -> str:
-    """Where the node of this name alone says how it is: little to hear for who needs no other's signs of life."""
+    """The health topic of one node, for subscribers that need no other heartbeats."""
     return f"/{node}{HEALTH_TOPIC}"
 
 
 def health_topics(graph: Graph, node: str) -> list[str]:
-    """The topics on which the node of this name says how it is."""
+    """The topics on which ``node`` publishes its health."""
     own = own_health_topic(node)
     return [HEALTH_TOPIC, own] if own in graph.topics() else [HEALTH_TOPIC]
 
 
 def ended(player: str, topics: tuple[str, ...], now: int) -> Health:
-    """What the player of a recording says when it is over: that nothing comes on ``topics`` any more is no fault."""
+    """The health of a bag player at the end of the bag: silence on ``topics`` is then no fault."""
     return Health(stamp=now, node=player, state="ended", reason="the recording is over", outputs=topics)
 
 
 class FaultSource(NamedTuple):
-    """``who`` is silent, a node, a topic that no node publishes, or `LINK`; ``source`` has noticed it."""
+    """Source of a fault.
+
+    ``who`` is a node, a topic without a publisher, or `LINK`; ``source`` is the node that reported it.
+    """
 
     who: str
     source: str
@@ -267,35 +269,35 @@ class FaultSource(NamedTuple):
 
 
 class Healths:
-    """What the nodes of a graph have said of themselves, and when."""
+    """Last reported health of the nodes of a graph."""
 
     def __init__(self) -> None:
         self._said: dict[str, tuple[Health, int]] = {}
         self._ended: set[str] = set()
 
     def note(self, health: Health, now: int) -> None:
-        """Take the health of a node at the time ``now`` (ns)."""
+        """Record the health of a node at the time ``now`` (ns)."""
         self._said[health.node] = (health, now)
         (self._ended.add if health.state == "ended" else self._ended.discard)(health.node)
 
     @property
     def over(self) -> bool:
-        """Whether a recording is over, so that no silence needs another reason."""
+        """Whether a recording has ended, which explains any silence."""
         return bool(self._ended)
 
     def goes_on(self, now: int) -> None:
-        """Takes note that pictures come: a recording that was over some time ago is no reason any more why not."""
+        """Record that images arrive; forget recordings that ended some time ago."""
         for name in tuple(self._ended):
             if now - self._said[name][1] > _A_WHILE:
                 del self._said[name]
                 self._ended.discard(name)
 
     def silent_above(self, topic: str) -> bool:
-        """Whether a node that publishes ``topic`` says that nothing comes to itself."""
+        """Whether a publisher of ``topic`` has a silent input itself."""
         return any(health.silent for health, _ in self._publishers(topic))
 
     def blame(self, topic: str, now: int, *, source: str) -> FaultSource:
-        """Where the silence of ``topic`` begins, which ``source`` has noticed: silent topics are followed upwards."""
+        """Trace the silence of ``topic``, which ``source`` noticed, upstream to its cause."""
         passed: set[str] = set()
         reason = ""
         while found := self._publishers(topic):
@@ -322,6 +324,6 @@ class Healths:
 
 
 def time_of_day(time: int) -> str:
-    """``time`` (ns) as a clock at UTC shows it, with tenths of a second."""
+    """Format ``time`` (ns) as UTC time of day with tenths of a second."""
     moment = datetime.fromtimestamp(time / SECOND, timezone.utc)
     return f"{moment:%H:%M:%S}.{moment.microsecond // 100_000}"

@@ -1,6 +1,6 @@
-"""The inline runner: a whole graph in one thread, in the order of stamps, in simulated time.
+"""Inline runner: a whole graph in one thread and simulated time, in the order of stamps.
 
-What goes in decides what comes out, byte for byte: no wall clock, no threads, no dropped messages.
+The output is deterministic, byte for byte: no wall clock, no threads, no dropped messages.
 """
 
 from __future__ import annotations
@@ -30,14 +30,13 @@ Tap = Callable[[str, Message], None]
 
 @dataclass
 class Faults:
-    """How often a node was called, how often that failed, and how it failed first."""
+    """Call and failure counts of a node, and its first error."""
 
     calls: int = 0
     failures: int = 0
     first: str = ""
 
     def count(self, error: Exception) -> None:
-        """Notes one failure."""
         self.failures += 1
         self.first = self.first or f"{type(error).__name__}: {error}"
 
@@ -51,8 +50,6 @@ class _Timer:
 
 
 class _Context:
-    """The inline runner as one node sees it, as long as the node lives."""
-
     def __init__(self, runner: InlineRunner, placement: NodeConfig) -> None:
         self.name = placement.name
         self.alive = True
@@ -75,12 +72,12 @@ class _Context:
         return self._runner.call_at(time, self._guarded(callback), last=self._last)
 
     def begin_vitals(self, node: Node) -> None:
-        """Begins to say how the node is, where anybody hears it, and to watch its inputs."""
+        """Start the health monitor. It publishes only on topics with a listener."""
         self.vitals.begin(node, self._call_beat)
         self.watch()
 
     def watch(self) -> None:
-        """Tells the node what there is to tell of its inputs, and sees to it that this is done again when it is due."""
+        """Notify the node of changed inputs, and schedule the next check."""
         while self.alive and self.vitals.pending:
             self._runner.attempt(self, self.vitals.look)
         due = self.vitals.due()
@@ -94,7 +91,7 @@ class _Context:
             self.watch()
 
     def _call_beat(self, time: int, beat: Callable[[], None]) -> None:
-        # Without a listener the node publishes no signs of life.
+        # Without a listener the node publishes no heartbeats.
         if self.alive and not self._runner.heard.isdisjoint(self._health_topics):
             self._runner.schedule(time, beat)
 
@@ -114,9 +111,9 @@ class _Context:
 
 
 class InlineRunner:
-    """Runs ``graph`` in simulated time that begins at ``start`` (ns).
+    """Runner of ``graph`` in simulated time from ``start`` (ns).
 
-    A node that raises is logged for the first time, and counted in ``faults``; the stream goes on.
+    It logs the first exception of a node, counts all in ``faults``, and continues.
     """
 
     def __init__(self, graph: Graph, *, start: int = 0) -> None:
@@ -142,7 +139,7 @@ class InlineRunner:
         self.heard.update(self._listeners)
 
     def start(self) -> None:
-        """Starts the nodes, and lets what they send at once arrive. Raises NodeError, or the node's own error."""
+        """Start the nodes and deliver their first messages. Raises NodeError, or the error of a node."""
         for node in self.nodes.values():
             _start(node)
         for name, node in self.nodes.items():
@@ -150,12 +147,12 @@ class InlineRunner:
         self._drain()
 
     def kill(self, name: str) -> None:
-        """Ends a node as the end of its process would: it is not told, what it waits for comes no more."""
+        """Simulate a crash of the node's process: drop the node and its timers without `Node.stop`."""
         self._contexts.pop(name).alive = False
         del self.nodes[name]
 
     def restart(self, name: str) -> None:
-        """Makes and starts a node anew after `kill`. Raises what `start` does."""
+        """Create and start a node again after `kill`. Raises the same errors as `start`."""
         placement = self._placements[name]
         node = self._make(placement)
         _start(node)
@@ -166,7 +163,6 @@ class InlineRunner:
         self._drain()
 
     def close(self) -> None:
-        """Stops the nodes."""
         for name, node in self.nodes.items():
             try:
                 node.stop()
@@ -175,18 +171,18 @@ class InlineRunner:
                 log.warning("%s: cannot stop: %s: %s", name, type(error).__name__, error)
 
     def tap(self, topic: str, callback: Tap) -> None:
-        """Shows every message on ``topic`` to ``callback`` before the nodes get it."""
+        """Pass every message on ``topic`` to ``callback``, before the nodes receive it."""
         self._taps.setdefault(topic, []).append(callback)
         self.heard.add(topic)
 
     def feed(self, topic: str, message: Message, *, time: int | None = None) -> None:
-        """Moves to ``time`` (the message's stamp if not given) and delivers ``message`` and all that follows."""
+        """Advance to ``time`` (by default the stamp), then deliver ``message`` and all messages that follow from it."""
         self._feed(message.stamp if time is None else time, [(topic, message)])
 
     def run(self, messages: Iterable[tuple[str, Message]], *, tail_s: float = 0.0) -> None:
-        """Feeds all ``messages``, those of one moment at once, and lets ``tail_s`` seconds pass afterwards.
+        """Feed ``messages``, those with equal stamps together, then advance by ``tail_s``.
 
-        That nothing comes in that time is no silence that anybody should wonder about.
+        Silence during the tail is no fault.
         """
         topics: dict[str, None] = {}
         for stamp, together in itertools.groupby(messages, key=lambda each: each[1].stamp):
@@ -203,7 +199,7 @@ class InlineRunner:
         self._drain()
 
     def advance(self, time: int) -> None:
-        """Lets time pass until ``time`` (ns); timers fire at their own moments on the way."""
+        """Advance time to ``time`` (ns) and fire the timers that are due."""
         self._drain()
         while self._timers and self._timers[0][0] <= time:
             due, _, _, timer = heapq.heappop(self._timers)
@@ -214,30 +210,31 @@ class InlineRunner:
         self.clock.set(time)
 
     def call_at(self, time: int, callback: Callable[[], None], *, last: bool = False) -> _Timer:
-        """Calls back when simulated time reaches ``time``; timers of one moment fire in order of creation.
+        """Call ``callback`` at ``time`` (ns) of simulated time.
 
-        Those of the world come ``last``, as what a bag tells of a moment does: `run` lets time pass before it feeds.
+        Timers with equal times fire in order of creation, those of simulators ``last``, as `run` feeds a bag after
+        timers.
         """
         return self.schedule(time, callback, last=last)
 
     def schedule(self, time: int, callback: Callable[[], None], *, last: bool = False) -> _Timer:
-        """As `call_at`, for the runner's own purposes."""
+        """Schedule a timer of the runner; see `call_at`."""
         timer = _Timer(callback)
         heapq.heappush(self._timers, (time, last, next(self._sequence), timer))
         return timer
 
     def enqueue(self, topic: str, message: Message) -> None:
-        """Puts ``message`` in line for everybody who listens to ``topic``."""
+        """Queue ``message`` for the subscribers of ``topic``."""
         self._queue.append((topic, message))
 
     def take(self, topic: str, message: Message, delivery: Delivery) -> None:
-        """Takes ``message`` from a node; one that is latched also reaches those who start later."""
+        """Queue a message of a node, and keep it for later subscribers if it is latched."""
         if delivery is Delivery.LATCHED:
             self._latched[topic] = message
         self._queue.append((topic, message))
 
     def guard(self, context: _Context, callback: Callable[..., None], *arguments: Any) -> None:
-        """Call into a node that is alive; count the call, and count and log an exception."""
+        """Call into a live node; count the call, and count and log an exception."""
         if context.alive:
             self.attempt(context, callback, *arguments, calls=1)
 

@@ -1,9 +1,9 @@
-"""What a graph is: nodes with typed inputs, outputs and parameters, placed and connected by topics.
+"""Nodes with typed inputs, outputs and parameters, and graphs that connect them by topics.
 
-A node is a plain class that knows no ROS::
+A node is a plain class without ROS::
 
     class Echo(Node):
-        \"\"\"Says again what it hears.\"\"\"
+        \"\"\"Publish the recognized speech as an utterance.\"\"\"
 
         heard = Input(Utterance, "/speech/heard")
         say = Output(Utterance, "/speech/say")
@@ -13,8 +13,8 @@ A node is a plain class that knows no ROS::
         def on_heard(self, message: Utterance) -> None:
             self.say.publish(message)
 
-The runners (`socialbot.graph.inline`, ``socialbot.bridge.host``) give such a node its clock, timers and
-connections, and call it from one thread at a time.
+The runners (`socialbot.graph.inline`, ``socialbot.bridge.host``) provide clock, timers and connections. They call a
+node from one thread at a time.
 """
 
 from __future__ import annotations
@@ -39,31 +39,32 @@ H = TypeVar("H", bound=Callable[..., None])
 R = TypeVar("R")
 
 WireForm = Literal["json", "typed"]
-"""How structured messages travel over ROS: as JSON in std_msgs/String, or as socialbot_msgs."""
+"""Encoding of structured messages over ROS: JSON in std_msgs/String, or socialbot_msgs."""
 
 NODE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 TOPIC_NAME = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
-"""``~/`` stands for the node's own namespace: ``~/state`` of the node ``arm`` is ``/arm/state``."""
+"""The prefix ``~/`` is the namespace of the node: ``~/state`` of the node ``arm`` is ``/arm/state``."""
 
 
 class Delivery(enum.Enum):
-    """What a connection promises when the receiver is slow or comes late."""
+    """Quality of service for slow or late subscribers."""
 
     EVERY = "every"
-    """Commands and events: each message, in order."""
+    """Commands and events: every message, in order."""
     NEWEST = "newest"
-    """Streams: a receiver that cannot keep up gets the newest message and never works through a backlog."""
+    """Streams: a slow subscriber gets only the newest message."""
     LATCHED = "latched"
-    """State: a receiver that joins late gets the last message."""
+    """State: a late subscriber gets the last message."""
 
 
 class Input(Generic[M]):
-    """A typed input; used as a decorator it names the method that takes the messages.
+    """Typed input; as a decorator it registers the method that handles its messages.
 
-    One that is ``optional`` may stay unconnected: it is for people and programs outside of the graph.
+    An ``optional`` input may stay unconnected; it is meant for users and programs outside the graph.
 
-    One with a ``deadline_s`` is silent when nothing has come for so long (see `socialbot.graph.health`); the node is
-    told by `Node.on_silence` and `Node.on_return`. Messages on an input that is ``alternative_to`` it count too.
+    An input with a ``deadline_s`` is silent when no message arrives within it (see `socialbot.graph.health`). The
+    runner then calls `Node.on_silence`, later `Node.on_return`. Messages on an input that is ``alternative_to`` it
+    count too.
     """
 
     def __init__(
@@ -93,12 +94,11 @@ class Input(Generic[M]):
         return handler
 
     def deliver(self, node: Node, message: M) -> None:
-        """Hands ``message`` to the method of ``node`` that takes this input."""
         getattr(node, self._handler)(message)
 
 
 class Output(Generic[M]):
-    """A typed output; on a node it is a `Publisher`."""
+    """Typed output; accessed on a node, it is a `Publisher`."""
 
     def __init__(self, message_type: type[M], topic: str, delivery: Delivery = Delivery.EVERY) -> None:
         self.message_type = message_type
@@ -116,13 +116,13 @@ class Output(Generic[M]):
     def __get__(self, node: Node | None, owner: type) -> Output[M] | Publisher[M]:
         if node is None:
             return self
-        # Kept in the node's attributes, where it is found before this descriptor.
+        # Cached in the attributes of the node, which take precedence over this descriptor.
         publisher = vars(node)[self.name] = Publisher(node, self)
         return publisher
 
 
 class Publisher(Generic[M]):
-    """An output of one node."""
+    """Publisher of one output of a node."""
 
     __slots__ = ("_node", "_port")
 
@@ -131,14 +131,13 @@ class Publisher(Generic[M]):
         self._port = port
 
     def publish(self, message: M) -> None:
-        """Sends ``message`` to everybody who listens."""
         self._node.context.publish(self._port, message)
 
 
 class Parameter(Generic[V]):
-    """A parameter with its default, meaning and bounds.
+    """Node parameter with a default, a description and bounds.
 
-    Read it as an attribute of the node; it may change while the node runs, unless it is ``fixed``.
+    It is an attribute of the node, and may change at run time unless it is ``fixed``.
     """
 
     def __init__(
@@ -170,7 +169,7 @@ class Parameter(Generic[V]):
         return self if node is None else node.parameter_values[self.name]  # type: ignore[return-value]
 
     def check(self, value: object, where: str) -> V:
-        """``value`` as this parameter's type. Raises ParameterError when it does not fit."""
+        """Convert ``value`` to the type of the parameter. Raises ParameterError if it is invalid."""
         kind = type(self.default)
         if kind is float and type(value) is int:
             value = float(value)
@@ -191,54 +190,54 @@ class Parameter(Generic[V]):
 
 
 class Timer(Protocol):
-    """A call that is still to come."""
+    """A pending call."""
 
     def cancel(self) -> None:
-        """Takes the call back; nothing happens if it was made already."""
+        """Cancel the call; no effect after it was made."""
         ...
 
 
 class Context(Protocol):
-    """What a runner gives to one node."""
+    """Interface of a runner to one node."""
 
     @property
     def clock(self) -> Clock:
-        """The clock that the node asks for the time."""
+        """The clock of the node."""
         ...
 
     @property
     def vitals(self) -> HealthMonitor:
-        """How the node is."""
+        """The health monitor of the node."""
         ...
 
     def publish(self, port: Output[Any], message: Message) -> None:
-        """Sends ``message`` out of ``port``."""
+        """Publish ``message`` on ``port``."""
         ...
 
     def call_at(self, time: int, callback: Callable[[], None]) -> Timer:
-        """Calls back once, in the node's own thread, when the clock has reached ``time`` (ns)."""
+        """Call ``callback`` once in the thread of the node, at ``time`` (ns)."""
         ...
 
     def call_soon(self, callback: Callable[[], None]) -> None:
-        """Calls back in the node's own thread as soon as it is free; safe from any thread."""
+        """Call ``callback`` in the thread of the node as soon as possible; thread-safe."""
         ...
 
     def run_in_background(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
-        """Has ``work`` done without holding up the node, and calls back with what it returned or raised.
+        """Run ``work`` in a thread of its own, then call ``then`` with its result or exception.
 
-        It runs in a thread of its own and must not touch the node; where time is simulated, it takes none of it.
+        ``work`` must not access the node. In simulated time it takes no time.
         """
         ...
 
 
 class Node:
-    """One unit of a graph. Subclasses declare ports and parameters as class attributes."""
+    """Unit of a graph. Subclasses declare ports and parameters as class attributes."""
 
     is_simulator: ClassVar[bool] = False
-    """Whether it simulates the world; a replay leaves it out and takes its messages from the bag."""
+    """Whether the node simulates the world. A replay omits it and uses its recorded messages."""
 
     is_agent: ClassVar[bool] = False
-    """Whether it runs an agent, which takes commands."""
+    """Whether the node runs an agent, which accepts commands."""
 
     deliberates: ClassVar[bool] = False
     """Whether its trace records desires and plans."""
@@ -260,7 +259,7 @@ class Node:
         cls._parameters = {**cls._parameters, **_own(cls, Parameter)}
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        """Raises ParameterError when ``parameters`` holds an unknown name or a value that does not fit."""
+        """Check and set ``parameters``. Raises ParameterError."""
         self.name = name
         self.context = context
         self.log = logging.getLogger(f"socialbot.{name}")
@@ -283,17 +282,16 @@ class Node:
 
     @property
     def clock(self) -> Clock:
-        """The time of the runner this node lives in."""
         return self.context.clock
 
     def call_after(self, seconds: float, callback: Callable[[], None]) -> Timer:
-        """Calls back once, ``seconds`` from now."""
+        """Call ``callback`` once after ``seconds``."""
         return self.context.call_at(self.clock.now() + nanoseconds(seconds), callback)
 
     def set_parameter(self, name: str, value: object) -> None:
-        """Changes a parameter while running.
+        """Change a parameter at run time.
 
-        Raises ParameterError when it is unknown, fixed or does not fit, and whatever the node objects.
+        Raises ParameterError if it is unknown, fixed or invalid, and any error of `on_parameter`.
         """
         checked = check_parameters(type(self), {name: value}, where=self.name)
         if self._parameters[name].fixed:
@@ -307,35 +305,35 @@ class Node:
             raise
 
     def start(self) -> None:
-        """Called once, when all connections stand."""
+        """Called once, after all connections are made."""
 
     def stop(self) -> None:
-        """Called once, before the node goes away; gives back devices and files."""
+        """Called once at the end; releases devices and files."""
 
     def on_parameter(self, name: str) -> None:
-        """Called after a parameter has changed; an exception takes the change back."""
+        """Called after a parameter has changed; an exception reverts the change."""
 
     def deadline_s(self, port: Input[Any]) -> float:
-        """How long (s) nothing may come to ``port`` before it is silent; 0: as long as it likes."""
+        """The deadline (s) of ``port``; 0 for none."""
         return port.deadline_s
 
     def counts(self, port: Input[Any], message: Message) -> bool:
-        """Whether ``message`` is what an input with a deadline waits for; asked in another thread than the node's."""
+        """Whether ``message`` counts for the deadline of ``port``. Called from another thread."""
         return True
 
     def on_silence(self, port: Input[Any], since: int | None) -> None:
-        """Called when an input with a deadline is silent: ``since`` (ns) its last message, None if there was none."""
+        """Called when an input becomes silent; ``since`` is the time (ns) of its last message, or None."""
 
     def on_return(self, port: Input[Any]) -> None:
-        """Called when an input that was silent is back, before its message is delivered."""
+        """Called when a silent input is back, before its message is delivered."""
 
     def say_health(self, state: State, reason: str = "") -> None:
-        """Says how the node is, until something else is said; of its silent inputs the runner knows."""
+        """Report the health of the node until the next call. The runner adds its silent inputs."""
         self.context.vitals.say(state, reason)
 
 
 def outcome(work: Callable[[], R]) -> R | Exception:
-    """Run ``work`` and return its result or exception, as a runner reports it after `Context.run_in_background`."""
+    """Return the result or exception of ``work``, as runners pass it to the callback of `Context.run_in_background`."""
     try:
         return work()
     except Exception as error:  # noqa: BLE001 - whatever it is, the node decides what to do about it
@@ -347,7 +345,7 @@ def _own(cls: type, kind: type) -> dict[str, Any]:
 
 
 def check_parameters(node_type: type[Node], given: Mapping[str, object], *, where: str) -> dict[str, Any]:
-    """All parameters of ``node_type``: the defaults and, checked, the ``given`` ones."""
+    """Return all parameters of ``node_type``: the defaults, and the ``given`` values after a check."""
     declared = node_type.parameters()
     values = {name: parameter.default for name, parameter in declared.items()}
     for name, value in given.items():
@@ -359,21 +357,21 @@ def check_parameters(node_type: type[Node], given: Mapping[str, object], *, wher
 
 @dataclass(frozen=True)
 class NodeConfig:
-    """A node in a graph: its name, its type, its parameters, and ports that use another topic than their own."""
+    """Configuration of a node: name, type, parameters and remapped topics."""
 
     name: str
     type: type[Node]
     parameters: Mapping[str, object] = field(default_factory=dict)
     remap: Mapping[str, str] = field(default_factory=dict)
     where: str = field(default="", compare=False)
-    """Where it is written (file and line), for errors."""
+    """File and line, for errors."""
 
     def place(self, graph: str) -> str:
-        """The node's name after file and line where they are known, else after that of the ``graph``."""
+        """The location for errors: file and line if known, else ``graph``, then the name of the node."""
         return f"{self.where or graph}: {self.name}"
 
     def check(self, graph: str) -> None:
-        """Raises GraphError for an unknown port, ParameterError for a parameter that does not fit."""
+        """Check ports and parameters. Raises GraphError or ParameterError."""
         place = self.place(graph)
         if not NODE_NAME.fullmatch(self.name):
             raise GraphError("no valid name for a node", where=place, remedy="use letters, digits and _")
@@ -387,7 +385,7 @@ class NodeConfig:
         check_parameters(self.type, self.parameters, where=place)
 
     def topic(self, port: Input[Any] | Output[Any]) -> str:
-        """The topic that ``port`` is connected to, in full."""
+        """The full topic of ``port``."""
         topic = self.remap.get(port.name, port.topic)
         return f"/{self.name}{topic[1:]}" if topic.startswith("~") else topic
 
@@ -404,11 +402,12 @@ class NodeConfig:
 
 @dataclass(frozen=True)
 class Graph:
-    """Nodes and the topics that connect them.
+    """Graph of nodes that are connected by topics.
 
-    ``inputs`` are topics that come from outside: a robot's own driver, or a bag. ``paced_by`` names
-    the topic that answers each camera frame; a replay waits for it rather than losing frames. ``wire`` is the form
-    of structured messages over ROS; nodes see no difference.
+    Attributes:
+        inputs: External topics, of a robot's own driver or a bag.
+        paced_by: Topic that answers each camera frame; a replay waits for it, so it drops no frames.
+        wire: Encoding of structured messages over ROS; invisible to nodes.
     """
 
     name: str
@@ -421,7 +420,7 @@ class Graph:
         self.check()
 
     def check(self) -> None:
-        """Raises GraphError or ParameterError when the graph does not fit together."""
+        """Check the graph. Raises GraphError or ParameterError."""
         names = [placement.name for placement in self.placements]
         for name in names:
             if names.count(name) > 1:
@@ -461,7 +460,7 @@ class Graph:
             )
 
     def topics(self) -> dict[str, type[Message]]:
-        """Every topic that a node publishes or listens to, with its type."""
+        """All topics of the nodes with their types."""
         return {
             topic: port.message_type
             for placement in self.placements
@@ -469,7 +468,7 @@ class Graph:
         }
 
     def placement(self, name: str) -> NodeConfig:
-        """The node called ``name``. Raises GraphError when there is none."""
+        """The configuration of the node ``name``. Raises GraphError if it is unknown."""
         for placement in self.placements:
             if placement.name == name:
                 return placement
@@ -477,14 +476,14 @@ class Graph:
         raise GraphError(f"no node {name!r}", where=self.name, remedy=suggestion(name, names))
 
     def without_sources(self) -> Graph:
-        """This graph with its sources (nodes without inputs, such as cameras, or in place of the world) left out."""
+        """Return this graph without its sources: simulators and nodes without inputs, such as cameras."""
         sources = [one for one in self.placements if not one.subscriptions or one.type.is_simulator]
         fed = {topic for placement in sources for topic, _ in placement.publications}
         kept = tuple(placement for placement in self.placements if placement not in sources)
         return replace(self, placements=kept, inputs=self.inputs | fed)
 
     def with_parameters(self, changes: Mapping[str, Mapping[str, object]]) -> Graph:
-        """This graph with other parameters: ``changes`` maps node names to parameters."""
+        """Return this graph with changed parameters, by node name and parameter name."""
         for name in changes:
             self.placement(name)
         return replace(

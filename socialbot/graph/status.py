@@ -1,4 +1,4 @@
-"""How every node of a running graph fares, as the nodes and their supervisors tell it on /diagnostics and /health."""
+"""Status of the nodes of a running graph, from /diagnostics and /health."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from dataclasses import dataclass, field
 from socialbot.core.messages import Health
 
 SILENT_S = 3.0
-"""Who is alive says something on /diagnostics each second."""
+"""Timeout of a node on /diagnostics, where every live node publishes each second."""
 
 LIFELESS_S = 2.0
-"""Who is active gives a sign of life on /health several times a second, from the thread that it works in."""
+"""Timeout of an active node on /health, where its working thread publishes several times a second."""
 
 MOST_NODES = 1000
-"""So many nodes are noted; a stranger may make up any number."""
+"""Limit of tracked nodes: other programs may publish any number of names."""
 
 LONGEST_TEXT = 500
 
 LASTING = {"machine", "state", "restarts", "last_error", "failures", "first_failure"}
-"""What is still true of a node that is not heard any more; its figures are not."""
+"""Values that stay valid for a node that timed out; all others are measurements."""
 
 ACTIVE = "active"
 PAUSED = "paused"
 CONDITIONS = {"failed": "failed", "degraded": "input silent", "waiting": "no input yet", "paused": PAUSED}
-"""What a node that is active is called when it says of its health something else than that all is well."""
+"""Conditions of an active node by its reported health, if that is not ok."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean and 99th percentile of the last durations (ms)."""
+    """Mean and 99th percentile of recent durations (ms)."""
 
     mean_ms: float
     p99_ms: float
@@ -39,13 +39,18 @@ class Spread:
 
 @dataclass(frozen=True)
 class NodeStatus:
-    """One node: what it is doing, how fast, and what is wrong with it.
+    """Status of one node. Unknown values are None.
 
-    ``state`` is that of the lifecycle, or of a dead node ``waiting``, ``given up`` or ``ended``; empty before it was
-    heard. ``heard_s`` is how long ago (s) it was heard, None when it never was; ``lifeless`` says that it is active but
-    gives no sign of life, ``twin`` where another node of its name runs. Figures that nobody has told are None. ``call``
-    is how long it takes to handle something, ``age`` how old messages are when that is done: since their stamp. Nodes
-    in the same process, those of ``shares`` too, have its processor time (percent of one core) and memory in common.
+    Attributes:
+        state: Lifecycle state; of a dead node ``waiting``, ``given up`` or ``ended``; empty before its first message.
+        heard_s: Time (s) since its last message; None before the first.
+        lifeless: Whether it is active but publishes no heartbeats.
+        twin: Process and machine of another node with the same name.
+        call: Duration of a callback.
+        age: Age of messages at the end of their callback, since their stamp.
+        cpu_percent: Processor time of the process, in percent of one core.
+        memory_mb: Memory of the process.
+        shares: Other nodes in the same process.
     """
 
     name: str
@@ -75,7 +80,7 @@ class NodeStatus:
 
     @property
     def condition(self) -> str:
-        """How it is in a few words; `ACTIVE` when all is well."""
+        """The condition in a few words; `ACTIVE` if all is well."""
         if self.heard_s is None:
             return "not heard"
         if self.heard_s > SILENT_S:
@@ -90,26 +95,24 @@ class NodeStatus:
 
     @property
     def is_well(self) -> bool:
-        """Whether it is heard and active, and neither says nor shows that something is wrong; a person may pause it."""
+        """Whether the node is active without a fault, or paused."""
         return self.condition in (ACTIVE, PAUSED)
 
 
 @dataclass
 class _Heard:
-    """What one node has told of itself, and when (s)."""
-
     values: Mapping[str, str] = field(default_factory=dict)
     first: float = 0.0
     last: float | None = None
     health: Health | None = None
     health_at: float = -math.inf
     speakers: deque[str] = field(default_factory=lambda: deque(maxlen=3))
-    """Who has spoken last by its name, each once in a row."""
+    """The last publishers under this name, without repeats in a row."""
     twin: str = ""
     twin_at: float = -math.inf
 
     def note_speaker(self, speaker: str, now: float) -> None:
-        """Notes who speaks; who speaks again after another is no predecessor of it: there are two."""
+        """Record a publisher. A former publisher that returns is no restart: two nodes run under the name."""
         if self.speakers and self.speakers[-1] == speaker:
             return
         self.speakers.append(speaker)
@@ -118,10 +121,11 @@ class _Heard:
 
 
 class RollCall:
-    """Takes what nodes tell. ``expected`` are the nodes there should be and their machines, in order.
+    """Status of nodes, collected from /diagnostics and /health.
 
-    Where nobody is expected, all are of interest. Times are those of a clock that only goes forward, in s. One thread
-    may note while another asks. Where nobody's health is ever heard, as without the keys, nobody's is missed.
+    ``expected`` maps the expected nodes to their machines, in order; without it all nodes are tracked. Times are in s
+    of a monotonic clock. One thread may write while another reads. Without any health message, as without the keys,
+    heartbeats are not required.
     """
 
     def __init__(self, expected: Mapping[str, str] | None = None) -> None:
@@ -130,7 +134,7 @@ class RollCall:
         self._heard: dict[str, _Heard] = {name: _Heard() for name in self._expected}
 
     def note(self, name: str, values: Mapping[str, str], now: float) -> None:
-        """Takes the values that somebody tells on /diagnostics; others than nodes of socialbot may speak there, too."""
+        """Record the values of a node on /diagnostics. Other programs may publish there too."""
         if "state" not in values or "machine" not in values or (one := self._of(name)) is None:
             return
         if one.last is None or now - one.last > SILENT_S:
@@ -140,26 +144,26 @@ class RollCall:
             one.note_speaker(f"process {_text(values, 'pid')} on {_text(values, 'machine')}", now)
 
     def note_health(self, health: Health, now: float) -> None:
-        """Takes what a node says on /health; a player of recordings may speak there, too."""
+        """Record a health message. A bag player may publish them too."""
         self._hears_health = True
         if health.node in self._heard and (one := self._of(health.node)) is not None:
             one.health, one.health_at = health, now
 
     @property
     def expects(self) -> bool:
-        """Whether it knows who there should be."""
+        """Whether the expected nodes are known."""
         return bool(self._expected)
 
     @property
     def complete(self) -> bool:
-        """Whether everybody who is expected has been heard, with health where it is active."""
+        """Whether all expected nodes have published, and the active ones also their health."""
         return bool(self._expected) and all(
             one.last is not None and (one.health is not None or one.values["state"] != ACTIVE)
             for one in tuple(self._heard.values())
         )
 
     def statuses(self, now: float) -> list[NodeStatus]:
-        """The status of every node: those expected in their order, or those heard by machine and name."""
+        """The status of every node, in the expected order, else by machine and name."""
         found = [self._status(name, one, now) for name, one in tuple(self._heard.items())]
         return found if self._expected else sorted(found, key=lambda one: (one.machine, one.name))
 
@@ -216,12 +220,12 @@ class RollCall:
 
 
 def all_well(statuses: Sequence[NodeStatus]) -> bool:
-    """Whether there are nodes, and every one is well."""
+    """Whether there are nodes and all of them are well."""
     return bool(statuses) and all(one.is_well for one in statuses)
 
 
 def printable(text: str) -> str:
-    """``text`` in one line that does nothing to a terminal: what comes from the network may hold anything."""
+    """Make text from the network safe for a terminal: one line of printable characters."""
     flat = " ".join(text.split())[:LONGEST_TEXT]
     return "".join(letter if letter.isprintable() else "?" for letter in flat)
 
@@ -240,5 +244,5 @@ def _number(values: Mapping[str, str], key: str) -> float | None:
 
 def _spread(values: Mapping[str, str], name: str) -> Spread | None:
     mean, p99 = _number(values, f"{name}_mean_ms"), _number(values, f"{name}_p99_ms")
-    # Without anything handled both are zero.
+    # Without calls both are zero.
     return None if mean is None or p99 is None or not p99 else Spread(mean, p99)
