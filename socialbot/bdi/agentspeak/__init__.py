@@ -1,4 +1,4 @@
-"""AgentSpeak, in the syntax of Jason: text becomes plans, and plans become text."""
+"""AgentSpeak in Jason's syntax: parser, loader and printer of plans."""
 
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
 from socialbot.bdi.agentspeak.notation import rules

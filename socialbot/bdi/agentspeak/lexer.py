@@ -1,4 +1,4 @@
-"""The tokens and tables of AgentSpeak's grammar, and syntax errors with their position."""
+"""Tokens and operator tables of the AgentSpeak grammar, and syntax errors with positions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from socialbot.bdi.literals import Change
 from socialbot.core.errors import SocialbotError
 
 OR, AND, NOT, COMPARE, SUM, PRODUCT, POWER = range(1, 8)
-"""How tightly operators bind."""
+"""Operator precedence levels."""
 
 BINARY: dict[str, tuple[int, str]] = {
     "|": (OR, "|"),
@@ -24,13 +24,13 @@ BINARY: dict[str, tuple[int, str]] = {
     "mod": (PRODUCT, "mod"),
     "**": (POWER, "**"),
 }
-"""Operators between two things: how tightly they bind, and their symbol in the representation."""
+"""Precedence and internal symbol of the binary operators."""
 
 WRITTEN = {symbol: word for word, (_, symbol) in BINARY.items()} | {"//": "div", "%": "mod"}
-"""How AgentSpeak writes the symbols of the representation; what rounds down in Python rounds towards zero there."""
+"""AgentSpeak spelling of the internal symbols. Division rounds down in Python and towards zero in AgentSpeak."""
 
 KEYWORDS = frozenset({"not", "div", "mod", "if", "elif", "else", "while", "for"})
-"""Names that cannot be names of literals, unless they are quoted. ``true`` and ``false`` can be atoms."""
+"""Reserved names, which literals can use in quotes only. ``true`` and ``false`` may be atoms."""
 
 TRIGGERS = {
     ("+", ""): Change.ADDED,
@@ -50,7 +50,7 @@ UNSUPPORTED = {
     "-<": ("'-<'", "write + or - alone"),
     "`": ("a backquote", None),
 }
-"""Words of Jason's that are not supported, and what to do instead."""
+"""Unsupported keywords of Jason, with alternatives."""
 
 REMEDIES = {
     "&&": "write '&'",
@@ -65,33 +65,33 @@ REMEDIES = {
     "'": 'end the quoted name with "\'" in the same line',
     "/*": "end the comment with '*/'",
 }
-"""What to do about words that people write by mistake."""
+"""Remedies for common mistakes."""
 
 REFUSED = {
     ".python": ("a Python function in a condition has no counterpart in AgentSpeak",
                 "write the rule in Python, or let a rule in AgentSpeak say the same"),
     ".include": ("'.include' is not supported", "load both files"),
 }  # fmt: skip
-"""Internal actions that are refused where they are read, not when they would be done."""
+"""Internal actions that the parser rejects."""
 
 FUNCTIONS = frozenset({".length", ".count"})
 LIBRARIES = ("math.", "system.")
 
 
 def is_function(name: str, arity: int) -> bool:
-    """Whether a name stands for the value of a function wherever a term is expected."""
+    """Check whether a name in a term is a function call."""
     return name.startswith(LIBRARIES) or (arity == 1 and name in FUNCTIONS)
 
 
 END = "\n"
-"""Comes after the last word; no other word is blank."""
+"""End-of-text token; no other token is blank."""
 
 _STRING = r'"(?:[^"\\\n\r]|\\[^\n\r])*"'
 _QUOTED = r"'(?:[^'\\\n\r]|\\[^\n\r])*'"
 _WORD = re.compile(
     r"\s*(?:"
     r"[A-Z_]\w*"  # a variable
-    r"|\.?[^\W\d]\w*(?:\.[^\W\d]\w*)*"  # a name; a dot that a letter follows belongs to it
+    r"|\.?[^\W\d]\w*(?:\.[^\W\d]\w*)*"  # a name, with a dot only before a letter
     r"|[(),;]"
     r"|[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?"
     rf"|{_STRING}|{_QUOTED}"
@@ -105,7 +105,7 @@ ESCAPES = {"n": "\n", "t": "\t", "r": "\r", "b": "\b", "f": "\f", "\\": "\\", '"
 
 
 class AgentSpeakError(SocialbotError):
-    """AgentSpeak text that cannot be understood, or uses what is not supported."""
+    """AgentSpeak text with a syntax error or an unsupported feature."""
 
     exit_code = 4
     line: int = 0
@@ -113,13 +113,13 @@ class AgentSpeakError(SocialbotError):
 
 
 class Source:
-    """A text, cut into words. The comments in it, ``//``, ``/* */`` and ``#``, count as blanks."""
+    """Tokenized text. The comments ``//``, ``/* */`` and ``#`` count as whitespace."""
 
     def __init__(self, text: str, file: str) -> None:
         self.text = text
         self.file = file
         bare = _COMMENT.sub(_blank, text) if "#" in text or "/" in text else text
-        # Blanks that no word follows would be looked through again from each of them.
+        # Trailing whitespace would be scanned again from each of its characters.
         self._pieces: list[str] = _WORD.findall(bare.rstrip())
         self.words = [piece.strip() for piece in self._pieces]
         self.words += (END, END)
@@ -127,7 +127,6 @@ class Source:
         self._known = (0, 1)
 
     def start(self, index: int) -> int:
-        """The offset in the text at which a word begins."""
         if self._ends is None:
             self._ends = list(accumulate(map(len, self._pieces)))
         if index < len(self._ends):
@@ -135,14 +134,13 @@ class Source:
         return self._ends[-1] if self._ends else 0
 
     def line(self, offset: int) -> int:
-        """The line, from 1, of an offset; cheap when asked from front to back."""
+        """Return the 1-based line of an offset; fast for increasing offsets."""
         before, line = self._known if self._known[0] <= offset else (0, 1)
         line += self.text.count("\n", before, offset)
         self._known = offset, line
         return line
 
     def error(self, index: int, what: str, remedy: str | None = None) -> AgentSpeakError:
-        """The error that something is wrong at a word."""
         offset = self.start(index)
         begin = self.text.rfind("\n", 0, offset) + 1
         shown = self.text[begin:].split("\n", 1)[0].rstrip()
@@ -155,7 +153,7 @@ class Source:
         return error
 
     def unquoted(self, index: int) -> str:
-        """What is between the quotes of a word, with the escapes resolved."""
+        """Return the content of a quoted token with escapes resolved."""
         inside = self.words[index][1:-1]
         if "\\" not in inside:
             return inside
@@ -168,6 +166,6 @@ class Source:
 def _blank(match: re.Match[str]) -> str:
     if match[1]:
         return match[1]
-    # Of a comment that is never closed, its beginning stays, for the parser to complain about.
+    # The start of an unclosed comment stays, so that the parser reports it.
     begin = "/*" if match[2] is not None else ""
     return begin + _NOT_LINE_END.sub(" ", match[0][len(begin) :])

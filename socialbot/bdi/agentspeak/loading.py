@@ -1,4 +1,4 @@
-"""Loads AgentSpeak text into an engine, all of it or, when there is a mistake, nothing.
+"""Load AgentSpeak text into an engine; a text with a mistake changes nothing.
 
 >>> from socialbot.bdi import Engine
 >>> from socialbot.core.clock import ManualClock
@@ -53,7 +53,7 @@ _WORD = re.compile(r"\.?\w+(?:\.\w+)*")
 
 
 def load(engine: Engine, text: str, file: str = "<text>") -> None:
-    """Adds the rules, plans, beliefs and goals of a text. Raises AgentSpeakError, and adds nothing, for a mistake."""
+    """Add the rules, plans, beliefs and goals of a text. Raises AgentSpeakError, and adds nothing, for a mistake."""
     program = parse(text, file)
     problems = problems_of(program, text, file, engine.library, check_plan=_look_over)
     if problems:
@@ -66,7 +66,7 @@ def load(engine: Engine, text: str, file: str = "<text>") -> None:
 
 
 def library_of(program: Program) -> Library:
-    """A library of the rules and plans of a program, for agents that share them."""
+    """Build a library of the rules and plans of a program, for several agents to share."""
     library = Library()
     for inference in program.inferences:
         library.add_inference(inference)
@@ -76,8 +76,8 @@ def library_of(program: Program) -> Library:
 
 
 def begin(engine: Engine, program: Program) -> None:
-    """Gives an agent the beliefs and goals that a program begins with."""
-    # Questions try the newest belief first: this makes it the order of the text.
+    """Add the initial beliefs and goals of a program."""
+    # Queries try the newest belief first, so reversed insertion preserves the order of the text.
     for belief in reversed(program.beliefs):
         args, notes = _evaluated(engine, belief.args), _evaluated(engine, belief.annotations)
         engine.interpreter.post((engine.beliefs.relation(belief.key), args, _with_source(notes), "", None))
@@ -89,10 +89,10 @@ def begin(engine: Engine, program: Program) -> None:
 
 
 class _InitialGoal:
-    """Adopts an initial goal, after the events of the initial beliefs."""
+    """Event that adopts an initial goal after the events of the initial beliefs."""
 
     mental = True
-    """A restored mind replaces it."""
+    """A restored mental state replaces pending objects of this class."""
 
     def __init__(self, engine: Engine, key: str, args: tuple[Any, ...], notes: tuple[Any, ...]) -> None:
         self.engine = engine
@@ -128,7 +128,7 @@ _OPERATORS = {
 
 
 def _evaluated(engine: Engine, term: Any) -> Any:
-    """A term of a text with the values of the arithmetic in it; its variables stay."""
+    """Evaluate the arithmetic in a term; variables stay."""
     if ground(term):
         return term
     if isinstance(term, tuple):
@@ -149,7 +149,7 @@ def _evaluated(engine: Engine, term: Any) -> Any:
 
 
 def check(text: str, file: str = "<text>") -> list[AgentSpeakError]:
-    """All mistakes in a text that can be told before it runs."""
+    """Return all mistakes in a text that static analysis finds."""
     try:
         program = parse(text, file)
     except AgentSpeakError as problem:
@@ -164,9 +164,9 @@ def problems_of(
     library: Library | None = None,
     check_plan: Callable[[Plan, Library], None] | None = None,
 ) -> list[AgentSpeakError]:
-    """The mistakes in a program that was read from a text, as an addition to a library.
+    """Return the mistakes in a parsed program that extends a library.
 
-    Plans are compiled to see whether they can be, unless ``check_plan`` is content with less.
+    ``check_plan`` replaces the default check, which compiles each plan.
     """
     check_plan = check_plan or _check_plan
     scratch = _scratch(library, program.inferences)
@@ -194,7 +194,7 @@ def problems_of(
 
 
 def check_plans(plans: Iterable[Plan], library: Library) -> None:
-    """Raises RuleError when a plan, as an addition to a library, could never run."""
+    """Check plans that extend a library. Raises RuleError for a plan that could never run."""
     scratch = _scratch(library, ())
     for plan in plans:
         _check_plan(plan, scratch)
@@ -209,7 +209,7 @@ def _check_plan(plan: Plan, library: Library) -> None:
 
 
 def _look_over(plan: Plan, library: Library) -> None:
-    """Looks for what a plan names and nobody knows. Compiling it takes twenty times as long, and can wait."""
+    """Check the names in a plan, without compilation, which takes twenty times as long."""
     plan.check()
     for term in plan.condition.terms:
         if isinstance(term, Literal) and "." in term.functor:
@@ -221,7 +221,7 @@ def _look_over(plan: Plan, library: Library) -> None:
 
 
 def _known(part: Any) -> None:
-    """Raises RuleError if an internal action or function of a part of a plan does not exist."""
+    """Raise RuleError for an unknown internal action or function in part of a plan."""
     if isinstance(part, tuple):
         for item in part:
             _known(item)
@@ -272,11 +272,11 @@ _PARTS: dict[type, tuple[str, ...]] = {
     For: ("condition", "body"),
     Fork: ("branches",),
 }
-"""Where parts of plans have parts."""
+"""Attributes of plan parts that hold other parts."""
 
 
 def _inner_plans(part: Any) -> Iterable[Plan]:
-    """The plans that are given to internal actions in a body."""
+    """Return the plans in arguments of internal actions."""
     if isinstance(part, (tuple, list)):
         for item in part:
             yield from _inner_plans(item)
@@ -288,7 +288,7 @@ def _inner_plans(part: Any) -> Iterable[Plan]:
 
 
 def _scratch(library: Library | None, inferences: Iterable[Inference]) -> Library:
-    """A library to compile against, with nothing in it but what the code of plans depends on."""
+    """Return an empty library with the same compile-time dependencies as ``library``."""
     scratch = Library()
     if library is not None:
         scratch.inferences.update(library.inferences)
@@ -300,7 +300,7 @@ def _scratch(library: Library | None, inferences: Iterable[Inference]) -> Librar
 
 
 def _placed(problem: SocialbotError, item: Plan | Inference, text: str, file: str) -> AgentSpeakError:
-    """A mistake in a plan or rule, with the place in the text: that of the word that it is about, if there is one."""
+    """Add the text position to a plan or rule error: the token in question if known."""
     if isinstance(problem, AgentSpeakError):
         return problem
     origin, written = item.origin or Origin(file, 1), item.text or ""
@@ -320,7 +320,7 @@ def _placed(problem: SocialbotError, item: Plan | Inference, text: str, file: st
 
 
 def _offset(what: str, written: str) -> int:
-    """Where the first word of a message that names something of a plan stands in the plan."""
+    """Return the offset in a plan of the first name that an error message quotes."""
     for word in _WORD.findall(what):
         if word[0] == "." or word[0].isupper() or f"function {word}" in what:
             found = re.search(rf"(?<![\w.]){re.escape(word)}(?!\w)", written)

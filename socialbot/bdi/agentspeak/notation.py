@@ -1,8 +1,8 @@
-"""Prints plans in the notation of Python: as rules that can be pasted into a program.
+"""Print plans as Python source that can be pasted into a program.
 
-Names are taken for classes: that of a goal for a subclass of Goal, that of an action for one of Action, any
-other for one of Belief. A name that cannot be a class, or would have to be two (a goal and a belief, for
-example), is spelled out: ``literal("at", (X,))``. Variables are bare names.
+Names become classes: goals subclasses of Goal, actions of Action, all others of Belief. A name that cannot be a
+class, or would need two (a goal and a belief, for example), is printed as ``literal("at", (X,))``. Variables are bare
+names.
 
 >>> from socialbot.bdi.agentspeak.parser import parse_plan
 >>> rules(parse_plan("+seen(P) : known(P, yes) & not asleep & P > 3 <- !greet(P)[within(5)]; .print(P)"))
@@ -42,16 +42,16 @@ RESERVED = frozenset({
     "float", "for_each", "labelled", "literal", "priority", "replace", "stage", "test", "together", "wait", "wait_for",
     "when",
 })  # fmt: skip
-"""What the printed rules use of Python and of `socialbot.bdi`."""
+"""Names of Python and `socialbot.bdi` that the printed source uses."""
 
 
 def rules(item: Plan | Inference) -> str:
-    """A plan, or a list of one, or an inference, as Python source."""
+    """Print a plan, a list of one or an inference as Python source."""
     return _Notation(item).whole(item)
 
 
 class _Uses:
-    """Which names an item uses, and what each is: a goal, an action, a belief, several of these."""
+    """Names in an item with their kinds: goal, action, belief, or several of these."""
 
     def __init__(self) -> None:
         self.roles: dict[str, set[str]] = {}
@@ -158,7 +158,6 @@ class _Notation:
         }
 
     def classed(self, item: Literal) -> bool:
-        """Whether a literal is written with a class."""
         return not isinstance(item, Structure) or (item.functor in self.classes and not item.negated)
 
     # Plans
@@ -178,7 +177,7 @@ class _Notation:
         return f"atomic({text})" if item.atomic else text
 
     def plan(self, plan: Plan) -> str:
-        """A plan as an argument, where it cannot be a list of one."""
+        """Print a plan as an argument, where a list is not allowed."""
         given = {
             "label": None if plan.label is None else _quoted(plan.label),
             "stage": None if plan.stage is None else _quoted(plan.stage),
@@ -250,7 +249,7 @@ class _Notation:
         return f"{name}({self.awaited(step.condition)}, {self.body(step.body)})"
 
     def awaited(self, what: Event | Condition) -> str:
-        """An event, or a condition where it is made a conjunction in any case."""
+        """Print an event or condition as the operand of a conjunction."""
         if isinstance(what, Event):
             return self.event(what)
         return self.joined(what) if isinstance(what, Conjunction) else self.condition(what)
@@ -263,7 +262,7 @@ class _Notation:
         return f"Achieve({self.term(step.goal)}{apart}{self.limit(step.limit_s, 'limit_s=')})"
 
     def limited(self, what: Literal | Variable, limit_s: object) -> str | None:
-        """A goal or action of a class, with its limit; None if it has no class."""
+        """Print a goal or action with its time limit; None if it has no class."""
         if isinstance(what, Variable) or not self.classed(what):
             return None
         return self.literal(what) + ("" if limit_s is None else f".within({self.term(limit_s)})")
@@ -279,14 +278,14 @@ class _Notation:
     # Conditions
 
     def joined(self, condition: Conjunction, wrap: bool = False) -> str:
-        """A conjunction where a single condition is made one in any case."""
+        """Print a conjunction as an operand of one."""
         if not condition.terms:
             return "NOTHING"
         first, *more = condition.terms
         return self.condition(condition, wrap) if more else _wrapped(self.condition(first), wrap)
 
     def condition(self, condition: object, wrap: bool = False) -> str:
-        """A condition; ``wrap`` puts it in parentheses when there are operators in it."""
+        """Print a condition; ``wrap`` adds parentheses around operators."""
         if isinstance(condition, Conjunction):
             return self.conjunction(condition, wrap)
         if isinstance(condition, Disjunction):
@@ -304,7 +303,7 @@ class _Notation:
 
     def conjunction(self, condition: Conjunction, wrap: bool) -> str:
         terms = condition.terms
-        # Neither Python functions nor comparisons know &, so one of the first two has to.
+        # Python functions and comparisons do not implement &, so one of the first two operands must.
         if len(terms) < 2 or all(isinstance(term, (Comparison, FunctionCondition)) for term in terms[:2]):
             return f"conjunction({', '.join(map(self.condition, terms))})"
         return _wrapped(" & ".join(self.condition(term, wrap=True) for term in terms), wrap)
@@ -321,7 +320,7 @@ class _Notation:
 
     def comparison(self, condition: Comparison, wrap: bool) -> str:
         symbol, left, right = condition.symbol, condition.left, condition.right
-        # Python would turn 3 < X round.
+        # Python would reverse 3 < X.
         if symbol in ("=", "=..") or not isinstance(left, Term):
             return f"Comparison({_quoted(symbol)}, {self.term(left)}, {self.term(right)})"
         return _wrapped(f"{self.term(left, wrap=True)} {symbol} {self.term(right, wrap=True)}", wrap)
@@ -381,7 +380,7 @@ def _is_name(name: str) -> bool:
 
 
 def _quoted(text: str) -> str:
-    """A string in double quotes, if that is as simple."""
+    """Quote a string, with double quotes if possible."""
     quoted = repr(text)
     return f'"{quoted[1:-1]}"' if quoted[0] == "'" and '"' not in text and "\\'" not in quoted else quoted
 

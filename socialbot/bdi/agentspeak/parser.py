@@ -1,4 +1,4 @@
-"""Reads the bodies of plans: steps, and the conditions and blocks among them."""
+"""Parser of AgentSpeak programs, plans and plan bodies."""
 
 from __future__ import annotations
 
@@ -19,10 +19,9 @@ _JOINS = {word for word, (level, _) in BINARY.items() if level <= COMPARE}
 
 
 class BodyReader(TermReader):
-    """Reads steps."""
+    """Parser of plan bodies."""
 
     def body(self) -> tuple[Step, ...]:
-        """Steps, up to what ends them."""
         words = self.words
         steps: list[Step] = []
         while (word := words[self.at]) not in (".", "}", ")", END):
@@ -38,18 +37,18 @@ class BodyReader(TermReader):
         return tuple(steps)
 
     def side(self) -> tuple[Step, ...]:
-        """One step, or a body in braces or parentheses: what `|&|` and `|||` join."""
+        """Read an operand of `|&|` or `|||`: one step, or a body in braces or parentheses."""
         word = self.words[self.at]
         self.simple(word)
         return _STEPS.get(word, BodyReader.act)(self)
 
     def simple(self, word: str) -> None:
-        """Refuses steps that ``|&|`` and ``|||`` cannot join."""
+        """Reject steps that ``|&|`` and ``|||`` cannot join."""
         if word in ("if", "while", "for"):
             self.fail("a step", remedy=f"put '{word}' into braces: {{ {word} (...) {{ ... }} }}")
 
     def group(self) -> tuple[Step, ...]:
-        """A body in braces or parentheses, unless the parentheses only begin a condition."""
+        """Read a body in braces or parentheses, or a condition in parentheses."""
         word = self.words[self.at]
         if word == "(" and not self.is_group():
             return self.act()
@@ -60,7 +59,7 @@ class BodyReader(TermReader):
         return body
 
     def is_group(self) -> bool:
-        """Whether the parentheses that open here hold steps: they do unless a condition is in them, or around them."""
+        """Check whether the next parentheses enclose steps rather than all or part of a condition."""
         depth = 0
         compares = False
         for at in range(self.at, len(self.words) - 1):
@@ -74,7 +73,7 @@ class BodyReader(TermReader):
         return True
 
     def fork(self, first: tuple[Step, ...]) -> tuple[Step, ...]:
-        """Steps side by side; ``|&|`` binds tighter than ``|||``."""
+        """Read parallel steps; ``|&|`` binds tighter than ``|||``."""
         branches = [self.together(first)]
         while self.words[self.at] == "|||":
             self.at += 1
@@ -89,7 +88,7 @@ class BodyReader(TermReader):
         return first if len(branches) == 1 else (Fork(tuple(branches), every=True),)
 
     def act(self) -> tuple[Step, ...]:
-        """An action, or a condition that has to hold."""
+        """Read an action or a test condition."""
         start = self.at
         value = self.expression(OR)
         if isinstance(value, Literal):
@@ -106,12 +105,12 @@ class BodyReader(TermReader):
             remedy = "when a plan ends before the '+' or '-', write '.' there" if value.symbol in "+-" else None
             raise self.source.error(start, "expected a step, found arithmetic", remedy)
         condition = self.as_condition(value, start)
-        if isinstance(condition, Literal):  # such as .length(L), which is a function elsewhere
+        if isinstance(condition, Literal):  # such as .length(L), a function in other places
             return (Do(condition),)
         return (Constrain(conjunction(condition)),)
 
     def limited(self, what: Literal, start: int) -> tuple[Literal, object]:
-        """A goal or action without the annotation ``within(5)``, and the limit that it sets."""
+        """Split a goal or action into its literal and the limit of its annotation ``within(5)``."""
         for index, note in enumerate(what.annotations):
             if isinstance(note, Literal) and note.functor == "within":
                 if len(note.args) != 1:
@@ -144,7 +143,7 @@ class BodyReader(TermReader):
         return (Update(sign, self.named("a belief")),)
 
     def named(self, what: str) -> Literal | Variable:
-        """A literal, or a variable that stands for one."""
+        """Read a literal, or a variable in its place."""
         if self.is_variable():
             return self.variable()
         return self.literal(what)
@@ -169,7 +168,7 @@ class BodyReader(TermReader):
         return (For(self.in_parentheses(), self.block()),)
 
     def in_parentheses(self) -> Conjunction:
-        """The condition after ``if``, ``elif``, ``while`` or ``for``."""
+        """Read the condition after ``if``, ``elif``, ``while`` or ``for``."""
         word = self.words[self.at]
         self.at += 1
         self.skip("(", f"'(' after '{word}'")
@@ -178,7 +177,6 @@ class BodyReader(TermReader):
         return condition
 
     def block(self) -> tuple[Step, ...]:
-        """A body in braces."""
         self.skip("{", "'{' before the steps")
         body = self.body()
         self.skip("}", "';' or '}' after a step")
@@ -200,7 +198,7 @@ _STEPS: dict[str, Callable[[BodyReader], tuple[Step, ...]]] = {
     "{": BodyReader.group,
     "(": BodyReader.group,
 }
-"""Readers of steps by their first words; everything else is an action or a condition."""
+"""Step readers by first token; all other steps are actions or conditions."""
 
 
 T = TypeVar("T")
@@ -209,7 +207,7 @@ DIRECTIVES = frozenset({"include", "begin", "end", "namespace", "register_functi
 
 @dataclass(frozen=True)
 class Program:
-    """What an AgentSpeak text holds, each kind in the order in which it was written."""
+    """Content of an AgentSpeak text; each kind in source order."""
 
     beliefs: tuple[Literal, ...]
     inferences: tuple[Inference, ...]
@@ -218,32 +216,32 @@ class Program:
 
 
 def parse(text: str, file: str = "<text>") -> Program:
-    """Reads a whole text. Raises AgentSpeakError."""
+    """Parse a whole text. Raises AgentSpeakError."""
     return _whole(text, file, Parser.program)
 
 
 def parse_plan(text: str, file: str = "<text>") -> Plan:
-    """Reads one plan; the dot after it may be missing. Raises AgentSpeakError."""
+    """Parse one plan; the final dot is optional. Raises AgentSpeakError."""
     return _whole(text, file, Parser.one_plan)
 
 
 def parse_literal(text: str, file: str = "<text>") -> Literal:
-    """Reads one literal, as ``at(home)[source(bob)]``. Raises AgentSpeakError."""
+    """Parse one literal such as ``at(home)[source(bob)]``. Raises AgentSpeakError."""
     return _whole(text, file, Parser.literal)
 
 
 def parse_term(text: str, file: str = "<text>") -> object:
-    """Reads one term. Raises AgentSpeakError."""
+    """Parse one term. Raises AgentSpeakError."""
     return _whole(text, file, lambda parser: parser.expression(SUM))
 
 
 def parse_condition(text: str, file: str = "<text>") -> Conjunction:
-    """Reads a condition, as in the context of a plan. Raises AgentSpeakError."""
+    """Parse a condition such as the context of a plan. Raises AgentSpeakError."""
     return _whole(text, file, lambda parser: conjunction(parser.condition()))
 
 
 def parse_event(text: str, file: str = "<text>") -> Event:
-    """Reads a trigger, as ``+b(X)``. Raises AgentSpeakError."""
+    """Parse a trigger such as ``+b(X)``. Raises AgentSpeakError."""
     return _whole(text, file, Parser.event)
 
 
@@ -262,8 +260,6 @@ def _whole(text: str, file: str, read: Callable[[Parser], T]) -> T:
 
 @dataclass
 class _Label:
-    """What stands before the trigger of a plan."""
-
     name: str | None = None
     atomic: bool = False
     priority: int = 0
@@ -275,7 +271,7 @@ _NO_LABEL = _Label()
 
 
 class Parser(BodyReader):
-    """Reads programs, plans and their bodies."""
+    """Parser of programs and plans."""
 
     def program(self) -> Program:
         beliefs: list[Literal] = []
@@ -300,7 +296,7 @@ class Parser(BodyReader):
         return Program(tuple(beliefs), tuple(inferences), tuple(goals), tuple(plans))
 
     def unlike(self, labels: dict[str, int], plan: Plan, start: int) -> None:
-        """Sees to it that no label comes twice."""
+        """Check that plan labels are unique."""
         if plan.label is None:
             return
         if plan.label in labels:
@@ -313,7 +309,7 @@ class Parser(BodyReader):
         labels[plan.label] = plan.origin.line
 
     def in_braces(self, after_plan: bool) -> AgentSpeakError:
-        """The error for braces between plans."""
+        """Return the error for braces between plans."""
         name = self.words[self.at + 1]
         if after_plan and name not in DIRECTIVES:
             return self.unsupported("a plan within a plan", self.at, "write the inner plan after the outer one")
@@ -330,7 +326,7 @@ class Parser(BodyReader):
         return goal
 
     def fact(self, beliefs: list[Literal], inferences: list[Inference]) -> None:
-        """A belief, or a rule that says when it is believed."""
+        """Read a belief or an inference rule."""
         start = self.at
         head = self.literal("a belief, a goal or a plan")
         word = self.words[self.at]
@@ -356,7 +352,7 @@ class Parser(BodyReader):
         return Origin(source.file, source.line(source.start(start)))
 
     def text(self, start: int) -> str:
-        """The text from a word to the one at hand, exclusive."""
+        """Return the text from token ``start`` to the current one, exclusive."""
         source = self.source
         return source.text[source.start(start) : source.start(self.at)].rstrip()
 
@@ -366,7 +362,7 @@ class Parser(BodyReader):
         return self.plan((".", END))
 
     def plan(self, ends: tuple[str, ...]) -> Plan:
-        """A plan; the word after it, one of ``ends``, is left to read."""
+        """Read a plan up to its end token, one of ``ends``."""
         start = self.at
         words = self.words
         origin = self.origin(start)
@@ -403,7 +399,7 @@ class Parser(BodyReader):
         return label
 
     def option(self, label: _Label, note: object, start: int) -> bool:
-        """Whether an annotation of a label means something to the engine; if so it is set."""
+        """Apply an annotation of a label; return whether the engine supports it."""
         if isinstance(note, Atom) and note.name == "atomic":
             label.atomic = True
             return True
@@ -420,7 +416,6 @@ class Parser(BodyReader):
         return True
 
     def event(self) -> Event:
-        """A trigger."""
         words = self.words
         at = self.at
         sign = words[at]
@@ -437,7 +432,7 @@ class Parser(BodyReader):
         return Event(change, trigger)
 
     def marked(self, trigger: Literal, start: int) -> Event:
-        """The event written with the annotation ``held_for(5)`` or ``changed(Before)``, or that a belief was added."""
+        """Read an event with the annotation ``held_for(5)`` or ``changed(Before)``; the default is an addition."""
         for index, note in enumerate(trigger.annotations):
             if not isinstance(note, Literal):
                 continue
@@ -453,7 +448,7 @@ class Parser(BodyReader):
         return Event(Change.ADDED, trigger)
 
     def braces(self) -> Plan | Event:
-        """A plan or an event as a term."""
+        """Read a plan or an event as a term."""
         self.at += 1
         start = self.at
         if self.words[start] not in ("+", "-", "@"):

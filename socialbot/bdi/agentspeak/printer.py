@@ -1,9 +1,9 @@
-"""Prints plans, and their parts, in AgentSpeak.
+"""Print plans and their parts in AgentSpeak.
 
-What was read from AgentSpeak is printed such that reading it again gives the same. Of what only Python can
-say, some has a counterpart: a variable ``x`` becomes ``_x``, a class ``Person`` the quoted name ``'Person'``,
-True and False the atoms ``true`` and ``false``, None the atom ``none``. Other Python objects become strings
-of what they look like, and Python functions ``.python(name, X)``, which cannot be read again.
+Parsing the printed text of an AgentSpeak item gives an equal item. Some Python constructs have a counterpart: a
+variable ``x`` becomes ``_x``, a class ``Person`` the quoted name ``'Person'``, True and False the atoms ``true`` and
+``false``, None the atom ``none``. Other Python objects become strings of their repr. Python functions become
+``.python(name, X)``, which the parser rejects.
 
 >>> from socialbot.bdi.agentspeak.parser import parse_plan
 >>> agentspeak(parse_plan("@greet[atomic] +seen(P):known(P)&not asleep<-!greet(P)[within(5)];.wait(100)"))
@@ -53,7 +53,7 @@ _ESCAPED = str.maketrans({char: f"\\{letter}" for letter, char in ESCAPES.items(
 
 
 def agentspeak(item: object) -> str:
-    """A plan or rule with the dot after it, an event, a step, a condition or a term, in Jason's syntax."""
+    """Print a plan or rule with its final dot, an event, a step, a condition or a term in Jason's syntax."""
     if isinstance(item, Plan):
         return f"{_plan(item)}."
     if isinstance(item, Inference):
@@ -174,11 +174,11 @@ def _constraint(step: Constrain) -> str:
     if isinstance(condition, Conjunction) and len(condition.terms) == 1:
         condition = condition.terms[0]
     text = _condition(condition, OR)
-    if text[0] in "+-{":  # which would begin another step
+    if text[0] in "+-{":  # these start another kind of step
         return f"({text})"
     return (
         f"{text} & true" if isinstance(condition, (Literal, FunctionCondition)) else text
-    )  # alone it would be an action
+    )  # a lone literal would be an action
 
 
 def _in_milliseconds(seconds: object) -> object:
@@ -195,7 +195,7 @@ def _milliseconds(seconds: object) -> str:
 
 
 def _condition(condition: object, level: int) -> str:
-    """A condition, in parentheses if its operator does not bind as tightly as ``level``."""
+    """Print a condition, in parentheses if its operator binds less tightly than ``level``."""
     if isinstance(condition, Conjunction):
         if len(condition.terms) == 1:
             return _condition(condition.terms[0], level)
@@ -228,7 +228,7 @@ def _called(function: object) -> Atom:
 
 
 def _term(term: object, internal: bool = False) -> str:
-    """A term; ``internal`` if it is an argument of an internal action, where conditions can stand."""
+    """Print a term; ``internal`` marks an argument of an internal action, which may be a condition."""
     if isinstance(term, Variable):
         return term.name if term.name[0] == "_" or term.name[0].isupper() else f"_{term.name}"
     if isinstance(term, Literal):
@@ -268,20 +268,20 @@ def _string(text: str) -> str:
 
 
 def _is_plain(name: str) -> bool:
-    """Whether a name needs no quotes to be read as one."""
+    """Check whether a name needs no quotes."""
     known = _PLAIN.fullmatch(name) is not None and name not in KEYWORDS
     return known and (name[0] == "." or (name[0].isalpha() and not name[0].isupper()))
 
 
 def _name(name: str, arity: int = -1) -> str:
-    """A name, quoted if it would be read as something else: as a function, for one, with so many arguments."""
+    """Print a name, in quotes where the bare name has another meaning, such as a function of this arity."""
     if _is_plain(name) and not is_function(name, arity):
         return name
     return "'" + name.translate(_ESCAPED).replace("'", "\\'") + "'"
 
 
 def _literal(item: Literal, *notes: object, known: bool = False) -> str:
-    """A literal, with annotations added. ``known``: where the names of functions are taken for functions."""
+    """Print a literal with added annotations; ``known`` quotes the names of functions."""
     name = _name(item.functor, len(item.args) if known and not item.annotations and not item.negated else -1)
     return f"{'~' if item.negated else ''}{name}{_args(item.functor, item.args)}{_notes((*item.annotations, *notes))}"
 
@@ -295,7 +295,7 @@ def _notes(notes: tuple[object, ...]) -> str:
 
 
 def _compared(term: object) -> str:
-    """One side of a comparison. A structure with a dot in its name would be a function there."""
+    """Print one side of a comparison, where a structure with a dotted name would be a function call."""
     if isinstance(term, Expression):
         return _arithmetic(term)
     if isinstance(term, Call) and "." in term.function:

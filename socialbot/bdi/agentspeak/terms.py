@@ -1,4 +1,4 @@
-"""Reads terms and conditions, which share one grammar: every condition can be an argument somewhere."""
+"""Parser of terms and conditions, which share one grammar."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _variable = lru_cache(1024)(Variable)
 
 
 class TermReader:
-    """Goes through the words of a source from front to back; ``at`` is the next one to read."""
+    """Parser of the tokens of a source; ``at`` is the next token."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -61,7 +61,7 @@ class TermReader:
         self.at = 0
 
     def fail(self, expected: str, at: int | None = None, remedy: str | None = None) -> NoReturn:
-        """Something else was expected than the word at hand."""
+        """Raise a syntax error at a token, by default the current one."""
         at = self.at if at is None else at
         word = self.words[at]
         if word in UNSUPPORTED:
@@ -74,11 +74,10 @@ class TermReader:
         raise self.source.error(at, f"expected {expected}, found {shown}", remedy)
 
     def unsupported(self, construct: str, at: int, remedy: str | None = None) -> AgentSpeakError:
-        """The error that a construct is not supported."""
         return self.source.error(at, f"{construct} is not supported", remedy)
 
     def skip(self, word: str, expected: str) -> None:
-        """Goes past a word that has to come here."""
+        """Skip a required token."""
         if self.words[self.at] != word:
             self.fail(expected)
         self.at += 1
@@ -86,12 +85,11 @@ class TermReader:
     # Conditions
 
     def condition(self) -> Condition:
-        """A whole condition."""
         start = self.at
         return self.as_condition(self.expression(OR), start)
 
     def as_condition(self, value: object, start: int) -> Condition:
-        """What was read as a term, taken as a condition."""
+        """Convert a term to a condition."""
         if isinstance(value, Atom):
             return Truth(value.name == "true") if value.name in ("true", "false") else literal(value.name)
         if isinstance(value, Condition):
@@ -105,7 +103,7 @@ class TermReader:
         raise self.source.error(start, "expected a condition, found a term", "compare it, with = or <, for example")
 
     def expression(self, level: int) -> object:
-        """A term or condition, of operators that bind at least as tightly as ``level``."""
+        """Read operators that bind at least as tightly as ``level``."""
         words = self.words
         start = self.at
         if words[start] == "not" and level <= COMPARE:
@@ -117,13 +115,13 @@ class TermReader:
                 self.fail("a term", start, "only internal actions, such as .findall, take conditions as arguments")
         while True:
             operator = BINARY.get(words[self.at])
-            # A plan follows that misses the '.' before it: +!g
+            # A missing '.' before the next plan: +!g
             if operator is None or operator[0] < level or words[self.at + 1] in ("!", "?"):
                 return value
             value = self.joined(value, start, *operator)
 
     def joined(self, left: object, start: int, level: int, symbol: str) -> object:
-        """What is left of an operator, joined with what is right of it."""
+        """Join the left operand with the right one."""
         at = self.at
         self.at = after = at + 1
         if level >= SUM:
@@ -143,7 +141,7 @@ class TermReader:
         return Disjunction((*before, conjunction(other)))
 
     def operand(self, value: object, start: int, at: int) -> object:
-        """A term as an operand of the arithmetic operator at ``at``; a structure there is the call of a function."""
+        """Check an operand of the arithmetic operator at ``at``; structures become function calls."""
         if isinstance(value, (int, float, Variable, Expression, Call)):
             return value
         if isinstance(value, Literal) and value.args and not value.annotations and not value.negated:
@@ -156,7 +154,7 @@ class TermReader:
         )
 
     def compared(self, value: object, start: int) -> object:
-        """A term as one side of a comparison."""
+        """Convert a term to one side of a comparison."""
         if is_condition(value):
             self.fail("a term to compare", start)
         if (
@@ -173,7 +171,7 @@ class TermReader:
     # Terms
 
     def primary(self) -> object:
-        """A term without operators between its parts."""
+        """Read a term without binary operators."""
         word = self.words[self.at]
         kind = KINDS.get(word[0])
         if kind == VARIABLE:
@@ -188,7 +186,7 @@ class TermReader:
         return self.rare(word)
 
     def rare(self, word: str) -> object:
-        """The terms that are not written often."""
+        """Read an uncommon kind of term."""
         first = word[0]
         if first in "+-" and len(word) == 1:
             return self.signed()
@@ -205,12 +203,11 @@ class TermReader:
             return self.number() if KINDS.get(word[1]) == NUMBER else self.structure()
         if first == "{":
             return self.braces()
-        if first.isalpha():  # not ASCII, or else it would have a kind
+        if first.isalpha():  # non-ASCII letters have no token kind
             return self.variable() if self.is_variable() else self.structure()
         self.fail("a term")
 
     def is_variable(self) -> bool:
-        """Whether a variable comes next."""
         first = self.words[self.at][0]
         return first == "_" or first.isupper()
 
@@ -230,7 +227,7 @@ class TermReader:
         word = self.words[self.at]
         try:
             value = int(word) if word.isdecimal() else float(word)
-        except ValueError:  # too many digits for Python
+        except ValueError:  # Python limits the number of digits
             value = math.inf
         if value == math.inf:
             raise self.source.error(self.at, "this number is too large")
@@ -238,7 +235,7 @@ class TermReader:
         return value
 
     def signed(self) -> object:
-        """A term after a sign. A sign binds tighter than any operator, as it does in Jason."""
+        """Read a term after a sign, which binds tighter than any operator, as in Jason."""
         at = self.at
         self.at += 1
         value = self.operand(self.primary(), at + 1, at)
@@ -259,7 +256,7 @@ class TermReader:
         return items
 
     def tailed(self, items: tuple[object, ...]) -> object:
-        """The list of some items and a tail."""
+        """Build a list from its first items and its tail."""
         start = self.at
         tail = self.primary()
         if not isinstance(tail, (Variable, tuple, Cons)):
@@ -270,7 +267,7 @@ class TermReader:
         return Cons((*items, *tail.items), tail.tail) if isinstance(tail, Cons) else Cons(items, tail)
 
     def items(self, level: int = SUM) -> tuple[object, ...]:
-        """Terms with commas between them."""
+        """Read terms separated by commas."""
         items = [self.expression(level)]
         while self.words[self.at] == ",":
             self.at += 1
@@ -278,7 +275,7 @@ class TermReader:
         return tuple(items)
 
     def structure(self) -> object:
-        """A name, with arguments and annotations if there are some; without them an atom."""
+        """Read a name with optional arguments and annotations; an atom if it has neither."""
         words = self.words
         start = self.at
         negated = words[start] == "~"
@@ -294,7 +291,6 @@ class TermReader:
         return literal(name, args) if args else Atom(name)
 
     def name(self, at: int) -> str:
-        """The name that a word is."""
         word = self.words[at]
         first = word[0]
         if first == "'" and len(word) > 1:
@@ -306,7 +302,7 @@ class TermReader:
         return word
 
     def arguments(self, name: str) -> tuple[object, ...]:
-        """Arguments in parentheses. Internal actions take conditions too."""
+        """Read arguments in parentheses; those of internal actions may be conditions."""
         self.at += 1
         if self.words[self.at] == ")":
             self.fail(f"an argument of '{name}'", remedy=f"write '{name}' without parentheses")
@@ -326,7 +322,7 @@ class TermReader:
         return notes
 
     def literal(self, what: str = "a literal") -> Literal:
-        """A literal where nothing else can stand."""
+        """Read a literal where no other term is allowed."""
         start = self.at
         first = self.words[start][0]
         if KINDS.get(first) not in (NAME, QUOTED) and first != "~" and (first.isupper() or not first.isalpha()):
@@ -339,10 +335,10 @@ class TermReader:
         self.fail(what, start)
 
     def braces(self) -> Plan | Event:
-        """A plan or an event as a term."""
+        """Read a plan or an event as a term."""
         raise NotImplementedError
 
 
 def is_condition(value: object) -> bool:
-    """Whether what was read can be nothing but a condition."""
+    """Check whether a parsed value can only be a condition."""
     return isinstance(value, (Comparison, Conjunction, Disjunction, Negation))
