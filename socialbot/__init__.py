@@ -1,6 +1,6 @@
-"""socialbot: a robot that notices people and acts without being asked.
+"""socialbot: framework for robots that notice people and act proactively.
 
-The names below are what most robots need. They are imported on first use, so that ``import socialbot`` is cheap.
+The public names below are imported on first use, so ``import socialbot`` is fast.
 """
 
 from __future__ import annotations

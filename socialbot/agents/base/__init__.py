@@ -1,4 +1,4 @@
-"""Agents as nodes: messages in, actions out."""
+"""Base classes of agent nodes: messages in, actions out."""
 
 from socialbot.core.registry import AgentPackage
 

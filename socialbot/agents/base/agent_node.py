@@ -1,4 +1,4 @@
-"""Run an agent as a node: messages in, actions out, every reasoning step on record, its mind kept in a file."""
+"""Agent node: runs a BDI engine, publishes actions and trace, and saves the mental state to a file."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from socialbot.core.messages import (
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
 
 SAVE_EVERY_S = 0.2
-"""At least so long between two savings."""
+"""Minimum time between two saves."""
 
 RECORDS_SKIPPED = 1000
-"""Numbers of trace records that may have been given after the last saving, and are not to be given again."""
+"""Trace numbers to skip after a restart: records since the last save may have used them."""
 
 
 class MindFile:
-    """Keeps the mind of ``engine`` in ``path``. What takes time is done beside the agent.
+    """Saves the mental state of ``engine`` in ``path``, by atomic writes in the background.
 
-    At any time the file holds one mind, whole. A disk that fails is told of, and keeps no agent from going on.
+    A failing disk is logged and does not stop the agent.
     """
 
     def __init__(self, engine: Engine, path: Path, context: Context, log: logging.Logger) -> None:
@@ -51,7 +51,7 @@ class MindFile:
         self._one_at_a_time = threading.Lock()
 
     def recall(self) -> bool:
-        """Gives the agent the mind that is kept; says whether there is one. One that is damaged is set aside."""
+        """Restore the saved state; return whether there is one. Rename a damaged file."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         if not self._path.exists():
             return False
@@ -66,12 +66,12 @@ class MindFile:
         return True
 
     def changed(self) -> None:
-        """Has the mind saved: soon, with all that changes until then."""
+        """Schedule a save."""
         if self._due is None:
             self._due = self._context.call_at(max(self._context.clock.now(), self._earliest), self._save)
 
     def close(self) -> None:
-        """Saves the mind for the last time, at once."""
+        """Save once more, synchronously."""
         if self._due is not None:
             self._due.cancel()
         with self._one_at_a_time:
@@ -102,15 +102,15 @@ class MindFile:
 
 
 class AgentNode(Node):
-    """Hosts one engine. Subclasses build it, and show its sensors what their inputs bring.
+    """Node that hosts one engine. Subclasses build the engine and pass input messages to its sensors.
 
-    With a ``mind_file`` the agent goes on where it was when its process was ended, in whatever way.
+    With a ``mind_file`` the agent restores its mental state after a restart or crash.
     """
 
     is_agent = True
 
     keeps_mind: ClassVar[bool] = True
-    """Whether its mind is worth keeping: not so where its plans come by messages."""
+    """Whether to save the mental state; False if the plans of the agent arrive as messages."""
 
     actions = Output(ActionRequest, "/agent/actions")
     mind = Output(Mind, "/agent/mind", Delivery.LATCHED)
@@ -132,7 +132,7 @@ class AgentNode(Node):
         self.engine = self.build()
 
     def build(self) -> Engine:
-        """Makes the engine: rules, sensors, ``robot=self, sink=self.record, wake=self.wake``."""
+        """Return the engine: rules, sensors, ``robot=self, sink=self.record, wake=self.wake``."""
         raise NotImplementedError
 
     def start(self) -> None:
@@ -145,7 +145,7 @@ class AgentNode(Node):
             self._mind_file.close()
 
     def recall(self) -> None:
-        """Goes on where the mind in ``mind_file`` was left, and keeps it there from now on."""
+        """Restore the state in ``mind_file`` and save it there from now on."""
         if self.mind_file and self.keeps_mind:
             path = paths.in_workspace(self.mind_file, where=f"{self.name}.mind_file")
             self._mind_file = MindFile(self.engine, path, self.context, self.log)
@@ -154,14 +154,14 @@ class AgentNode(Node):
                 self.on_recalled()
 
     def on_recalled(self) -> None:
-        """Called when the mind of an earlier run was restored: sensors that remember take up what is believed."""
+        """Called after a restore: stateful sensors initialize themselves from the beliefs."""
 
     def wake(self) -> None:
-        """Lets the engine think as soon as the node is free."""
+        """Schedule `think` in the thread of the node."""
         self.context.call_soon(self.think)
 
     def think(self) -> None:
-        """Lets the engine do what there is to do, and sees to it that it is called when there is more."""
+        """Run the engine, and schedule the next call."""
         if self._paused:
             return
         if self.engine.run_until_idle():
@@ -169,11 +169,11 @@ class AgentNode(Node):
         self._set_alarm(self.engine.next_wakeup())
         self._show_mind()
 
-    # What people ask for
+    # Commands of users
 
     @people_ask
     def on_people_ask(self, message: AgentCommand) -> None:
-        """Does what a person asks for, or says why not; both are in the trace."""
+        """Execute or refuse the command of a user, and record it in the trace."""
         if message.agent != self.name:
             return
         text = f"{message.command} {message.text}".strip()
@@ -187,7 +187,7 @@ class AgentNode(Node):
         self.people_told.publish(answer)
 
     def asked(self) -> CommandHandler:
-        """What people may ask for."""
+        """The handler of user commands."""
         return ObligingEngine(self.engine)
 
     def _obey(self, message: AgentCommand, text: str) -> None:
@@ -201,7 +201,6 @@ class AgentNode(Node):
             do(self.engine.trace.record("command", text, message.id))
 
     def _halt(self, command: str) -> None:
-        """Pauses; goes on; or, between these, lets the engine have one turn."""
         if command == "step":
             self.engine.run_until_idle(1)
             self._show_mind()
@@ -212,14 +211,12 @@ class AgentNode(Node):
             self.wake()
 
     def say_health(self, state: State, reason: str = "") -> None:
-        """Says how the node is; while it is paused, that."""
+        """Report the health of the node; a paused node reports that instead."""
         self._health = (state, reason)
         if self._paused:
             super().say_health("paused", "paused by a person")
         else:
             super().say_health(state, reason)
-
-    # Time
 
     def _set_alarm(self, due: int | None) -> None:
         if due == self._due:
@@ -234,7 +231,7 @@ class AgentNode(Node):
         self.think()
 
     def act(self, action: Action, *arguments: str | int | float | bool) -> None:
-        """Asks the robot to do ``action``; for the actions of the agent to call."""
+        """Publish an action request for ``action``; called by the actions of the agent."""
         self.actions.publish(
             ActionRequest(
                 stamp=self.clock.now(),
@@ -246,7 +243,7 @@ class AgentNode(Node):
         )
 
     def record(self, record: Record) -> None:
-        """Publishes one record of the trace."""
+        """Publish a trace record."""
         if record.kind in ("belief", "unbelief"):
             self._beliefs = None
         if self._mind_file is not None:

@@ -1,4 +1,4 @@
-"""What people may ask of an agent: each request is checked at once, and becomes something to do."""
+"""Commands of users to an agent: each is checked at once and executed later."""
 
 from __future__ import annotations
 
@@ -19,46 +19,46 @@ from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.messages import Desire
 
 PERSON = "person"
-"""The source of what people have an agent believe."""
+"""Source of beliefs that users add."""
 
 Deed = Callable[[str], object]
-"""What is to be done; takes the id of the record that it is done because of."""
+"""Deferred command; its argument is the id of the causing trace record."""
 
 
 class RefusedError(SocialbotError):
-    """What an agent does not do, and why."""
+    """Command that an agent refuses."""
 
     exit_code = 4
 
 
 class CommandHandler(Protocol):
-    """What can be asked of an agent. Raises RefusedError, or another error for users, for what cannot be done."""
+    """Commands to an agent. Methods raise RefusedError, or another SocialbotError, for an impossible command."""
 
     def believe(self, text: str) -> Deed:
-        """Has it believe something."""
+        """Add a belief."""
         ...
 
     def forget(self, text: str) -> Deed:
-        """Has it believe something no longer."""
+        """Remove a belief."""
         ...
 
     def achieve(self, text: str) -> Deed:
-        """Has it want something."""
+        """Add a goal."""
         ...
 
     def drop(self, text: str) -> Deed:
-        """Has it want something no longer."""
+        """Drop a goal."""
         ...
 
 
 class ObligingEngine:
-    """An agent that is an engine: beliefs and goals are literals, as AgentSpeak writes them."""
+    """Command handler of an engine. Beliefs and goals are AgentSpeak literals."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
 
     def believe(self, text: str) -> Deed:
-        """Has it hold a belief, whose source is a person."""
+        """Add a belief with the source `PERSON`."""
         belief = _closed(text)
         kind = self._engine.beliefs.relation(belief.key).kind
         if kind is not None and issubclass(kind, Computed):
@@ -66,7 +66,7 @@ class ObligingEngine:
         return lambda cause: self._engine.believe(belief, source=PERSON, cause=cause)  # type: ignore[arg-type]
 
     def forget(self, text: str) -> Deed:
-        """Has it hold a belief no longer, whoever said it; variables match anything."""
+        """Remove a belief of any source; variables match anything."""
         belief = parse(text)
         relation = self._engine.beliefs.relations.get(belief.key)
         if relation is None or not relation.facts:
@@ -76,7 +76,7 @@ class ObligingEngine:
         return lambda cause: self._engine.forget(belief, cause=cause)  # type: ignore[arg-type]
 
     def achieve(self, text: str) -> Deed:
-        """Has it adopt a goal for which it has plans."""
+        """Adopt a goal that has plans."""
         goal, triggers = _closed(text), self._engine.library.triggers
         trigger = triggers.get(f"+!{goal.key}")
         if trigger is None or not trigger.plans:
@@ -86,7 +86,7 @@ class ObligingEngine:
         return lambda cause: self._engine.achieve(goal, cause=cause)
 
     def drop(self, text: str) -> Deed:
-        """Has it give up a goal."""
+        """Drop a goal."""
         goal = parse(text)
         goal = goal.with_(args=opened(goal.args, {}))
         if next(pursued(self._engine, (goal,), []), 0) == 0:
@@ -95,14 +95,14 @@ class ObligingEngine:
 
 
 class ObligingDeliberator:
-    """An agent that deliberates: beliefs are facts of its domain, goals are desires."""
+    """Command handler of a deliberator. Beliefs are facts of its domain, goals are desires."""
 
     def __init__(self, deliberator: Deliberator) -> None:
         self._deliberator = deliberator
         self._facts = deliberator.facts
 
     def believe(self, text: str) -> Deed:
-        """Has it believe a fact that fits its domain."""
+        """Add a fact of the domain."""
         fact = parse_fact(text)
         reason = self._facts.unfit(fact)
         if reason is not None:
@@ -110,7 +110,7 @@ class ObligingDeliberator:
         return self._call(lambda cause: self._facts.add(fact, source=PERSON, cause=cause))
 
     def forget(self, text: str) -> Deed:
-        """Has it believe a fact no longer; wildcards match anything."""
+        """Remove a fact; wildcards match anything."""
         fact = parse_fact(text)
         reason = self._facts.unfit_pattern(fact)
         if reason is not None:
@@ -120,7 +120,7 @@ class ObligingDeliberator:
         return self._call(lambda cause: self._facts.remove(fact, cause))
 
     def achieve(self, text: str) -> Deed:
-        """Has it adopt a desire: one as JSON, or the facts that are to become true."""
+        """Adopt a desire, given as JSON or as its target facts."""
         desire = _desire(text)
         reason = self._deliberator.objection(desire)
         if reason:
@@ -130,7 +130,7 @@ class ObligingDeliberator:
         return self._call(lambda cause: self._deliberator.desire(desire, cause=cause))
 
     def drop(self, text: str) -> Deed:
-        """Has it drop the desire of that name."""
+        """Drop the desire of this name."""
         desires, name = self._deliberator.desires, text.strip()
         if name not in desires:
             names = ", ".join(wish.name for wish in desires)
@@ -142,7 +142,7 @@ class ObligingDeliberator:
 
 
 def parse(text: str) -> Literal:
-    """A literal of AgentSpeak, but that its name may be a class's, with a capital. Raises RefusedError."""
+    """Parse an AgentSpeak literal that may start with a capital, as class names do. Raises RefusedError."""
     text = text.strip().removesuffix("()")
     capital = text[:1].isupper()
     try:

@@ -1,6 +1,6 @@
-"""A deliberating agent as a node: desires, plans and requests of other agents by topics of its own namespace.
+"""Deliberating agent node: desires, plans and requests of other agents on topics of its namespace.
 
-An agent is described by a class and its parameters::
+An agent is a class with parameters::
 
     class Cleaner(Deliberating):
         folder = Path(__file__).parent
@@ -16,7 +16,7 @@ An agent is described by a class and its parameters::
         def on_position(self, message):
             self.hear(self.whereabouts, message)
 
-The parameters bear the names of ROS2-BDI; the topics, too.
+Parameters and topics have the names of ROS2-BDI.
 """
 
 from __future__ import annotations
@@ -59,12 +59,12 @@ from socialbot.planning.planners.engines import make_planner
 
 
 class Deliberating(AgentNode):
-    """An agent with beliefs, desires, rules, and plans for what it desires."""
+    """Agent node with beliefs, desires, reactive rules and a planner."""
 
     folder: ClassVar[Path | None] = None
-    """Where files with relative names are; the current folder if None."""
+    """Folder of relative file names; None for the current folder."""
     actions_known: ClassVar[Sequence[type[PlanAction]]] = ()
-    """How the actions of its domain are carried out. Plans of its engine, for goals of these names, will do as well."""
+    """Executors of the actions of the domain. The engine may instead have plans for goals of these names."""
     deliberates = True
 
     actions = Output(ActionRequest, "~/actions")
@@ -107,7 +107,6 @@ class Deliberating(AgentNode):
     mind_file = Parameter("", "where to keep what it believes and desires; it goes on from there", fixed=True)
 
     _kept_in: Path | None = None
-    """The full path of ``mind_file``."""
 
     def build(self) -> Engine:
         engine = Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
@@ -135,16 +134,16 @@ class Deliberating(AgentNode):
         return engine
 
     def start(self) -> None:
-        # Not before there are listeners to the trace, and a time.
+        # Only now the trace has subscribers, and the clock a time.
         self._load()
         self._report_unhandled_actions()
         super().start()
 
     def recall(self) -> None:
-        """Does nothing: what was kept has been taken up already, and is kept as it changes."""
+        """Nothing to do: `start` restores the state, and each change saves it."""
 
     def _report_unhandled_actions(self) -> None:
-        """Report the actions of the domain that have neither a `PlanAction` nor a plan of the engine."""
+        """Report the domain actions without a `PlanAction` or a plan."""
         deliberator = self.deliberator
         idle = ", ".join(deliberator.pursuit.without_handler(deliberator.domain.actions))
         if idle:
@@ -153,11 +152,11 @@ class Deliberating(AgentNode):
             self.engine.trace.record("failure", "actions", "", reason="nobody", message=message)
 
     def sensors(self) -> Sequence[FactSensor]:
-        """Makes the sensors of the agent; its inputs show them what they bring by `hear`."""
+        """Create the sensors of the agent. Its inputs pass messages to them by `hear`."""
         return ()
 
     def hear(self, sensor: FactSensor, percept: Any) -> None:
-        """Shows a percept to a sensor."""
+        """Pass a percept to a sensor."""
         sensor.push(percept)
 
     def ask(
@@ -170,7 +169,7 @@ class Deliberating(AgentNode):
         monitor: bool = False,
         cause: str = "",
     ) -> SentRequest:
-        """Asks another agent to check, add or delete a belief or a desire; see `RequestClient.ask`."""
+        """Ask another agent to check, add or delete a belief or desire; see `RequestClient.ask`."""
         return self.request_client.ask(receiver, operation, belief=belief, desire=desire, monitor=monitor, cause=cause)
 
     def stop(self) -> None:
@@ -179,12 +178,12 @@ class Deliberating(AgentNode):
     def asked(self) -> CommandHandler:
         return ObligingDeliberator(self.deliberator)
 
-    # What it is made of
+    # Configuration
 
     def path(self, parameter: str) -> Path:
-        """The file that a parameter names: in the agent's `folder`, unless it says where it is.
+        """The file that a parameter names; relative names are in `folder`.
 
-        Raises ParameterError when it is neither there nor in a folder in which nodes may keep files.
+        Raises ParameterError if it is outside of `folder` and the workspace.
         """
         name = str(self.parameter_values[parameter])
         folders = (self.folder or Path.cwd(), *paths.workspace())
@@ -216,15 +215,15 @@ class Deliberating(AgentNode):
         )
 
     def beliefs_at_first(self) -> Sequence[Fact]:
-        """What it believes at first: by default what the file of its parameter says."""
+        """Initial beliefs; by default from the file ``init_bset``."""
         return load_beliefs(self.path("init_bset"), self.deliberator.domain) if self.init_bset else ()
 
     def desires_at_first(self) -> Sequence[Desire]:
-        """What it desires at first: by default what the file of its parameter says."""
+        """Initial desires; by default from the file ``init_dset``."""
         return load_desires(self.path("init_dset"), self.deliberator.domain) if self.init_dset else ()
 
     def _load(self) -> None:
-        """Takes up what was kept, or else what it believes and desires at first."""
+        """Load the rules, and the saved state or else the initial beliefs and desires."""
         deliberator = self.deliberator
         if self.init_reactive_rules_set:
             for rule in load_rules(self.path("init_reactive_rules_set"), deliberator.domain):
@@ -238,47 +237,43 @@ class Deliberating(AgentNode):
         for desire in self.desires_at_first():
             deliberator.desire(desire, cause=self.init_dset or "at first")
 
-    # What comes in
+    # Inputs
 
     @add_belief
     def on_add_belief(self, message: Belief) -> None:
-        """Believes a fact."""
         self._change((message.belief,), held=True)
 
     @del_belief
     def on_del_belief(self, message: Belief) -> None:
-        """Believes it no longer."""
         self._change((message.belief,), held=False)
 
     @add_belief_set
     def on_add_belief_set(self, message: BeliefSet) -> None:
-        """Believes facts, if it is meant."""
+        """Add facts, if the message is for this agent."""
         self._change_set(message, held=True)
 
     @del_belief_set
     def on_del_belief_set(self, message: BeliefSet) -> None:
-        """Believes facts no longer, if it is meant."""
+        """Remove facts, if the message is for this agent."""
         self._change_set(message, held=False)
 
     @add_desire
     def on_add_desire(self, message: DesireItem) -> None:
-        """Adopts a desire."""
         self.engine.call(lambda: self.deliberator.desire(message.desire, cause="add_desire"))
 
     @del_desire
     def on_del_desire(self, message: DesireItem) -> None:
-        """Drops a desire."""
         self.engine.call(lambda: self.deliberator.drop(message.desire.name, cause="del_desire"))
 
     @requests_in
     def on_request(self, message: AgentRequest) -> None:
-        """Answers another agent."""
+        """Handle the request of another agent."""
         if message.receiver == self.name:
             self.engine.call(lambda: self._request_server.handle(message))
 
     @replies_in
     def on_reply(self, message: AgentReply) -> None:
-        """Takes the answer of another agent."""
+        """Handle the reply of another agent."""
         if message.receiver == self.name:
             self.engine.call(lambda: self.request_client.handle(message))
 
@@ -290,7 +285,7 @@ class Deliberating(AgentNode):
             self.engine.call(lambda: self.engine.trace.record("refused", "a belief set", "", reason=reason))
 
     def _change(self, facts: Sequence[Fact], *, held: bool) -> None:
-        """Believes what fits the domain; that the rest does not goes on the trace."""
+        """Add or remove facts of the domain; record all others as refused."""
 
         def change() -> None:
             known, cause = self.deliberator.facts, "add_belief" if held else "del_belief"
@@ -305,22 +300,22 @@ class Deliberating(AgentNode):
 
         self.engine.call(change)
 
-    # What goes out, as an observer of the deliberator
+    # Outputs, as an observer of the deliberator
 
     def beliefs_changed(self) -> None:
-        """Shows what is believed, and keeps it."""
+        """Publish and save the beliefs."""
         facts = self.deliberator.facts.facts()
         self.belief_set.publish(BeliefSet(stamp=self.clock.now(), agent_id=self.name, value=facts))
         self._keep()
 
     def desires_changed(self) -> None:
-        """Shows what is desired, and keeps it."""
+        """Publish and save the desires."""
         desires = tuple(state.desire for state in self.deliberator.desires)
         self.desire_set.publish(DesireSet(stamp=self.clock.now(), agent_id=self.name, value=desires))
         self._keep()
 
     def plan_changed(self, info: PlanExecutionInfo) -> None:
-        """Shows how the plan fares."""
+        """Publish the progress of the plan."""
         self.plan_execution_info.publish(info)
         target = info.target.value if info.target is not None and info.status == "RUNNING" else ()
         self.current_intentions.publish(
@@ -333,7 +328,7 @@ class Deliberating(AgentNode):
         )
 
     def status_changed(self, status: Any, reason: str) -> None:
-        """Shows what the agent is up to."""
+        """Publish the lifecycle status of the agent."""
         self.lifecycle_status.publish(
             LifecycleStatus(stamp=self.clock.now(), agent_id=self.name, status=status, reason=reason)
         )

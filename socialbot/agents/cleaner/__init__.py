@@ -1,4 +1,4 @@
-"""The smallest deliberating agents: a robot that cleans, and a pair that sweeps and cleans."""
+"""Minimal deliberating agents: a cleaning robot, and a pair of sweeper and cleaner."""
 
 from socialbot.core.registry import AgentPackage
 

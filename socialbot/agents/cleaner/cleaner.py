@@ -1,4 +1,4 @@
-"""Cleaning robots: one that cleans rooms alone, and a pair in which one asks the other to sweep first."""
+"""Cleaning robots: one that works alone, and a cleaner that asks a sweeper to sweep first."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FOLDER = Path(__file__).parent
 
 
 class Chore(PlanAction):
-    """Work that lasts ``lasts_s`` and always succeeds."""
+    """Action that takes ``lasts_s`` and always succeeds."""
 
     rate_hz = 1.0
     lasts_s: ClassVar[float] = 4.0
@@ -29,19 +29,19 @@ class Chore(PlanAction):
 
 
 class movetoward(Chore):  # noqa: N801 - the name in the domain
-    """Goes to another place."""
+    """Go to another place."""
 
 
 class doclean(Chore):  # noqa: N801
-    """Cleans the room it is in."""
+    """Clean the current room."""
 
 
 class recharge(Chore):  # noqa: N801
-    """Fills the battery at the dock."""
+    """Charge the battery at the dock."""
 
 
 class do_nothing(Chore):  # noqa: N801
-    """Rests."""
+    """Do nothing."""
 
 
 PHRASES = {
@@ -52,13 +52,13 @@ PHRASES = {
     "asksweeping": "has {1} sweep {2}",
     "dosweep": "sweeps {1}",
 }
-"""How the actions of cleaners and sweepers are said."""
+"""Sentences for the actions of both robots."""
 
 
 class Cleaner(Deliberating):
-    """The cleaner of ROS2-BDI's quick start. It takes beliefs and desires of people, by topics, and of no other agent.
+    """Cleaner of ROS2-BDI's quick start. It accepts beliefs and desires by topic, but no requests of agents.
 
-    It starts to clean in the bedroom or the bathroom only, and desires to be there first (``autosub_prec``).
+    It cleans only in the bedroom or the bathroom, and adopts the desire to be there first (``autosub_prec``).
     """
 
     folder = FOLDER
@@ -75,11 +75,11 @@ class Cleaner(Deliberating):
 
 SWEEP_PRIORITY, SWEEP_DEADLINE_S = 0.6, 20.0
 PATIENCE_S = 60.0
-"""How long the cleaner waits until a room is swept."""
+"""Time limit for the sweeper."""
 
 
 class asksweeping(PlanAction):  # noqa: N801 - the name in the domain
-    """Asks the sweeper to sweep a room, and waits until it has."""
+    """Ask the sweeper to sweep a room, and wait for it."""
 
     rate_hz = 1.0
 
@@ -111,13 +111,13 @@ class asksweeping(PlanAction):  # noqa: N801 - the name in the domain
 
 
 class dosweep(Chore):  # noqa: N801
-    """Sweeps the room it is in."""
+    """Sweep the current room."""
 
     lasts_s = 6.0
 
 
 class TeamCleaner(Deliberating):
-    """The cleaner of the pair."""
+    """Cleaner of the pair."""
 
     folder = FOLDER
     actions_known = (movetoward, asksweeping, doclean)
@@ -130,7 +130,7 @@ class TeamCleaner(Deliberating):
 
 
 class Sweeper(Deliberating):
-    """The sweeper of the pair: it sweeps what cleaners ask it to."""
+    """Sweeper of the pair; it sweeps at the request of cleaners."""
 
     folder = FOLDER
     actions_known = (movetoward, dosweep)

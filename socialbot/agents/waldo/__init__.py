@@ -1,4 +1,4 @@
-"""Waldo: greets people and offers help without being asked."""
+"""Waldo: an agent that greets people and offers help unasked."""
 
 from typing import TYPE_CHECKING
 

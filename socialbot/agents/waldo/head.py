@@ -1,4 +1,4 @@
-"""The node that turns the head towards people, or where it is told to look."""
+"""Head node: follows people or takes pan and tilt commands."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from socialbot.graph.node import Context, Delivery, Input, Node, Output, Paramet
 
 
 class Pose(NamedTuple):
-    """Where a head points, in rad: pan positive to the left, tilt positive up (REP-103); 0, 0 is straight on."""
+    """Head pose in rad: pan positive to the left, tilt positive up (REP-103); 0, 0 is straight ahead."""
 
     pan: float
     tilt: float
@@ -30,7 +30,7 @@ CENTRE = Pose(0.0, 0.0)
 
 @dataclass(frozen=True)
 class Motion:
-    """A turn from ``start`` to ``target`` at constant speed that begins at the time ``begin`` (ns)."""
+    """Head motion at constant speed from ``start`` to ``target``, begun at the time ``begin`` (ns)."""
 
     start: Pose
     target: Pose
@@ -44,7 +44,7 @@ class Motion:
 
 
 class Seen(NamedTuple):
-    """A person: distance in m (infinite when unknown), the head pose that looks at them, and their track, if any."""
+    """Detected person: distance in m (infinite if unknown), bearing as a head pose, and track id if any."""
 
     distance_m: float
     pose: Pose
@@ -52,18 +52,16 @@ class Seen(NamedTuple):
 
 
 class Head(Node):
-    """Follows the nearest person, looks straight on, or looks at a pan and tilt.
+    """Head controller: follows the nearest person, centres the head, or holds a pan and tilt.
 
-    Pan counts to the left and tilt up (REP-103). The node starts tracking. It knows where its head is
-    by reckoning: a turn goes at ``max_speed_rad_s`` on the slower joint, and the head is taken to be
-    centred at the start. With ``camera_on_head`` a bearing is relative to the pose that the head had
-    at the stamp of the frame.
+    Pan is positive to the left and tilt positive up (REP-103). The node starts in tracking mode. It estimates the head
+    pose by dead reckoning from the centre, with ``max_speed_rad_s`` on the slower joint. With ``camera_on_head`` a
+    bearing is relative to the head pose at the stamp of the frame.
 
-    The person being followed is the one of the same track or, where there is none, the one nearest in direction to
-    where they were last, as long as that is within ``same_person_rad``; one who is nearer by more than
-    ``switch_margin_m`` takes over.
+    The followed person keeps their track id. Without it, the person nearest in direction counts as the same, within
+    ``same_person_rad``. Another person takes over when nearer by more than ``switch_margin_m``.
 
-    While the ``engine`` gives no sign of life the head looks straight on.
+    The head centres while the node ``engine`` publishes no heartbeats.
     """
 
     command = Input(HeadCommand, "/head/command")
@@ -87,7 +85,7 @@ class Head(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
         now = self.clock.now()
-        # Enough to look back from a detection to its frame: three seconds, if not more.
+        # Long enough to find the pose at the frame of a detection: at least three seconds.
         self._motions = deque([Motion(CENTRE, CENTRE, now, 1.0)], maxlen=32)
         self._wanted = CENTRE
         self._slack = 0.0
@@ -107,7 +105,7 @@ class Head(Node):
 
     @health
     def on_health(self, health: Health) -> None:
-        """That it comes at all is what counts."""
+        """Only the arrival of the message matters."""
 
     def on_silence(self, port: Input[Any], since: int | None) -> None:
         self._led = False
@@ -141,12 +139,12 @@ class Head(Node):
         self._aim(self._followed.pose, slack=self.dead_band_rad)
 
     def on_parameter(self, name: str) -> None:
-        """Turns back within limits that have become narrower."""
+        """Move the head within new, narrower limits."""
         if name in ("pan_limit_rad", "tilt_limit_rad"):
             self._aim(self._wanted, slack=self._slack)
 
     def _seen(self, detections: PersonDetections) -> list[Seen]:
-        """Everybody whose direction is known."""
+        """Persons with a known direction."""
         camera = self._pose_at(detections.stamp) if self.camera_on_head else CENTRE
         level = self._wanted.tilt - camera.tilt
         found = []
@@ -160,7 +158,6 @@ class Head(Node):
         return found
 
     def _choose(self, seen: list[Seen]) -> Seen:
-        """The person to follow."""
         nearest = min(seen, key=lambda person: (person.distance_m, abs(person.pose.pan)))
         present = self._still_there(seen)
         if present is None or nearest.distance_m < present.distance_m - self.switch_margin_m:
@@ -168,7 +165,7 @@ class Head(Node):
         return present
 
     def _still_there(self, seen: list[Seen]) -> Seen | None:
-        """The person who was followed last."""
+        """The person followed last, if still detected."""
         last = self._followed
         if last is None:
             return None
@@ -179,7 +176,7 @@ class Head(Node):
         return closest if abs(closest.pose.pan - last.pose.pan) <= self.same_person_rad else None
 
     def _watch(self) -> None:
-        """Makes sure that somebody's absence is noticed, even when no more detections come."""
+        """Schedule a check that a person is present, even without further detections."""
         if not self._watching:
             self._watching = True
             self.context.call_at(self._last_seen + nanoseconds(self.hold_s), self._look_after)
@@ -195,7 +192,7 @@ class Head(Node):
             self._aim(CENTRE)
 
     def _aim(self, pose: Pose, slack: float = 0.0) -> None:
-        """Turns to ``pose`` as soon as another command is allowed, unless the head goes within ``slack`` of it."""
+        """Move to ``pose`` as soon as the command rate allows it, unless the target is within ``slack`` of it."""
         self._wanted = Pose(_within(pose.pan, self.pan_limit_rad), _within(pose.tilt, self.tilt_limit_rad))
         self._slack = slack
         if self._move_due:
@@ -212,7 +209,7 @@ class Head(Node):
             return
         now = self.clock.now()
         start = self._pose_at(now)
-        # Not shorter than the period: controllers refuse points that are due at once.
+        # At least one period: controllers refuse points that are due at once.
         duration_s = max(start.distance(self._wanted) / self.max_speed_rad_s, self.period_s)
         self._motions.append(Motion(start, self._wanted, now, duration_s))
         self._earliest = now + nanoseconds(self.period_s)
@@ -227,7 +224,7 @@ class Head(Node):
         )
 
     def _pose_at(self, time: int) -> Pose:
-        """Where the head was, or is, at ``time`` (ns)."""
+        """The estimated head pose at ``time`` (ns)."""
         for motion in reversed(self._motions):
             if motion.begin <= time:
                 return motion.at(time)

@@ -1,4 +1,4 @@
-"""Waldo's nodes: the agent, and the listener that passes its actions on to the actuators."""
+"""Nodes of Waldo: the agent, and the listener that sends its actions to the actuators."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from socialbot.graph.health import HEALTH_TOPIC, SILENT_S, FaultSource, Healths
 from socialbot.graph.node import Delivery, Input, Node, Output, Parameter
 
 SETTLE_S = 0.05
-"""So long (s) Waldo waits for what other nodes say of a silence before he believes it."""
+"""Delay (s) before Waldo believes a silence, for health messages of other nodes to arrive."""
 
 REVISE_S = 0.5
-"""So long (s) something else has to seem to be silent before he believes that: nodes come back one after the other."""
+"""Delay (s) before Waldo changes the source of a silence: nodes recover one after the other."""
 
 LATE_S = 10.0
-"""Detections that are older say nothing of when something began."""
+"""Maximum age of detections whose stamp counts as the start of a belief."""
 
 
 class WaldoNode(AgentNode):
-    """Believes what the detector sees, and decides when to greet and when to offer help.
+    """Agent node of Waldo: decides from detections when to greet people and when to offer help.
 
-    When no more detections come, or their node says that it sees nothing itself, Waldo believes who is silent.
+    When detections stop, or their node reports silent inputs, Waldo believes which node is silent.
     """
 
     display_name = "Waldo"
@@ -91,19 +91,18 @@ class WaldoNode(AgentNode):
 
     @detections
     def on_detections(self, message: PersonDetections) -> None:
-        """Shows the detections to Waldo's sensor; what is still under way when he has lost sight is not seen."""
+        """Pass detections to the sensor; ignore late ones while no images arrive."""
         if self._blame is not None:
             return
         now = self.clock.now()
         self._has_seen = True
         self._healths.goes_on(now)
-        # A camera with a clock of its own must not make beliefs of the future or of long ago.
+        # A wrong camera clock must not date beliefs in the future or in the distant past.
         since = message.stamp if 0 <= now - message.stamp <= nanoseconds(LATE_S) else now
         self.engine.perceive(self._sensor, message, cause=message.id, since=since)
 
     @health
     def on_health(self, health: Health) -> None:
-        """Remembers how the other nodes are."""
         self._healths.note(health, self.clock.now())
         self._look_up()
 
@@ -119,7 +118,7 @@ class WaldoNode(AgentNode):
         self._look_up()
 
     def _look_up(self) -> None:
-        """Finds out whether there is still something to see; who is to blame if not is clear a moment later."""
+        """Check whether images arrive; wait a moment before blaming a node."""
         blame = self._find()
         if blame is None or blame == self._blame:
             self._settling = None
@@ -134,7 +133,7 @@ class WaldoNode(AgentNode):
             self._take(self._find())
 
     def _find(self) -> FaultSource | None:
-        """Who is to blame that Waldo does not see; None when he does, or when it is no fault."""
+        """The source of a silence; None if there is no silence or no fault."""
         topic = self.context.vitals.topic(WaldoNode.detections)
         if self._healths.over or not (self._unheard or self._healths.silent_above(topic)):
             return None
@@ -162,14 +161,15 @@ class WaldoNode(AgentNode):
             setattr(self._manners, name, self.parameter_values[name])
 
     def sentence(self, situation: str) -> str:
-        """The sentence for a situation, as the parameters have it now."""
+        """The current sentence for a situation."""
         return str(self.parameter_values[situation])
 
 
 class Listener(Node):
-    """``speak`` becomes an utterance and a head that follows people, as ``attend`` does without words.
+    """Listener of Waldo's actions: publishes utterances and head commands.
 
-    ``stayIdle`` becomes a head that looks straight on.
+    ``speak`` publishes an utterance and makes the head follow people, ``attend`` only the latter. ``stayIdle`` centres
+    the head.
     """
 
     actions = Input(ActionRequest, "/waldo/actions")
@@ -178,7 +178,7 @@ class Listener(Node):
 
     @actions
     def on_action(self, action: ActionRequest) -> None:
-        """Sends the commands for one action. Raises MessageError for an action that no actuator can do."""
+        """Publish the commands of one action. Raises MessageError for an unknown action."""
         match action.name, action.arguments:
             case "speak", (str(situation), str(text)):
                 self._look("track", action)

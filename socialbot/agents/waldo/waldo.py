@@ -1,9 +1,8 @@
-"""Waldo, who greets people and offers help without being asked.
+"""Waldo, an agent that greets people and offers help unasked.
 
-The six steps of the paper's Algorithm 1, from top to bottom. Beliefs, desires and intentions have
-the paper's names.
+The module follows the six steps of Algorithm 1 in the paper, with its names of beliefs, desires and intentions.
 """
-# ruff: noqa: N801 - beliefs, goals and actions are written as the paper writes them
+# ruff: noqa: N801 - beliefs, goals and actions have the names of the paper
 
 from __future__ import annotations
 
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 from statistics import fmean, median_low
 from typing import NamedTuple
 
-# 1. Import what agents are made of
+# 1. Import the parts of an agent
 from socialbot.bdi import Action, Belief, Engine, Goal, Sensed, Sensor, SingletonBelief, variables
 from socialbot.bdi.literals import Event
 from socialbot.core.clock import Clock, nanoseconds
@@ -23,51 +22,48 @@ from socialbot.core.messages import PersonDetections
 
 # 2. Define beliefs and goals
 class personDetected(SingletonBelief):
-    """Whether somebody is there: "Yes", "No" (nobody for a while), "Next" (still there, what next?) or "Unknown".
-
-    It is "Unknown" when Waldo has lost sight of people, until he sees again.
-    """
+    """Presence of people: "Yes", "No", "Next" (a person stays) or "Unknown" (no detections arrive)."""
 
 
 class present(Belief):
-    """One person is there: the id of their track, or `SOMEBODY`."""
+    """A person is present; the argument is their track id, or `SOMEBODY`."""
 
 
 class stays(Belief):
-    """This person has been there for ``help_after_s``, and still is."""
+    """This person has been present for at least ``help_after_s``."""
 
 
 class people(SingletonBelief):
-    """How many came together."""
+    """Number of people who arrived together."""
 
 
 class greeted(Belief):
-    """Those who are there have been greeted."""
+    """The people present have been greeted."""
 
 
 class late(Belief):
-    """This person came after help had been offered to those who were there."""
+    """This person arrived after help was offered to the others."""
 
 
 class silent(SingletonBelief):
-    """Waldo does not see because this node is silent, or the topic of a camera outside, or the link to its machine."""
+    """Source of missing detections: a silent node, an external camera topic, or the link to a machine."""
 
 
 class DoNothing(Goal):
-    """Leave the world in peace."""
+    """Stay idle."""
 
 
 class GreetPeople(Goal):
-    """Greet those who have come."""
+    """Greet the people who arrived."""
 
 
 class OfferHelp(Goal):
-    """Offer help to those who stay."""
+    """Offer help to the people who stay."""
 
 
 @dataclass
 class WaldoConfig:
-    """What can be tuned while Waldo runs: distances in m, durations in s (see docs/waldo.md)."""
+    """Configuration that may change at run time: distances in m, durations in s (see docs/waldo.md)."""
 
     range_m: float = 6.0
     appear_s: float = 0.5
@@ -77,9 +73,9 @@ class WaldoConfig:
     forget_after_s: float = 60.0
 
 
-# 3. Define actions (and the sensor that perceives people)
+# 3. Define actions (and the sensor of people)
 class speak(Action):
-    """Says the sentence for a situation."""
+    """Say the sentence for a situation."""
 
     def execute(self, situation: str) -> None:
         robot = self.engine.robot
@@ -87,52 +83,52 @@ class speak(Action):
 
 
 class stayIdle(Action):
-    """Says nothing and looks straight on."""
+    """Say nothing and centre the head."""
 
     def execute(self) -> None:
         self.engine.robot.act(self)
 
 
 class attend(Action):
-    """Says nothing, and follows people with the head."""
+    """Say nothing and follow people with the head."""
 
     def execute(self) -> None:
         self.engine.robot.act(self)
 
 
 OVERTAKEN_S = 1.0
-"""Frames that are older than the last one by no more come twice, or late; by more, time has begun anew."""
+"""Tolerance of stamps: frames older by no more are late or duplicate; older ones mean that the clock was reset."""
 
 SOMEBODY = "somebody"
-"""Where nobody tracks people, all of them together are one to Waldo."""
+"""Track id of all people without one."""
 
 
 class Frame(NamedTuple):
-    """One look at the world: when (ns), and an id for each person within range."""
+    """Track ids of the persons within range in one frame, with its stamp (ns)."""
 
     stamp: int
     near: tuple[str, ...]
 
 
 class PersonSensor(Sensor):
-    """Turns detections, which flicker, into the coming and going of people.
+    """Sensor of arrivals and departures, which filters flickering detections.
 
-    A person is there when at least half of the frames of the last ``appear_s`` show them within
-    ``range_m``, and gone when less than a quarter of the frames of the last ``vanish_s`` do. Who is seen
-    after ``help_after_s`` stays.
+    A person arrives when at least half of the frames of the last ``appear_s`` show them within ``range_m``. A person
+    leaves when fewer than a quarter of the frames of the last ``vanish_s`` do. A person present for ``help_after_s``
+    stays.
     """
 
     def __init__(self, manners: WaldoConfig) -> None:
         self._manners = manners
         self._frames: deque[Frame] = deque()
-        self._there: dict[str, int | None] = {}  # until when they must be there to stay; None when they do
-        self._changed: dict[str, int] = {}  # when somebody came or left
-        self._alone: bool | None = None  # not known at first, nor after Waldo has lost sight of people
+        self._there: dict[str, int | None] = {}  # time (ns) from which a person counts as staying; None if they stay
+        self._changed: dict[str, int] = {}  # time (ns) of the last arrival or departure
+        self._alone: bool | None = None  # None at first, and after a loss of detections
         self._lost_at = 0
         self._asked = False
 
     def sense(self, percept: PersonDetections | None) -> Sensed:
-        """What changes with these detections, or when there are no more (None)."""
+        """Return the belief changes of these detections; None means that no more arrive."""
         if percept is None:
             return self._lose_sight()
         if self._frames and 0 <= self._frames[-1].stamp - percept.stamp <= nanoseconds(OVERTAKEN_S):
@@ -147,11 +143,11 @@ class PersonSensor(Sensor):
         ):
             told += [+personDetected("No")]
             self._alone = True
-            self._frames = deque([self._frames[-1]])  # who comes now has not been seen before
+            self._frames = deque([self._frames[-1]])  # a new arrival needs new frames
         return told or None
 
     def recall(self, engine: Engine) -> None:
-        """Goes on from what was believed when the process ended: who is there, and who stays."""
+        """Restore present and staying people from the beliefs of an earlier run."""
         self._lost_at = engine.clock.now()
         staying = {one.belief.args[0] for one in engine.beliefs if isinstance(one.belief, stays)}
         for one in engine.beliefs:
@@ -166,7 +162,7 @@ class PersonSensor(Sensor):
             self._alone = True
 
     def _lose_sight(self) -> Sensed:
-        """Those who are there again when Waldo sees again are taken for the same, and are not asked twice."""
+        """Reset the sensor. People who are present afterwards count as the same, and get no second offer."""
         if self._frames:
             self._lost_at = self._frames[-1].stamp
         if self._there:
@@ -204,7 +200,7 @@ class PersonSensor(Sensor):
 
     def _look(self, percept: PersonDetections) -> None:
         if self._frames and percept.stamp < self._frames[-1].stamp:
-            # Time has begun anew: another recording, or a clock that was set.
+            # The clock was reset: another recording, or a changed system time.
             self._frames.clear()
             self._changed.clear()
             due = percept.stamp + nanoseconds(self._manners.help_after_s)
@@ -221,9 +217,9 @@ class PersonSensor(Sensor):
         return [frame for frame in self._frames if frame.stamp >= begin]
 
     def _share(self, seconds: float, who: str = "") -> float:
-        """The share of the frames of the last ``seconds`` that show ``who`` (or anybody).
+        """The share of frames of the last ``seconds`` that show ``who`` (or anybody).
 
-        It is not a number as long as there are not so many frames since ``who`` came or left.
+        NaN until the frames cover that time since ``who`` arrived or left.
         """
         begin = self._frames[-1].stamp - nanoseconds(seconds)
         if max(self._frames[0].stamp, self._changed.get(who, begin)) > begin:
@@ -231,40 +227,40 @@ class PersonSensor(Sensor):
         return fmean(who in frame.near if who else bool(frame.near) for frame in self._recent(seconds))
 
     def _company(self) -> int:
-        """How many people the frames show that show any."""
+        """Median number of people in the recent frames with people."""
         return median_low(len(frame.near) for frame in self._recent(self._manners.appear_s) if frame.near)
 
 
 def waldo(name: str, clock: Clock, manners: WaldoConfig, **connections: object) -> Engine:
-    """Waldo's engine; ``connections`` are its robot, trace sink and wake-up (see `Engine`)."""
+    """Return the engine of Waldo; ``connections`` are its robot, trace sink and wake-up (see `Engine`)."""
     # 4. Start the engine
     engine = Engine(name, clock, **connections)  # type: ignore[arg-type]
 
     # 5. Define rules: event / condition >> [steps]
     N, Who, _ = variables("N Who _")  # noqa: N806
     engine.add_rules(
-        # Beliefs make desires ...
+        # Beliefs cause desires ...
         +personDetected("No") >> [DoNothing()],
         +personDetected("Yes") >> [GreetPeople()],
         +stays(Who) / late(Who) >> [-late(_), OfferHelp()],
         +stays(Who) >> [+personDetected("Next")],
         +personDetected("Next") >> [OfferHelp()],
-        # ... desires make intentions ...
+        # ... desires cause intentions ...
         DoNothing() >> [stayIdle()],
         GreetPeople() / greeted() >> [],
         GreetPeople() / (people(N) & (N > 1)) >> [speak("greeting_several"), +greeted()],
         GreetPeople() >> [speak("greeting"), +greeted()],
         OfferHelp() >> [speak("offer")],
-        # ... and when one cannot be carried out, Waldo does not insist.
+        # ... and a failed intention is not retried.
         -GreetPeople() >> [stayIdle()],
         -OfferHelp() >> [stayIdle()],
-        # Who has not heard the offer may need help as well.
+        # People who missed the offer may need help too.
         +present(Who) / personDetected("Next") >> [+late(Who)],
         -present(Who) / late(Who) >> [-late(Who)],
-        # Who comes back after a while is greeted anew.
+        # People who return after a while are greeted again.
         +personDetected("No").held_for(lambda: manners.regreet_after_s) / greeted() >> [-greeted()],
-        # Whom Waldo has lost sight of he leaves in peace; who is there when he sees again has stayed, as far as he can
-        # know, and was greeted. But not for ever.
+        # After a loss of detections Waldo waits. People present afterwards count as those greeted before, unless
+        # ``forget_after_s`` has passed.
         +personDetected("Unknown") >> [-late(_), -stays(_), -present(_), -people(_), DoNothing()],
         personDetected("Yes").changed("Unknown") / greeted() >> [attend()],
         +personDetected("Unknown").held_for(lambda: manners.forget_after_s) / greeted() >> [-greeted()],
@@ -272,4 +268,4 @@ def waldo(name: str, clock: Clock, manners: WaldoConfig, **connections: object) 
     return engine
 
 
-# 6. Run the engine: `waldo_node.WaldoNode` does, in a graph; `engine.run()` does in a program of its own.
+# 6. Run the engine: `nodes.WaldoNode` does in a graph, `engine.run()` in a separate program.
