@@ -1,1 +1,1 @@
-"""Plans compiled to Python functions: variables are locals, joins are nested loops over indexes."""
+"""Compiler of plans to Python functions: variables become locals, joins nested loops over indexes."""

@@ -16,7 +16,7 @@ from socialbot.core.errors import RuleError
 
 
 def straight(body: tuple[Step, ...]) -> bool:
-    """Whether a body can run in place: changes, actions and comparisons, perhaps with a goal at the end."""
+    """Check whether a body runs in place: updates, actions and comparisons with an optional final goal."""
     for i, step in enumerate(body):
         if isinstance(step, Achieve):
             if not step.apart and (i < len(body) - 1 or step.limit_s is not None or isinstance(step.goal, Variable)):
@@ -31,14 +31,14 @@ def straight(body: tuple[Step, ...]) -> bool:
 
 
 def rests(step: Step) -> bool:
-    """Whether a step, other than an `Action`, rests: others have their turn before it ends."""
+    """Check whether a step always yields to other intentions before it ends."""
     if isinstance(step, Do):
         return pauses(step.action)
     return isinstance(step, (Await, Fork))
 
 
 def pauses(action: Literal) -> bool:
-    """Whether an internal action may have to wait. What is sent does not, unless an answer is waited for."""
+    """Check whether an internal action can pause; ``.send`` pauses only for an answer."""
     if action.functor == ".send":
         return len(action.args) > 3
     entry = find(action.functor)
@@ -46,12 +46,12 @@ def pauses(action: Literal) -> bool:
 
 
 def limited(f: Function, pause: str, limit_s: object) -> str:
-    """The expression of a pause that ends after ``limit_s`` at the latest, if that is not None."""
+    """Return the expression of a pause with an optional time limit."""
     return pause if limit_s is None else f"limited({pause}, {value(f, limit_s)})"
 
 
 def do(f: Function, step: Do) -> str | None:
-    """Writes an action; returns the local that then holds its pause or None, if it can have one."""
+    """Emit an action; return the local that holds its pause or None, if it can pause."""
     action = step.action
     if action.functor.startswith(".") or find(action.functor) is not None:
         return internal(f, step)
@@ -72,12 +72,12 @@ def do(f: Function, step: Do) -> str | None:
 
 
 def content(f: Function, belief: Literal) -> str:
-    """The expressions of what a told belief says."""
+    """Return the expressions of the content of a belief in a message."""
     return f"{belief.key!r}, {values(f, belief.args)}"
 
 
 def internal(f: Function, step: Do) -> str | None:
-    """Writes an internal action, with its rest where it has one."""
+    """Emit an internal action and its pause, if any."""
     action = step.action
     if action.functor == ".wait" and action.args and isinstance(action.args[0], (Event, Condition, Atom)):
         what: Any
@@ -126,7 +126,7 @@ def internal(f: Function, step: Do) -> str | None:
 
 
 def await_(f: Function, step: Await, limit_s: object = None) -> None:
-    """Writes a rest until an event comes or a condition holds; it fails after ``limit_s``."""
+    """Emit a pause until an event occurs or a condition holds; it fails after ``limit_s``."""
     limit = "None" if step.limit_s is None else value(f, step.limit_s)
     found = f.unit.name("s")
     if isinstance(step.what, Event):
@@ -147,7 +147,7 @@ def await_(f: Function, step: Await, limit_s: object = None) -> None:
 
 
 def constrain(f: Function, step: Constrain) -> None:
-    """Writes a test, which fails the body when it does not hold."""
+    """Emit a test condition, which fails the body if it does not hold."""
     condition = step.condition
     terms = getattr(condition, "terms", None)
     if terms is not None and len(terms) == 1:
@@ -165,7 +165,7 @@ def constrain(f: Function, step: Constrain) -> None:
 
 
 def first(f: Function, condition: Condition, fail: str, step: Step) -> None:
-    """Writes that the first solution of a condition is taken."""
+    """Emit the bindings of the first solution of a condition."""
     name, arguments, fresh = query(f, condition)
     found = f.unit.name("s")
     f.line(f"{found} = next({name}({arguments}), None)", step)
@@ -174,5 +174,5 @@ def first(f: Function, condition: Condition, fail: str, step: Step) -> None:
 
 
 def enter(f: Function, step: Enter) -> None:
-    """Writes that the agent enters a stage."""
+    """Emit a change of stage."""
     f.line(f"ag.enter({step.stage!r}, cause=c)", step)

@@ -1,4 +1,4 @@
-"""Conditions in generated code: nested loops and ifs, in which whatever follows is written."""
+"""Compile conditions to nested loops and ifs around the code that follows."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from socialbot.core.errors import RuleError
 
 MOST_LOOPS = 10
 MOST_BLOCKS = 50
-"""Python nests no more than 20 loops and 100 blocks; what goes deeper goes into a function of its own."""
+"""Depth at which a new function starts. Python allows 20 nested loops and 100 nested blocks."""
 
 COLLECTORS = {".findall", ".setof", ".count"}
-"""The internal actions that take a condition."""
+"""Internal actions with a condition as argument."""
 
 Rest = Callable[[], None]
 
 
 class Reached(Condition):
-    """Mark in a probe: the conditions before it hold."""
+    """Marker in a diagnostic function: the conditions before it hold."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -44,7 +44,7 @@ class Reached(Condition):
 
 
 def write(f: Function, condition: Condition, fail: str, rest: Rest) -> None:
-    """Writes code that runs ``rest`` for each solution, and the statement ``fail`` to go on to the next one."""
+    """Emit ``rest`` for each solution of a condition; the statement ``fail`` continues with the next solution."""
     if isinstance(condition, Conjunction):
         conjunction(f, condition.terms, fail, rest)
     elif isinstance(condition, Truth):
@@ -75,7 +75,7 @@ def write(f: Function, condition: Condition, fail: str, rest: Rest) -> None:
 
 
 def conjunction(f: Function, terms: tuple[Condition, ...], fail: str, rest: Rest) -> None:
-    """Writes conditions within each other."""
+    """Emit nested conditions."""
     if len(terms) == 0:
         rest()
     elif (f.loops >= MOST_LOOPS or f.depth >= MOST_BLOCKS) and len(terms) > 1:
@@ -91,7 +91,7 @@ def conjunction(f: Function, terms: tuple[Condition, ...], fail: str, rest: Rest
 
 
 def belief(f: Function, pattern: Literal, rest: Rest) -> None:
-    """Writes the loop over the beliefs that match."""
+    """Emit the loop over matching beliefs."""
     if _annotated(pattern) or f.unit.library.derives(pattern.key) or has_cell(f, pattern):
         solve(f, pattern, rest)
         return
@@ -117,14 +117,14 @@ def _bucket(f: Function, pattern: Literal, known: list[int], relation: str) -> s
 
 
 def _annotated(pattern: Literal) -> bool:
-    """Whether annotations are to be looked at: too rare to be fast."""
+    """Check whether annotations must match, which takes a slower code path."""
     return bool(pattern.annotations) or any(isinstance(arg, Literal) and arg.annotations for arg in pattern.args)
 
 
 class loop:  # noqa: N801 - a statement
-    """Writes ``for x in items:`` around what follows.
+    """Emit ``for x in items:`` around the block.
 
-    What a turn bound is taken back in the next one; generators that bind by themselves do so before they go on.
+    Each iteration undoes the bindings of the previous one; generators with own bindings undo these themselves.
     """
 
     def __init__(self, f: Function, items: str, *, binds: bool = True) -> None:
@@ -153,11 +153,11 @@ class loop:  # noqa: N801 - a statement
 
 
 def solve(f: Function, pattern: Literal, rest: Rest) -> None:
-    """Writes the loop over the solutions of what has annotations, is derived, or speaks of variables without values."""
+    """Emit the loop over solutions of annotated or derived beliefs, or of arguments with unbound variables."""
     fresh = names_in(pattern) - f.scope.keys() - {"_"}
     args = tuple_of([build(f, arg) for arg in pattern.args])
     notes = tuple_of([build(f, note) for note in pattern.annotations])
-    # Each solution is read from the variables made here, not from what the one before left in the locals.
+    # Each solution is read from these cells, since locals change in the loop.
     cells = {name: f.unit.name("x") for name in sorted(fresh)}
     for name, cell in cells.items():
         f.line(f"{cell} = {f.local(name)}")
@@ -169,7 +169,7 @@ def solve(f: Function, pattern: Literal, rest: Rest) -> None:
 
 
 def negation(f: Function, inner: Condition, rest: Rest) -> None:
-    """Writes the test that something has no solution."""
+    """Emit a test that a condition has no solution."""
     if isinstance(inner, Literal) and "." not in inner.functor and not inner.annotations and _plain(f, inner):
         known = [i for i, arg in enumerate(inner.args) if "_" not in names_in(arg) and has_value(f, arg)]
         relation = f.relation(inner.key)
@@ -185,7 +185,7 @@ def negation(f: Function, inner: Condition, rest: Rest) -> None:
 
 
 def _plain(f: Function, pattern: Literal) -> bool:
-    """Whether beliefs are held or not, and the arguments without values are variables, all different."""
+    """Check for a stored belief whose unbound arguments are distinct variables."""
     if f.unit.library.derives(pattern.key) or has_cell(f, pattern):
         return False
     free = [arg for arg in pattern.args if "_" in names_in(arg) or not has_value(f, arg)]
@@ -194,7 +194,7 @@ def _plain(f: Function, pattern: Literal) -> bool:
 
 
 def as_function(f: Function, condition: Condition, rest: Rest) -> None:
-    """Writes the condition as a function of its own, and the loop over its solutions."""
+    """Emit a condition as a function, and the loop over its solutions."""
     name, arguments, fresh = query(f, condition)
     with loop(f, f"{name}({arguments})") as found:
         unpack(f, fresh, found)
@@ -202,13 +202,13 @@ def as_function(f: Function, condition: Condition, rest: Rest) -> None:
 
 
 def unpack(f: Function, fresh: dict[str, str], found: str) -> None:
-    """Writes that variables get what a solution has for them."""
+    """Emit assignments of a solution and mark the variables as assigned."""
     assign(f, fresh, found)
     f.scope.update(fresh)
 
 
 def assign(f: Function, fresh: Iterable[str], found: str) -> None:
-    """Writes that locals get what a solution has for them."""
+    """Emit assignments of a solution to locals."""
     if fresh:
         f.line(f"{tuple_of(f.local(name) for name in fresh)} = {found}")
 
@@ -216,10 +216,10 @@ def assign(f: Function, fresh: Iterable[str], found: str) -> None:
 def query(
     f: Function, condition: Condition, template: object = None, also: Iterable[str] = ()
 ) -> tuple[str, str, dict[str, str]]:
-    """Writes a function that yields, for each solution, a tuple of the variables that get values by it.
+    """Emit a function that yields a tuple of new variable values for each solution.
 
-    With a ``template`` it yields that instead. ``also`` are variables that may have no value yet, and get one by it.
-    Returns its name, its arguments, and those variables with their states.
+    A ``template`` replaces the tuple. ``also`` are unbound variables that get values, too. Returns the name of the
+    function, its arguments, and the new variables with their states.
     """
     used = sorted(((names_in(condition) | names_in(template)) & f.scope.keys()) - {"_"})
     inner = f.unit.function("q", ["ag", "trail", *(f.local(name) for name in used)], {n: f.scope[n] for n in used})
@@ -248,7 +248,7 @@ def _branch(
     template: object = None,
     dry: bool = False,
 ) -> dict[str, str]:
-    """Writes one branch; returns the states of the variables inside it. A dry run leaves nothing behind."""
+    """Emit one branch; return the states of its variables. A dry run emits nothing."""
     scope, lines, functions = dict(f.scope), len(f.lines), len(f.unit.functions)
     f.unit.dry += dry
     found: dict[str, str] = {}
@@ -279,12 +279,12 @@ def _branch(
 
 
 def _given(f: Function, name: str) -> str:
-    """What a solution has for a variable: a value, or what one that had none before was bound to."""
+    """Return the expression of a variable in a solution: its value, or the binding of its cell."""
     return f"resolve({f.local(name)})" if f.scope.get(name) == CELL else f.local(name)
 
 
 def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> None:
-    """Writes a comparison; ``=`` gives values to variables."""
+    """Emit a comparison; ``=`` binds variables."""
     left, right = condition.left, condition.right
     if condition.symbol == "=":
         unification(f, left, right, fail)
@@ -299,7 +299,7 @@ def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> Non
 
 
 def unification(f: Function, left: object, right: object, fail: str) -> None:
-    """Writes ``left = right``."""
+    """Emit ``left = right``."""
     if not _settled(f, right) and _settled(f, left):
         left, right = right, left
     if _settled(f, right):
@@ -313,7 +313,7 @@ def _settled(f: Function, term: object) -> bool:
 
 
 def internal(f: Function, condition: Literal, fail: str, rest: Rest) -> None:
-    """Writes an internal action as a condition."""
+    """Emit an internal action as a condition."""
     if condition.functor in COLLECTORS:
         collect(f, condition, fail)
         rest()
@@ -349,7 +349,7 @@ def internal(f: Function, condition: Literal, fail: str, rest: Rest) -> None:
 
 
 def arguments_of(f: Function, entry: Internal, action: Literal) -> str:
-    """The expression of the arguments of an internal action."""
+    """Return the expression of the arguments of an internal action."""
     least, most = entry.arity
     if not least <= len(action.args) <= most:
         raise RuleError(
@@ -361,7 +361,7 @@ def arguments_of(f: Function, entry: Internal, action: Literal) -> str:
 
 
 def collect(f: Function, condition: Literal, fail: str) -> None:
-    """Writes ``.findall(T, condition, L)``, ``.setof`` and ``.count(condition, N)``."""
+    """Emit ``.findall(T, condition, L)``, ``.setof`` or ``.count(condition, N)``."""
     wanted = 2 if condition.functor == ".count" else 3
     goal: object = condition.args[-2] if len(condition.args) == wanted else None
     if isinstance(goal, Atom):
@@ -373,7 +373,7 @@ def collect(f: Function, condition: Literal, fail: str) -> None:
 
 
 def collected(f: Function, functor: str, goal: Condition, template: object) -> str:
-    """The expression of all solutions, or of their number."""
+    """Return the expression of all solutions or of their count."""
     name, arguments, _ = query(f, goal, template)
     found = f.unit.name("l")
     if functor == ".count":

@@ -1,8 +1,8 @@
-"""Plans and rules in generated code.
+"""Compile plans and inference rules.
 
-A plan becomes a function of the engine, the arguments and annotations of the event and the id of its record. It
-returns None when it does not apply, DONE when its body is done, a request when the last step is a goal, or the
-body as a generator. A body yields requests and pauses, and None when a step is made and others may have their turn.
+A plan becomes a function of the engine, the event's arguments and annotations and the id of its trace record. The
+function returns None if the plan is not applicable, DONE for a finished body, a request for a final subgoal, or the
+body as a generator. A body yields requests and pauses, and None after a step to let other intentions run.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 GOALS = {Change.WANTED, Change.FAILED, Change.ASKED, Change.UNANSWERED}
 
 OTHERS = "ag.ready or ag.events"
-"""Whether somebody else waits for a turn."""
+"""Expression that tests for other intentions or events."""
 
 
 def compile_plan(compiled: CompiledPlan, *, opened: bool) -> Any:
-    """The function of a plan; an ``opened`` one takes arguments that are variables."""
+    """Compile a plan; ``opened`` allows unbound variables in the arguments."""
     plan = compiled.plan
     unit = Unit(str(plan.origin or plan), compiled.library)
     unit.constants["PLAN"] = compiled
@@ -47,7 +47,7 @@ def compile_plan(compiled: CompiledPlan, *, opened: bool) -> Any:
 
 
 def head(f: Function, plan: Plan, fail: str, *, opened: bool) -> None:
-    """Writes the matching of the event."""
+    """Emit the match of the event."""
     for i, arg in enumerate(plan.event.literal.args):
         subject = f"args[{i}]"
         if not opened:
@@ -60,7 +60,7 @@ def head(f: Function, plan: Plan, fail: str, *, opened: bool) -> None:
             f.line(f"if not unify({build(f, arg)}, {subject}, trail): {fail}")
     annotations = plan.event.literal.annotations
     if annotations:
-        # The annotations of a plan's event have to be among those of the event.
+        # The event must have all annotations of the trigger.
         fresh = names_in(annotations) - f.scope.keys() - {"_"}
         pattern = tuple_of([build(f, note) for note in annotations])
         f.line(f"if not annotations_match({pattern}, notes, trail): {fail}")
@@ -70,7 +70,7 @@ def head(f: Function, plan: Plan, fail: str, *, opened: bool) -> None:
 
 
 def chosen(f: Function, plan: Plan) -> None:
-    """Writes what is done when the condition holds."""
+    """Emit the code after a successful context condition."""
     f.line("c = cause if ag.trace.sink is None else chosen(ag, PLAN, args, notes, cause)")
     if not plan.body:
         f.line("return DONE")
@@ -85,7 +85,7 @@ def chosen(f: Function, plan: Plan) -> None:
 
 
 def inline(f: Function, plan: Plan, body: Body) -> None:
-    """Writes a body without branches in place. As soon as others wait for a turn, the rest becomes a generator."""
+    """Emit a body without branches in place. Once other intentions wait, the remainder becomes a generator."""
     scope, depth = dict(f.scope), f.depth
     resume = body.resumable()
 
@@ -93,7 +93,7 @@ def inline(f: Function, plan: Plan, body: Body) -> None:
         state = ", ".join(f"{f.local(name)}={f.local(name)}" for name in sorted(f.scope))
         return f"{resume}(ag, c, {start}, {pause}{', ' if state else ''}{state})"
 
-    # A goal's plan begins with the next turn; that of an event may begin in this one unless another intention waits.
+    # A goal's plan starts in the next cycle. An event's plan may start in this one unless another intention waits.
     begin = "ag.ready or ag.others" if plan.event.change not in GOALS else f"{OTHERS} or ag.inbox"
     f.line(f"if {begin}: return {rest(0)}")
     with f.block("try"):
@@ -112,7 +112,7 @@ def inline(f: Function, plan: Plan, body: Body) -> None:
 
 
 def compile_inference(compiled: CompiledInference) -> Any:
-    """The generator of a rule: engine, arguments (perhaps variables) and trail in, a step for each solution."""
+    """Compile a rule to a generator of engine, arguments and trail that yields once per solution."""
     inference = compiled.inference
     unit = Unit(str(inference.origin or inference), compiled.library)
     f = unit.function("rule", ["ag", "args", "trail"], {})
@@ -133,7 +133,7 @@ def compile_inference(compiled: CompiledInference) -> Any:
 
 
 def compile_query(condition: Conjunction, library: Library) -> tuple[list[str], Any]:
-    """The variables that a condition gives values to, and the generator of its solutions: tuples of these values."""
+    """Compile a condition; return the names of its new variables and the generator of their value tuples."""
     unit = Unit(str(condition), library)
     f = unit.function("ask", ["ag", "trail"], {})
     name, arguments, fresh = query(f, condition)
@@ -143,14 +143,14 @@ def compile_query(condition: Conjunction, library: Library) -> tuple[list[str], 
 
 
 def _trails(unit: Unit) -> None:
-    """Gives a trail to the functions that write to one and are not handed one."""
+    """Add a trail to functions that bind variables and take no trail."""
     for function in unit.functions:
         if "trail" not in function.parameters and any("trail" in text for _, text, _ in function.lines):
             function.lines.insert(0, (0, "trail = []", None))
 
 
 def compile_probe(compiled: CompiledPlan) -> Any:
-    """A function like that of the plan, which only counts in ``trail.reached`` the conditions that hold."""
+    """Compile a diagnostic function of a plan that counts the satisfied conditions in ``trail.reached``."""
     plan = compiled.plan
     unit = Unit(str(plan.origin or plan), compiled.library)
     f = unit.function("probe", ["ag", "args", "notes", "trail"], {})

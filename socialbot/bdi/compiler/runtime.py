@@ -1,4 +1,4 @@
-"""Runtime of generated code: its names, and the operations of plan steps.
+"""Runtime library of generated code: its global names, and the operations of plan steps.
 
 Generated functions receive the interpreter as ``ag`` and use `NAMES` beside it. They read ``ag.stage``,
 ``ag.relations``, ``ag.triggers``, ``ag.ready``, ``ag.events``, ``ag.others``, ``ag.inbox`` and ``ag.trace.sink``, and
@@ -48,7 +48,7 @@ def _length(engine: Any, items: Any) -> int:
 
 
 def _checked(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of numbers, which fails for arguments outside its domain."""
+    """Wrap a numeric function to fail for arguments outside its domain."""
 
     def compute(engine: Any, *args: Any) -> Any:
         try:
@@ -61,7 +61,7 @@ def _checked(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _of_all(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of several numbers, which may also be given as a list."""
+    """Wrap a function of several numbers to accept a list as well."""
     return _checked(name, lambda *args: function(args[0] if len(args) == 1 and isinstance(args[0], tuple) else args))
 
 
@@ -88,14 +88,14 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "math.pi": _checked("math.pi", lambda: math.pi),
     "math.e": _checked("math.e", lambda: math.e),
 }
-"""The functions of AgentSpeak by name; they receive the engine first."""
+"""AgentSpeak functions by name; the engine is their first argument."""
 
 
 # Terms
 
 
 def known(term: Any) -> Any:
-    """The value of a term. Raises Failed if it has none."""
+    """Return the value of a term. Raises Failed for an unbound variable."""
     value = resolve(term)
     if not closed(value):
         raise Failed("no_value", f"{value} has no value")
@@ -103,13 +103,13 @@ def known(term: Any) -> Any:
 
 
 def renew(cell: Any) -> Any:
-    """A new variable for one without a value; other terms as they are."""
+    """Replace an unbound variable by a new one; return other terms unchanged."""
     cell = resolve(cell)
     return Var(cell.name) if cell.__class__ is Var else cell
 
 
 def holds(solutions: Iterator[Any], trail: Trail) -> bool:
-    """Whether a solution exists; binds nothing."""
+    """Check for a solution and undo its bindings."""
     mark = len(trail)
     found = next(solutions, None) is not None
     undo(trail, mark)
@@ -117,19 +117,19 @@ def holds(solutions: Iterator[Any], trail: Trail) -> bool:
 
 
 def div(left: Any, right: Any) -> int:
-    """Integer division towards zero."""
+    """Divide integers, rounding towards zero."""
     quotient = abs(math.trunc(left)) // abs(math.trunc(right))
     return quotient if (left >= 0) == (right >= 0) else -quotient
 
 
 def mod(left: Any, right: Any) -> Any:
-    """The remainder, with the sign of the dividend."""
+    """Return the remainder, with the sign of the dividend."""
     rest = math.fmod(left, right)
     return int(rest) if rest.is_integer() else rest
 
 
 def univ(term: Any, parts: Any, trail: Trail) -> bool:
-    """``term =.. [name, [args], [annotations]]``."""
+    """Unify ``term =.. [name, [args], [annotations]]``."""
     term = resolve(term)
     if term.__class__ is Atom:
         term = literal(term.name)
@@ -148,14 +148,14 @@ def univ(term: Any, parts: Any, trail: Trail) -> bool:
 
 
 def record_action(ag: Interpreter, functor: str, args: Args, cause: Any) -> str:
-    """Writes an action to the trace; returns the id of the record."""
+    """Record an action in the trace; return the id of the record."""
     what = "" if ag.trace.sink is None else f"{functor}({', '.join(map(show, args))})"
     ag.action = ag.trace.record("action", what, cause)
     return ag.action
 
 
 def perform(ag: Interpreter, kind: type[Action], args: Args, cause: Any) -> Any:
-    """Executes an action of a class, with an object of its own: agents that share a plan share no state."""
+    """Execute an action of a class on a new instance, so that agents with a shared plan share no state."""
     action = kind(*args)
     action.engine = ag.engine
     action.id = record_action(ag, kind.functor, args, cause)
@@ -167,7 +167,7 @@ def perform(ag: Interpreter, kind: type[Action], args: Args, cause: Any) -> Any:
 
 
 def act(ag: Interpreter, name: str, args: Args, cause: Any) -> Any:
-    """Executes an action by its name, as AgentSpeak does."""
+    """Execute an AgentSpeak action by name."""
     action = ag.engine.actions.get(name)
     if action is None:
         raise Failed("action_failed", f"there is no action {name}/{len(args)}")
@@ -181,7 +181,7 @@ def act(ag: Interpreter, name: str, args: Args, cause: Any) -> Any:
 
 
 def outcome(ag: Interpreter, found: Any) -> Pause | None:
-    """The result of an action as a pause: a pause, a coroutine, False for a failure; other results are ignored."""
+    """Convert the result of an action to a pause; False raises a failure, and other results are ignored."""
     if isinstance(found, Pause):
         return found
     if inspect.iscoroutine(found):
@@ -194,7 +194,7 @@ def outcome(ag: Interpreter, found: Any) -> Pause | None:
 
 
 def internal(ag: Interpreter, entry: Internal, name: str, args: Args, cause: Any) -> Pause | None:
-    """Executes an internal action."""
+    """Execute an internal action."""
     trail: Trail = []
     if ag.trace.sink is not None:
         record_action(ag, name, tuple(map(resolve, args)), cause)
@@ -208,7 +208,7 @@ def internal(ag: Interpreter, entry: Internal, name: str, args: Args, cause: Any
 
 
 def limited(pause: Pause | None, seconds: float) -> Pause | None:
-    """A pause that fails if it takes longer than ``seconds``."""
+    """Limit a pause to ``seconds``, after which it fails."""
     if pause is None:
         return None
     begin = pause.begin
@@ -222,7 +222,7 @@ def limited(pause: Pause | None, seconds: float) -> Pause | None:
 
 
 def await_condition(solve: Callable[[], Any], found: list[Any], limit_s: float | None) -> Pause | None:
-    """A pause until a condition holds; None if it does already."""
+    """Pause until a condition holds; return None if it already does."""
     solution = solve()
     if solution is not None:
         found.append(solution)
@@ -234,19 +234,19 @@ def await_condition(solve: Callable[[], Any], found: list[Any], limit_s: float |
 
 
 def open_goal(ag: Interpreter, kind: int, trigger: Trigger, args: Args, notes: Args, cause: Any) -> Request:
-    """The request for a goal whose arguments may be variables."""
+    """Request a goal whose arguments may be unbound."""
     args = resolve(args)
     return (kind if closed(args) else kind | OPEN, trigger, args, notes, cause)
 
 
 def goal_of(ag: Interpreter, goal: Any, cause: Any) -> Request:
-    """The request for a goal that is the value of a variable."""
+    """Request a goal that is the value of a variable."""
     goal = _literal(goal)
     return open_goal(ag, SUBGOAL, ag.triggers[f"+!{goal.key}"], goal.args, goal.annotations or SELF, cause)
 
 
 def adopt_later(ag: Interpreter, request: Request) -> None:
-    """``!!g``: adopts a goal in an intention of its own in its turn."""
+    """Adopt ``!!g`` in a separate intention."""
     _, trigger, args, notes, cause = request
     if not closed(args):
         raise Failed("no_value", f"!!{trigger.key[2:]} has a variable without a value")
@@ -254,14 +254,14 @@ def adopt_later(ag: Interpreter, request: Request) -> None:
 
 
 def question(ag: Interpreter, trigger: Trigger, args: Args, notes: Args, cause: Any) -> Request:
-    """The request for a plan that answers a question."""
+    """Request a plan for a test goal."""
     if not trigger.plans:
         raise Failed("test_goal_failed", f"nothing answers {trigger.key[1:].rpartition('/')[0]}")
     return open_goal(ag, SUBGOAL, trigger, args, notes, cause)
 
 
 def question_of(ag: Interpreter, query: Any, cause: Any) -> Request | None:
-    """``?Q``: None if a belief answers it."""
+    """Evaluate ``?Q``: return None if a belief matches, otherwise the request for a plan."""
     query = _literal(query)
     for _ in ag.solve(query.key, query.args, query.annotations, []):
         return None
@@ -272,7 +272,7 @@ def question_of(ag: Interpreter, query: Any, cause: Any) -> Request | None:
 
 
 def update_of(ag: Interpreter, sign: str, belief: Any, cause: Any) -> Any:
-    """``+B`` and the like, for the value of a variable."""
+    """Apply ``+B``, ``-B`` or another update to the value of a variable."""
     belief = _literal(belief)
     base = ag.beliefs
     relation, notes = base.relation(belief.key), belief.annotations or SELF
@@ -284,7 +284,7 @@ def update_of(ag: Interpreter, sign: str, belief: Any, cause: Any) -> Any:
 
 
 def chosen(ag: Interpreter, plan: CompiledPlan, args: Args, notes: Args, cause: Any) -> str:
-    """Writes a selected plan to the trace, with the reasons against the plans before it."""
+    """Record the selection of a plan, with the reasons against earlier plans."""
     text, event = plan.shown()
     detail: dict[str, object] = {"rule": text}
     if plan.plan.label:
@@ -316,4 +316,4 @@ NAMES: dict[str, Any] = {
     "record_action": record_action, "renew": renew, "resolve": resolve, "undo": undo, "unify": unify, "univ": univ,
     "update_of": update_of,
 }  # fmt: skip
-"""The names of generated code."""
+"""Global names of generated code."""

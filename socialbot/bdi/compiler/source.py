@@ -1,4 +1,4 @@
-"""Generated Python source: units of functions, their constants, and which line belongs to which step."""
+"""Generated Python source: functions, their constants, and the plan step of each line."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
     from socialbot.bdi.steps import Step
 
 VALUE, CELL = "value", "cell"
-"""What a local holds: a value without variables; or perhaps a variable that has no value yet."""
+"""States of a local: a ground value, or a cell that may hold an unbound variable."""
 
 Scope = dict[str, str]
-"""VALUE or CELL for each variable that has a local."""
+"""State, VALUE or CELL, of each variable with a local."""
 
 _BUILTINS = {**vars(builtins), **NAMES}
 _numbers = itertools.count(1)
 
 
 class Unit:
-    """The source of one plan or rule: several functions within one that is given the constants.
+    """Source of one plan or rule: functions inside a factory of the constants.
 
-    Plans that differ in constants only have the same source, and share its code.
+    Plans that differ only in constants share the compiled code.
     """
 
     def __init__(self, title: str, library: Library) -> None:
@@ -42,11 +42,9 @@ class Unit:
         self._names = itertools.count(1)
 
     def name(self, prefix: str) -> str:
-        """A name that is not taken."""
         return f"{prefix}{next(self._names)}"
 
     def constant(self, value: object) -> str:
-        """An expression for a constant."""
         for name, known in self.constants.items():
             if known is value:
                 return name
@@ -55,13 +53,12 @@ class Unit:
         return name
 
     def function(self, prefix: str, parameters: Iterable[str], scope: Scope) -> Function:
-        """Begins a function."""
         function = Function(self, self.name(prefix), tuple(parameters), dict(scope))
         self.functions.append(function)
         return function
 
     def build(self) -> tuple[Any, dict[int, Step]]:
-        """Compiles it: the first function, and the steps by line."""
+        """Compile the source; return the first function and the steps by line number."""
         lines = [f"def make({', '.join(self.constants)}):"]
         steps: dict[int, Step] = {}
         for function in self.functions:
@@ -77,7 +74,7 @@ class Unit:
 @functools.lru_cache(maxsize=10_000)
 def _make(source: str) -> Any:
     filename = f"{GENERATED_FILE} {next(_numbers)}"
-    # A traceback asks the loader of a frame's module for the source.
+    # Tracebacks read the source from the module's loader.
     namespace = {"__builtins__": _BUILTINS, "__name__": filename, "__loader__": _SourceLoader(source)}
     exec(compile(source, filename, "exec"), namespace)
     return namespace["make"]
@@ -92,7 +89,7 @@ class _SourceLoader:
 
 
 class Function:
-    """One generated function, written line by line."""
+    """Generated function, built line by line."""
 
     def __init__(self, unit: Unit, name: str, parameters: tuple[str, ...], scope: Scope) -> None:
         self.unit = unit
@@ -104,12 +101,12 @@ class Function:
         self.loops = 0
 
     def line(self, text: str, step: Step | None = None) -> None:
-        """Writes a line; an exception in it is one of ``step``."""
+        """Append a line; its exceptions belong to ``step``."""
         self.lines.append((self.depth, text, step))
 
     @contextmanager
     def block(self, head: str, step: Step | None = None) -> Iterator[None]:
-        """Writes ``head:`` and indents what follows."""
+        """Append ``head:`` and indent the lines of the context."""
         self.line(f"{head}:", step)
         self.depth += 1
         before = len(self.lines)
@@ -119,7 +116,7 @@ class Function:
         self.depth -= 1
 
     def relation(self, key: str) -> str:
-        """Writes the look-up of a relation; returns the local that holds it."""
+        """Emit the lookup of a relation; return its local."""
         name = self.unit.name("r")
         # A plain dictionary is twice as fast as a method that creates missing items.
         self.line(f"try: {name} = ag.relations[{key!r}]")
@@ -127,16 +124,15 @@ class Function:
         return name
 
     def local(self, variable: str) -> str:
-        """The Python name of a variable."""
         return f"v_{variable}"
 
 
 def simple(value: object) -> bool:
-    """Whether a constant is compared by identity."""
+    """Check whether a constant is compared by identity."""
     return value.__class__ is Atom
 
 
 def tuple_of(items: Iterable[str]) -> str:
-    """The expression of a tuple."""
+    """Return the expression of a tuple."""
     text = ", ".join(items)
     return f"({text},)" if text else "()"

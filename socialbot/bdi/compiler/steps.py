@@ -31,7 +31,7 @@ from socialbot.bdi.terms import Variable, names_in
 
 
 def notes_of(f: Function, literal: Literal) -> str:
-    """The expression of the annotations of what the agent itself says."""
+    """Return the expression of annotations with source ``self`` by default."""
     if not literal.annotations:
         return "SELF"
     notes = [build(f, note) for note in literal.annotations]
@@ -40,7 +40,7 @@ def notes_of(f: Function, literal: Literal) -> str:
 
 
 def update(f: Function, step: Update) -> None:
-    """Writes a change; but for ``++``, the local r then holds what to wait for, or None."""
+    """Emit a belief update; except for ``++``, its local r then holds a pause or None."""
     literal, sign = step.literal, step.sign
     if isinstance(literal, Variable):
         f.line(f"r = update_of(ag, {sign!r}, {value(f, literal)}, c)", step)
@@ -69,12 +69,12 @@ def update(f: Function, step: Update) -> None:
 
 
 def forget(f: Function, step: Forget) -> None:
-    """Writes that every belief that matches goes, whoever said it."""
+    """Emit the removal of all matching beliefs from any source."""
     literal = step.literal
     relation = f.relation(literal.key)
     if "_" not in names_in(literal) and has_value(f, literal) and not literal.annotations:
         args = values(f, literal.args)
-        # Nobody has to know: no call.
+        # Without observers no call is needed.
         f.line(f"if {relation}.quiet and ag.trace.sink is None:")
         f.line(f"    {relation}.facts.pop({args}, None)", step)
         f.line(f"else: ag.beliefs.forget_one({relation}, {args}, c)", step)
@@ -85,13 +85,13 @@ def forget(f: Function, step: Forget) -> None:
 
 
 def _anyones(literal: Literal) -> bool:
-    """Whether a belief is told by ``[source(_)]``."""
+    """Check for the annotation ``[source(_)]``."""
     notes = literal.annotations
     return len(notes) == 1 and isinstance(notes[0], Literal) and str(notes[0]) == "source(_)"
 
 
 def request(f: Function, step: Achieve, kind: int) -> str:
-    """The expression that asks for a goal."""
+    """Return the expression of a goal request."""
     goal = step.goal
     if isinstance(goal, Goal):
         f.unit.library.declare(type(goal))
@@ -107,7 +107,7 @@ def request(f: Function, step: Achieve, kind: int) -> str:
 
 
 def achieve(f: Function, step: Achieve, *, last: bool) -> None:
-    """Writes a goal; one that is ``last`` takes the place of the goal that the plan serves."""
+    """Emit a subgoal; ``last`` replaces the goal of the plan."""
     if step.apart:
         if isinstance(step.goal, Variable):
             f.line(f"adopt_later(ag, goal_of(ag, {value(f, step.goal)}, c))", step)
@@ -127,7 +127,7 @@ def achieve(f: Function, step: Achieve, *, last: bool) -> None:
 
 
 def ask(f: Function, step: Ask) -> None:
-    """Writes a question: what is believed answers it, or else a plan does."""
+    """Emit a test goal, which matching beliefs or else a plan can satisfy."""
     query_ = step.query
     if isinstance(query_, Variable):
         f.line(f"yield question_of(ag, {value(f, query_)}, c)", step)
@@ -153,11 +153,11 @@ def ask(f: Function, step: Ask) -> None:
 
 
 Rest = Callable[[str], str]
-"""The statement that hands the rest of an inline body over to a generator, which first yields what is named."""
+"""Statement that passes the rest of an inline body to a generator, which first yields the named pause."""
 
 
 class Body:
-    """Writes the body of one plan: in place, or as a generator."""
+    """Emitter of the body of one plan: in place, or as a generator."""
 
     def __init__(self, unit: Unit, plan: Plan, scope: Scope) -> None:
         self.unit = unit
@@ -165,19 +165,19 @@ class Body:
         self.scope = scope
 
     def generator(self) -> str:
-        """Writes the generator; returns its name. Its parameters are the engine, the cause and the variables."""
+        """Emit the body as a generator of engine, cause and variables; return its name."""
         f = self.unit.function("body", ["ag", "c", *(f"v_{name}" for name in self.scope)], self.scope)
         self.write_all(f, self.plan.body)
         f.line("if False: yield")
         return f.name
 
     def resumable(self) -> str:
-        """Writes the generator that goes on with any step, after a pause perhaps; returns its name."""
+        """Emit a generator that resumes at any step, optionally after a pause; return its name."""
         names = sorted(set(self.scope) | _assigned(self.plan.body))
         f = self.unit.function("rest", ["ag", "c", "start", "pause", *(f"v_{n}=None" for n in names)], self.scope)
         with f.block("if pause is not None"):
             f.line("yield pause")
-            # After a rest it is this plan's turn; after a plan for an event others have theirs first.
+            # After a pause this plan continues; after a plan for an event other intentions run first.
             f.line(f"if start < {len(self.plan.body)} and pause.__class__ is tuple: yield")
         for i, step in enumerate(self.plan.body):
             with f.block(f"if start <= {i}"):
@@ -187,7 +187,7 @@ class Body:
         return f.name
 
     def write_all(self, f: Function, body: tuple[Step, ...], *, nested: bool = False, begins: bool = False) -> None:
-        """Writes steps one after the other; before each of them (but one that begins it all) others have their turn."""
+        """Emit steps in order. Before each of them, except an initial one with ``begins``, other intentions run."""
         rested = begins or not nested
         for i, step in enumerate(body):
             if not rested:
@@ -196,7 +196,7 @@ class Body:
             rested = self.write(f, step, last=last and not nested, closes=last)
 
     def write_inline(self, f: Function, step: Step, *, last: bool, rest: Rest) -> None:
-        """Writes a step of a body that runs in place."""
+        """Emit a step of an inline body."""
         if isinstance(step, Achieve) and not step.apart:
             assert last
             f.line(f"return {request(f, step, TAIL)}", step)
@@ -213,9 +213,9 @@ class Body:
             self.write(f, step, last=last)
 
     def write(self, f: Function, step: Step, *, last: bool = False, closes: bool = False) -> bool:
-        """Writes a step of a generator; returns whether others have had a turn when it has ended.
+        """Emit a step of a generator; return whether other intentions run before it ends.
 
-        ``last`` is the last step of the plan, ``closes`` that of a block: who comes after a block lets others go first.
+        ``last`` marks the final step of the plan, ``closes`` that of a block; other intentions run after each block.
         """
         if isinstance(step, Achieve):
             achieve(f, step, last=last and not self.plan.atomic)
@@ -258,7 +258,7 @@ class Body:
             with f.block("else"):
                 self.write_all(f, step.otherwise, nested=True)
         other = dict(f.scope)
-        # What only one branch gives a value to is a variable after the other one.
+        # Variables of only one branch may be unbound after the other one.
         half = sorted(then.keys() ^ other.keys())
         f.lines[start:start] = [(f.depth, f"{f.local(n)} = Var({n!r})", None) for n in half]
         f.scope = {
@@ -294,7 +294,7 @@ class Body:
         f.scope = scope
 
     def cells(self, f: Function, step: Step) -> dict[str, str]:
-        """Keeps the variables that may have no value before a loop, as each turn begins without one again."""
+        """Save the unbound variables before a loop, since each iteration starts with new ones."""
         cells = {name: f.unit.name("x") for name in sorted(f.scope) if f.scope[name] == CELL}
         for name, cell in cells.items():
             f.line(f"{cell} = {f.local(name)}", step)
@@ -331,7 +331,7 @@ def _restore(f: Function, cells: dict[str, str]) -> None:
 
 
 def _assigned(body: tuple[Step, ...]) -> set[str]:
-    """The variables that the steps of a straight body may give values to."""
+    """Return the variables that a straight body may bind."""
     names: set[str] = set()
     for step in body:
         for part in (getattr(step, field, None) for field in ("goal", "action", "literal", "condition")):

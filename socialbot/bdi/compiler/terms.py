@@ -1,4 +1,4 @@
-"""Terms in generated code: values, terms with variables in them, and matching against values."""
+"""Compile terms to values, structures with variables, and pattern matching."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from socialbot.core.errors import RuleError
 
 
 def has_value(f: Function, term: object) -> bool:
-    """Whether all variables of a term hold values at this point of the function."""
+    """Check whether all variables of a term hold values at this point of the function."""
     if isinstance(term, Call):
         return True
     return all(f.scope.get(name) == VALUE for name in names_in(term))
 
 
 def has_cell(f: Function, term: object) -> bool:
-    """Whether a variable of a term may hold a variable."""
+    """Check whether a variable of a term may be unbound."""
     return any(f.scope.get(name) == CELL for name in names_in(term))
 
 
 def value(f: Function, term: object) -> str:
-    """The expression of a term's value. Raises RuleError when a variable has none."""
+    """Return the expression of a term's value. Raises RuleError for an unbound variable."""
     if isinstance(term, Variable):
         state = f.scope.get(term.name)
         if state is None:
@@ -49,12 +49,12 @@ def value(f: Function, term: object) -> str:
 
 
 def values(f: Function, terms: tuple[object, ...]) -> str:
-    """The expression of a tuple of values; one constant if none depends on a variable."""
+    """Return the expression of a tuple of values; one constant if all are ground."""
     return f.unit.constant(terms) if ground(terms) else tuple_of(value(f, term) for term in terms)
 
 
 def arithmetic(f: Function, term: Expression) -> str:
-    """The expression that computes."""
+    """Return the expression of an arithmetic term."""
     left, right = value(f, term.left), value(f, term.right)
     if term.symbol in ("div", "mod"):
         return f"{term.symbol}({left}, {right})"
@@ -62,7 +62,7 @@ def arithmetic(f: Function, term: Expression) -> str:
 
 
 def call(f: Function, term: Call) -> str:
-    """The expression that calls a function of AgentSpeak."""
+    """Return the expression of an AgentSpeak function call."""
     if term.function == ".count":
         from socialbot.bdi.compiler.conditions import collected
 
@@ -75,7 +75,7 @@ def call(f: Function, term: Call) -> str:
 
 
 def structure(f: Function, term: Literal, args: str, annotations: list[str]) -> str:
-    """The expression that makes a literal inside another term."""
+    """Return the expression of a literal inside another term."""
     if type(term).functor == term.functor and not term.annotations and not term.negated:
         return f"{f.unit.constant(type(term))}(*{args})"
     negated = ", negated=True" if term.negated else ""
@@ -83,7 +83,7 @@ def structure(f: Function, term: Literal, args: str, annotations: list[str]) -> 
 
 
 def build(f: Function, term: object) -> str:
-    """The expression of a term that may have variables in it; those without a local get one."""
+    """Return the expression of a term with variables; variables without a local get one."""
     if has_value(f, term) and "_" not in names_in(term):
         return value(f, term)
     if isinstance(term, Variable):
@@ -107,7 +107,7 @@ def build(f: Function, term: object) -> str:
 
 
 def match(f: Function, pattern: object, subject: str, fail: str, step: Step | None = None) -> None:
-    """Writes the matching of a pattern with a value: variables get theirs, ``fail`` is done when it differs."""
+    """Emit a match of a pattern with a value: it binds variables or executes ``fail``."""
     if isinstance(pattern, Variable) and pattern.name not in f.scope:
         if pattern.name != "_":
             f.line(f"{f.local(pattern.name)} = {subject}")
@@ -134,7 +134,7 @@ def match(f: Function, pattern: object, subject: str, fail: str, step: Step | No
 
 
 def match_list(f: Function, pattern: tuple[object, ...] | Cons, subject: str, fail: str, step: Step | None) -> None:
-    """Writes the matching of a list."""
+    """Emit a match of a list pattern."""
     item = f.unit.name("t")
     items, tail = (pattern.items, pattern.tail) if isinstance(pattern, Cons) else (pattern, None)
     differs = "!=" if tail is None else "<"
@@ -147,21 +147,21 @@ def match_list(f: Function, pattern: tuple[object, ...] | Cons, subject: str, fa
 
 
 def unified(f: Function, pattern: object, subject: str, fail: str, step: Step | None = None) -> None:
-    """Writes the unification of a pattern with a value, after which its variables have values."""
+    """Emit the unification of a pattern with a value, which binds all variables of the pattern."""
     fresh = names_in(pattern) - f.scope.keys() - {ANYTHING.name}
     f.line(f"if not unify({build(f, pattern)}, {subject}, trail): {fail}", step)
     settle(f, fresh)
 
 
 def settle(f: Function, fresh: set[str]) -> None:
-    """Writes that variables made just now hold values. Others stay cells: a loop around may bind them anew."""
+    """Mark new variables as values. Others stay cells, since a surrounding loop may bind them again."""
     for name in sorted(fresh):
         f.line(f"{f.local(name)} = resolve({f.local(name)})")
         f.scope[name] = VALUE
 
 
 def refresh(f: Function, names: set[str], before: set[str]) -> None:
-    """Writes that variables got values, perhaps, while the body rested."""
+    """Emit updates of variables that a pause may have bound."""
     for name in sorted(names - {"_"}):
         if f.scope.get(name) == CELL or name not in before:
             f.line(f"{f.local(name)} = resolve({f.local(name)})")
