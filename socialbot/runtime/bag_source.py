@@ -42,7 +42,7 @@ DRAIN_S = 0.5
 """Time for the last messages to arrive from other processes."""
 
 BAG_GRAPH = "graph.yaml"
-"""File in the folder of a bag which holds the recorded graph."""
+"""File name of the graph in the folder of a bag."""
 
 
 def replay(
@@ -57,12 +57,12 @@ def replay(
     """Replay a bag through a graph.
 
     Args:
-        bag: An open bag, or the path of one.
+        bag: An open bag, or its path.
         graph: The graph, its file or its name; by default the graph of the bag, else Waldo's.
-        folder: Folder for the record of the run; by default below runs/, named by the time.
-        observe: Gets every message of the run, as topic and message.
+        folder: Folder of the run record; by default a new one below runs/.
+        observe: Called with the topic and message of every message.
         runner: "inline" for one thread and simulated time, "ros" for processes over DDS.
-        truth: File of the ground truth; by default NAME.truth.json beside the bag, if it exists.
+        truth: Ground truth file; by default NAME.truth.json beside the bag, if it exists.
 
     Raises:
         SocialbotError: The bag or the graph is unusable, or the run failed.
@@ -98,7 +98,7 @@ class BagSource(RunSource):
     _decisions: list[TraceRecord] = field(default_factory=list, init=False)
 
     def prepare(self, graph: Graph, runner: Runner, folder: Path) -> Graph:
-        # In simulated time speech takes as long as its sound without being played.
+        # Simulated speech has the duration of its sound, without playback.
         playback: dict[str, object] = {"playback": "off"} if runner == "inline" else {}
         graph = with_speech_files(graph.without_sources(), folder, **playback)
         self._feeds = feeding(self.bag, graph, self.image_topic)

@@ -1,4 +1,4 @@
-"""Deployments: which node of a graph runs on which machine, read from YAML files."""
+"""Deployments: assign the nodes of a graph to machines, in YAML files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Transport = Literal["jpeg", "raw"]
 
 @dataclass(frozen=True)
 class Pictures:
-    """How the pictures of a topic cross: as JPEG with these parameters of a `ImageSender`, or raw."""
+    """Transport of an image topic between machines: raw, or JPEG with parameters of `ImageSender`."""
 
     transport: Transport = "jpeg"
     parameters: Mapping[str, object] = field(default_factory=dict)
@@ -37,10 +37,10 @@ class Pictures:
 def with_crossings(
     graph: Graph, places: Mapping[str, str], pictures: Mapping[str, Pictures]
 ) -> tuple[Graph, dict[str, str]]:
-    """``graph`` and ``places``, the machine of each node by its name, after all crossings were put in.
+    """Insert image senders and receivers between machines; return the new graph and the machine of each node.
 
-    Pictures of ``/camera/image_raw`` wanted on the machine ``desk`` arrive there as ``/camera/image_raw/desk``.
-    Raises GraphError where pictures of one topic are published on several machines.
+    Images of ``/camera/image_raw`` arrive on the machine ``desk`` as ``/camera/image_raw/desk``. Raises GraphError if
+    several machines publish a topic.
     """
     crossed = dict(places)
     for topic in picture_topics(graph):
@@ -60,12 +60,12 @@ def with_crossings(
 
 
 def picture_topics(graph: Graph) -> list[str]:
-    """The topics of raw pictures, in order."""
+    """The topics of raw images, sorted."""
     return sorted(topic for topic, kind in graph.topics().items() if kind is Image)
 
 
 def publishes_pictures(placement: NodeConfig) -> bool:
-    """Whether a node publishes raw pictures."""
+    """Whether a node publishes raw images."""
     return any(port.message_type is Image for _, port in placement.publications)
 
 
@@ -74,7 +74,6 @@ def _takes(placement: NodeConfig, topic: str) -> bool:
 
 
 def _home(graph: Graph, topic: str, places: Mapping[str, str]) -> str:
-    """The machine that publishes ``topic``; none where it comes from outside."""
     publishers = [one for one in graph.placements if any(topic == said for said, _ in one.publications)]
     homes = sorted({places[one.name] for one in publishers})
     if len(homes) > 1:
@@ -111,7 +110,7 @@ HOST_NAME = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(?<!-)(\.(?!-)[A-Za-z0-9_-]{1,6
 
 @dataclass(frozen=True)
 class Server:
-    """A discovery server: the machine that it runs on, and its port."""
+    """Machine and port of a discovery server."""
 
     machine: str
     port: int = SERVER_PORT
@@ -119,13 +118,16 @@ class Server:
 
 @dataclass(frozen=True)
 class Deployment:
-    """A graph on several machines.
+    """Graph on several machines. Raises GraphError or ParameterError if it is invalid.
 
-    ``written`` is the graph without what is put in for its crossings, ``machines`` their addresses by name and
-    ``places`` the machine of each node of it. Machines find each other by their addresses, or by a ``server``.
-    ``pictures`` says how topics cross, ``keys`` is the folder of keys, ``minds`` that in which agents keep what they go
-    on with after a restart. Errors are GraphErrors and ParameterErrors; they name their place as a path of keys, such
-    as ``nodes.camera``.
+    Attributes:
+        written: The graph without image senders and receivers.
+        machines: Addresses by machine name.
+        places: Machine of each node in ``written``.
+        server: Discovery server; without it machines use their addresses.
+        pictures: Transport by image topic.
+        keys: Folder of the keys.
+        minds: Folder where agents save their state for a restart.
     """
 
     written: Graph
@@ -146,23 +148,23 @@ class Deployment:
 
     @property
     def graph(self) -> Graph:
-        """The whole graph, with the nodes that carry pictures from machine to machine."""
+        """The whole graph, with image senders and receivers."""
         return self._crossed[0]
 
     def half(self, machine: str) -> tuple[NodeConfig, ...]:
-        """The nodes of one machine. Raises GraphError when there is no such machine."""
+        """The nodes of one machine. Raises GraphError if it is unknown."""
         self.address(machine)
         graph, places = self._crossed
         return tuple(placement for placement in graph.placements if places[placement.name] == machine)
 
     def address(self, machine: str) -> str:
-        """Its address. Raises GraphError when there is no such machine."""
+        """The address of a machine. Raises GraphError if it is unknown."""
         if machine not in self.machines:
             raise GraphError(f"no machine {machine!r}", where="machines", remedy=suggestion(machine, self.machines))
         return self.machines[machine]
 
     def across(self, machine: str) -> Across | None:
-        """How nodes on ``machine`` find those of the others; None where there are no others."""
+        """The discovery settings of ``machine``; None for a single machine."""
         others = tuple(address for name, address in self.machines.items() if name != machine)
         if not others:
             return None
@@ -171,11 +173,11 @@ class Deployment:
         return Across(server=f"{self.address(self.server.machine)}:{self.server.port}")
 
     def raw_pictures(self, node: str) -> bool:
-        """Whether the node of this name publishes raw pictures, so that its messages must not be cut small."""
+        """Whether the node publishes raw images, whose messages need large fragments."""
         return publishes_pictures(self.graph.placement(node))
 
     def this_machine(self) -> str:
-        """The machine that has an address of the one this runs on. Raises GraphError unless that is just one."""
+        """The name of this machine, by its address. Raises GraphError unless exactly one matches."""
         found = [name for name, address in self.machines.items() if is_own(address)]
         if len(found) == 1:
             return found[0]
@@ -238,7 +240,7 @@ class Deployment:
 
 
 def is_address(text: str) -> bool:
-    """Whether ``text`` is an IPv4 address or may be the name of a host."""
+    """Whether ``text`` is an IPv4 address or a valid host name."""
     if re.fullmatch(r"[0-9.]+", text):
         try:
             ipaddress.IPv4Address(text)
@@ -249,7 +251,7 @@ def is_address(text: str) -> bool:
 
 
 def is_own(address: str) -> bool:
-    """Whether ``address`` belongs to the machine that this runs on."""
+    """Whether ``address`` belongs to this machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         try:
             own.bind((address, 0))
@@ -263,7 +265,7 @@ TRANSPORTS = ("jpeg", "raw")
 
 
 def is_deployment(name: str) -> bool:
-    """Whether ``name`` is a file that tells of machines, and so no graph."""
+    """Whether ``name`` is a deployment file instead of a graph."""
     if name in graph_names():
         return False
     try:
@@ -274,10 +276,7 @@ def is_deployment(name: str) -> bool:
 
 
 def load_deployment(path: Path) -> Deployment:
-    """The deployment that the file at ``path`` describes; beside it nodes may read and write files.
-
-    Raises GraphError or ParameterError with file and line.
-    """
+    """Load a deployment file, whose folder nodes may read and write. Raises GraphError or ParameterError."""
     try:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -288,7 +287,7 @@ def load_deployment(path: Path) -> Deployment:
 
 
 def parse_deployment(text: str, *, where: str, folder: Path) -> Deployment:
-    """The deployment that the YAML ``text`` describes; ``where`` is named in errors, files stand in ``folder``."""
+    """Parse a deployment from YAML. Errors name the source ``where``; relative paths start at ``folder``."""
     root = read_page(text, where=where)
     root.only(*KEYS)
     graph = _graph(root, folder)

@@ -1,4 +1,4 @@
-"""The discovery server of Fast DDS, by which nodes find each other: started, and started again when it dies."""
+"""Discovery server of Fast DDS: start it and restart it after a crash."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ log = logging.getLogger("socialbot.discovery_server")
 PROGRAM = "fast-discovery-server"
 ENDED_S = 3.0
 EXEC_WITH_PARENT = Path(__file__).with_name("exec_with_parent.py")
-"""The script that ends a program with the process that has started it."""
+"""Script that ends a program with its parent process."""
 
 
 class DiscoveryServer:
-    """A server at ``address`` and ``port``. Use it as a context manager: leaving it ends the server.
+    """Discovery server at ``address`` and ``port``, as a context manager.
 
-    It writes into the file ``output``. Entering raises InstallationError when there is no such program.
+    It logs to the file ``output``. Entering raises InstallationError if the program is missing.
     """
 
     def __init__(self, address: str, port: int, output: Path, policy: RestartPolicy) -> None:
@@ -42,7 +42,7 @@ class DiscoveryServer:
 
     @property
     def pid(self) -> int | None:
-        """The id of its process, if it runs."""
+        """Process id of the running server, else None."""
         process = self._process
         return process.pid if process is not None and process.poll() is None else None
 
@@ -63,7 +63,7 @@ class DiscoveryServer:
             self._keeper.join()
 
     def _keep(self) -> None:
-        """Run the server and restart it until it is given up.
+        """Run and restart the server.
 
         This thread must outlive the server: the kernel kills it together with its parent thread.
         """
@@ -81,11 +81,11 @@ class DiscoveryServer:
             self._closed.wait(pause_s)
 
     def _start(self) -> subprocess.Popen[bytes] | None:
-        """Start the process, unless it was closed."""
+        """Start the process, unless the server is closed."""
         with self._one_at_a_time, self._output.open("ab") as output:
             if self._closed.is_set():
                 return None
-            # Profiles are for nodes.
+            # Profiles apply to nodes only.
             variables = {name: value for name, value in os.environ.items() if name != PROFILE_VARIABLE}
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-S", str(EXEC_WITH_PARENT), str(os.getpid()), self._program, *self._arguments],
@@ -99,7 +99,7 @@ class DiscoveryServer:
 
 
 def listening(address: str) -> str:
-    """Return the address to listen on; a host name may resolve to another address here than elsewhere."""
+    """Return the address to listen on; host names may resolve differently on other machines."""
     try:
         return str(ipaddress.IPv4Address(address))
     except ValueError:

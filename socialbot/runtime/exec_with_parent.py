@@ -1,7 +1,8 @@
-"""A script that binds a program to the process that has started it.
+"""Run a program that ends with its parent process.
 
-``python -I -S bound.py PARENT COMMAND...`` asks the kernel to be killed when the process PARENT dies (on Linux), and
-becomes COMMAND. A script of its own, because a process with threads cannot safely do anything between fork and exec.
+``python -I -S exec_with_parent.py PARENT COMMAND...`` asks the Linux kernel to kill it when the process PARENT dies,
+and executes COMMAND. It is a separate script, because a process with threads cannot safely run code between fork and
+exec.
 """
 
 from __future__ import annotations
@@ -9,13 +10,13 @@ from __future__ import annotations
 import os
 import sys
 
-# From Linux' headers.
+# From the headers of Linux.
 PR_SET_PDEATHSIG = 1
 SIGKILL = 9
 
 
 def main() -> None:
-    """Does what the module says; never returns."""
+    """Execute the command; never returns."""
     parent, command = int(sys.argv[1]), sys.argv[2:]
     if sys.platform == "linux":
         import ctypes

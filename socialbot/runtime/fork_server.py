@@ -1,10 +1,10 @@
-"""Start node processes as forks of a process that has imported their modules: they start in a fraction of the time.
+"""Fork server: starts node processes quickly, as forks of a process that has imported their modules.
 
-``python -m socialbot.runtime.fork_server FILE MODULE...`` is the server. It imports the modules and serves requests
-from file descriptor FILE until that breaks. It has neither threads nor rclpy, whose libraries start threads when they
-are loaded; a fork would lose them.
+``python -m socialbot.runtime.fork_server FILE MODULE...`` imports the modules and serves requests from file descriptor
+FILE until the connection breaks. The server has no threads, which a fork would lose. It does not import rclpy, whose
+libraries start threads.
 
-Each fork is a child of the process that requested it, so it outlives the server and keeps its exit code.
+Each fork is a child of the requesting process, so it outlives the server and keeps its exit code.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ANSWER_S = 30.0
 """Time limit for the imports of the server, and for a fork."""
 
 MAX_SERVERS = 3
-"""Number of servers that are started; later processes start without one."""
+"""Maximum number of server starts; later processes start without a server."""
 
 POLL_S = 0.005
 MAX_ANSWER_BYTES = 64
@@ -50,9 +50,9 @@ PR_SET_CHILD_SUBREAPER = 36
 
 @dataclass(frozen=True)
 class ForkRequest:
-    """A fork that runs ``socialbot *arguments`` under a process ``name`` with more environment ``variables``.
+    """Request to fork ``socialbot *arguments`` with a process ``name`` and additional environment ``variables``.
 
-    File descriptors come with it: the log, and the supervisor channel if there is one.
+    The file descriptors of the log and of any supervisor channel are attached.
     """
 
     name: str
@@ -85,23 +85,21 @@ class ForkedProcess:
         return code
 
     def send_signal(self, sig: int) -> None:
-        """Send a signal, if it still runs."""
         if self.poll() is None:
             os.kill(self.pid, sig)
 
     def kill(self) -> None:
-        """Kill it, if it still runs."""
         self.send_signal(signal.SIGKILL)
 
 
 class ForkServer:
-    """Starts processes with nodes of ``graph`` and logs in ``folder``; call `close` at the end.
+    """Client of a fork server for the nodes of ``graph``, with logs in ``folder``; call `close` at the end.
 
-    Started processes outlive it. Without a working server they start as any program does.
+    Started processes outlive it. Without a working server they start without a fork.
     """
 
     def __init__(self, graph: Graph, folder: Path) -> None:
-        # Modules of users may do anything when they are imported, such as starting threads.
+        # Modules of users may have side effects on import, such as threads.
         modules = {config.type.__module__ for config in graph.placements}
         self._modules = sorted(module for module in modules if module.startswith("socialbot."))
         self._folder = folder
@@ -110,7 +108,7 @@ class ForkServer:
         self._socket: socket.socket | None = None
 
     def prepare(self) -> None:
-        """Start the server, which takes a while to be ready."""
+        """Start the server in the background."""
         if self._socket is not None or not self._servers_left:
             return
         self._servers_left -= 1
@@ -148,7 +146,6 @@ class ForkServer:
         return None if self._server is None else self._server.pid
 
     def close(self) -> None:
-        """Stop the server."""
         if self._server is not None:
             self._server.kill()
             self._server.wait()
@@ -194,7 +191,7 @@ def _set_subreaper(wanted: bool) -> None:
 
 
 def main() -> None:
-    """Run the server."""
+    """Serve fork requests until the connection breaks."""
     connection = socket.socket(fileno=int(sys.argv[1]))
     for module in sys.argv[2:]:
         importlib.import_module(module)

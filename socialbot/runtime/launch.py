@@ -1,6 +1,6 @@
-"""Run a graph in processes of its own.
+"""Launch a graph in separate processes.
 
-A crashed process ends them all, as a replay needs; `socialbot.runtime.supervisor` restarts it instead.
+A crashed process ends them all, as a replay requires; `socialbot.runtime.supervisor` restarts it instead.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from socialbot.runtime.processes import Process, end_processes, how_it_ended
 
 LOG_TAIL_LINES = 8
 DOCUMENTED = frozenset({3, 4, 5, 7})
-"""Exit codes by which a process says why it failed; any other failure of a node is 6."""
+"""Exit codes with a documented meaning; any other failure of a node is 6."""
 
 
 class Launch:
-    """The processes of one graph. Use it as a context manager: leaving it ends them all.
+    """Processes of one graph, as a context manager that ends them all.
 
-    ``folder`` takes the graph as it runs (graph.yaml) and a log for each process.
+    ``folder`` receives the graph (graph.yaml) and a log of each process.
     """
 
     def __init__(self, graph: Graph, folder: Path, *, sim_time: bool = False, composed: bool = False) -> None:
@@ -49,30 +49,29 @@ class Launch:
         self.stop()
 
     def start(self, name: str, arguments: list[str]) -> Process:
-        """Starts ``socialbot *arguments`` as the process ``name``, with its log in the folder."""
+        """Start ``socialbot *arguments`` as the process ``name`` with its log."""
         process = self._processes[name] = self._fork_server.start(arguments, log_file(self._folder, name))
         return process
 
     def check(self) -> None:
-        """Raises NodeError when a process has ended with an error."""
+        """Raises NodeError if a process has failed."""
         for name, process in self._processes.items():
             code = process.poll()
             if code:
                 raise failure(name, code, log_file(self._folder, name))
 
     def stop(self) -> None:
-        """Ends all processes; then ``exit_codes`` holds how they ended."""
+        """End all processes and set ``exit_codes``."""
         self._fork_server.close()
         self.exit_codes.update(end_processes(self._processes))
 
     @property
     def pids(self) -> dict[str, int]:
-        """The process ids by name."""
         return {name: process.pid for name, process in self._processes.items()}
 
 
 def write_graph(graph: Graph, folder: Path) -> Path:
-    """Writes ``graph`` into ``folder``, for its processes to read."""
+    """Write ``graph`` to ``folder``; return the file."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "graph.yaml"
     file.write_text(dump_graph(graph), encoding="utf-8")
@@ -80,23 +79,23 @@ def write_graph(graph: Graph, folder: Path) -> Path:
 
 
 def processes_of(graph: Graph, *, composed: bool) -> dict[str, list[str]]:
-    """The nodes of each process by its name: one each, or all of them ``composed``."""
+    """The nodes of each process by its name: one process for each node, or a single ``composed`` one."""
     names = [placement.name for placement in graph.placements]
     return {graph.name: names} if composed else {name: [name] for name in names}
 
 
 def node_arguments(graph_file: Path, nodes: list[str], *, sim_time: bool = False) -> list[str]:
-    """The arguments of ``socialbot`` for a process with these ``nodes``."""
+    """The arguments of ``socialbot`` to run ``nodes``."""
     return ["node", "--graph", str(graph_file), *(["--sim-time"] if sim_time else []), *nodes]
 
 
 def log_file(folder: Path, name: str) -> Path:
-    """The log of the process ``name``."""
+    """The log file of the process ``name``."""
     return folder / f"{name}.log"
 
 
 def failure(name: str, code: int, log: Path) -> SocialbotError:
-    """The error that says that the process ``name`` ended with ``code``, and what it logged last."""
+    """Return the error for a failed process, with its exit code and the end of its log."""
     lines = log.read_text("utf-8", errors="replace").splitlines()[-LOG_TAIL_LINES:]
     what = "\n    ".join([f"the process {how_it_ended(code)}", *lines])
     error = NodeError(what, where=name, remedy=f"the whole log: {log}")

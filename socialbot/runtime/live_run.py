@@ -1,4 +1,4 @@
-"""A run that still goes on: what is heard of it, as it is heard."""
+"""Live view of a run in progress."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ LOOKS_BACK_S = 3600.0
 MOST_RECORDS = 100_000
 
 LATER_S = 300.0
-"""Items are dropped in steps of this size, as dropping takes time."""
+"""Step size (s) in which old items are dropped."""
 
 RECENT = 9
-"""The median of as many stamps is the current time, so that one wrong stamp drops nothing."""
+"""Number of stamps whose median is the current time; a single wrong stamp has no effect."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class LiveRun:
         self._recent: deque[int] = deque(maxlen=RECENT)
         self._forgot = 0
 
-    # What happens, from any thread
+    # Inputs, from any thread
 
     def observe(self, topic: str, message: Message) -> None:
         self._heard.append(_ReceivedMessage(topic, message))
@@ -68,7 +68,7 @@ class LiveRun:
     def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None:
         self._heard.append(NodeReport(stamp, name, values))
 
-    # What there is to see, from one thread
+    # Views, from one thread
 
     @property
     def title(self) -> str:

@@ -1,4 +1,4 @@
-"""Run a graph on live sensors, supervised, until it is told to stop."""
+"""Run a graph on live sensors under supervision, until a signal."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from socialbot.runtime.supervisor import Supervisor, Variables, no_variables
 ATTEND_S = 0.1
 
 CLOCK_JUMP_S = 0.5
-"""Smaller changes of the computer's clock are not logged."""
+"""Threshold below which clock changes are not logged."""
 
 log = logging.getLogger("socialbot.runtime.live")
 
 
 class RunServices:
-    """Services that a live run needs besides its graph; here none."""
+    """Services of a live run besides its graph; none by default."""
 
     def running(self) -> AbstractContextManager[object]:
-        """Context in which the services run; entered again whenever all processes are restarted."""
+        """Context in which the services run; entered again after each restart of all processes."""
         return nullcontext()
 
     def missed(self) -> tuple[float, float] | None:
-        """Return once after a service came up: processes started between these times (monotonic s) have missed it."""
+        """Start times (monotonic s) of processes that missed a service, returned once after it came up."""
         return None
 
 
 @dataclass
 class LiveSource(RunSource):
-    """Live sensors, until SIGINT, SIGTERM or ``socialbot down``. Crashed processes are restarted.
+    """Live sensors as a source, until SIGINT, SIGTERM or ``socialbot down``. Restarts crashed processes.
 
     Attributes:
         nodes: Names of the nodes to run and observe; None means all.
-        state_folder: Folder of the agents' saved state, which they restore; by default a new one in the record.
-        policy: When to restart processes.
-        variables: More environment variables for a process, by its nodes.
+        state_folder: Folder of the agents' saved state; by default a new one in the record.
+        policy: Restart policy of processes.
+        variables: Additional environment variables of a process, by its nodes.
         services: Services beside the graph.
     """
 
@@ -118,7 +118,7 @@ def restarted(supervisor: Supervisor, begun: float, services: RunServices) -> bo
 
 @dataclass
 class ClockWatch:
-    """Logs changes of the computer's clock, which the ``clock`` of the graph does not follow."""
+    """Logger of changes of the system clock, which the ``clock`` of the graph does not follow."""
 
     clock: WallClock
     logged_s: float = 0.0

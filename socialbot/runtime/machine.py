@@ -29,7 +29,7 @@ from socialbot.runtime.live_source import LiveSource, RunServices, with_state_fi
 
 
 def enter(deployment: Deployment, machine: str) -> None:
-    """Make this process part of ``machine``: its ROS domain, discovery, key and name.
+    """Configure this process for ``machine``: ROS domain, discovery, key and name.
 
     Call it before rclpy starts. Raises GraphError for an unknown machine.
     """
@@ -43,15 +43,15 @@ def enter(deployment: Deployment, machine: str) -> None:
 POLL_S = 0.5
 
 UNCERTAIN_S = 5.0
-"""Time within which a process that starts looks for networks."""
+"""Startup time in which a process may still miss a network."""
 
 log = logging.getLogger("socialbot.network")
 
 
 class Network:
-    """Watches whether ``address`` is up on this machine, in a thread, since name look-ups may take long.
+    """Monitor of the network of ``address``, in a thread, since name look-ups may block.
 
-    Use it as a context manager. It logs when the address is down at first.
+    Use it as a context manager. It logs an address that is down at the start.
     """
 
     def __init__(self, address: str) -> None:
@@ -71,7 +71,7 @@ class Network:
         self._closed.set()
 
     def missed(self) -> tuple[float, float] | None:
-        """Return once after the network came up: processes started between these times (monotonic s) missed it."""
+        """Start times (monotonic s) of processes that missed the network, returned once after it came up."""
         with self._lock:
             missed, self._missed = self._missed, None
         return missed
@@ -92,7 +92,7 @@ class Network:
             self._down = not is_up
 
     def _is_up(self) -> bool:
-        """Whether the address is one of this machine's and its network is up."""
+        """Whether this machine has the address and its network is up."""
         try:
             own = own_addresses()
         except OSError as error:  # such as too many open files
@@ -106,7 +106,7 @@ class Network:
 
 
 def addresses_of(name: str) -> frozenset[str]:
-    """Return the IPv4 addresses that ``name`` resolves to; none if it does not."""
+    """Return the IPv4 addresses of ``name``, if any."""
     try:
         found = socket.getaddrinfo(name, None, socket.AF_INET, socket.SOCK_DGRAM)
     except OSError:
@@ -115,7 +115,7 @@ def addresses_of(name: str) -> frozenset[str]:
 
 
 def own_addresses() -> frozenset[str]:
-    """Return the IPv4 addresses of this machine whose networks run: a cable is plugged in, or Wi-Fi joined."""
+    """Return the IPv4 addresses of this machine on active networks."""
     states = psutil.net_if_stats()
     return frozenset(
         each.address
@@ -126,7 +126,7 @@ def own_addresses() -> frozenset[str]:
 
 
 def beyond(addresses: frozenset[str]) -> frozenset[str]:
-    """Return the addresses that are no loopback; a host name often resolves to 127.0.1.1."""
+    """Return the addresses except loopback; a host name often resolves to 127.0.1.1."""
     return frozenset(address for address in addresses if not ipaddress.IPv4Address(address).is_loopback)
 
 
@@ -136,7 +136,7 @@ def _is_running(states: Any) -> bool:
 
 @dataclass(frozen=True)
 class NodeProcess:
-    """A process of one node: its name, the arguments of ``socialbot node`` and more environment variables."""
+    """Process of one node: name, arguments of ``socialbot node`` and additional environment variables."""
 
     name: str
     arguments: tuple[str, ...]
@@ -145,7 +145,7 @@ class NodeProcess:
 
 @dataclass(frozen=True)
 class MachineServices(RunServices):
-    """Services of ``machine`` in a deployment: its network, and the discovery server if it runs there."""
+    """Services of ``machine``: its network monitor, and the discovery server if assigned to it."""
 
     deployment: Deployment
     machine: str
@@ -163,10 +163,10 @@ class MachineServices(RunServices):
 def machine_source(
     deployment: Deployment, machine: str, logs: Path, state_folder: Path | None = None
 ) -> Iterator[LiveSource]:
-    """Make this process part of ``machine``; return the source of its nodes, and watch its network meanwhile.
+    """Configure this process for ``machine``; return the source of its nodes, and monitor its network meanwhile.
 
-    Other machines may start before or after. ``state_folder`` overrides that of the deployment. Raises GraphError for
-    an unknown machine.
+    Machines may start in any order. ``state_folder`` overrides that of the deployment. Raises GraphError for an unknown
+    machine.
     """
     enter(deployment, machine)
 
@@ -187,7 +187,7 @@ def machine_source(
 
 
 def discovery(deployment: Deployment, machine: str, logs: Path) -> AbstractContextManager[object]:
-    """Run the discovery server of the deployment within the block, if it belongs on this ``machine``."""
+    """Run the discovery server of the deployment within the block, if assigned to ``machine``."""
     server = deployment.server
     if server is None or server.machine != machine or not is_own(address := deployment.address(machine)):
         return nullcontext()
@@ -197,9 +197,9 @@ def discovery(deployment: Deployment, machine: str, logs: Path) -> AbstractConte
 def graph_processes(
     graph: Graph, folder: Path, *, state_folder: Path | None = None, sim_time: bool = False
 ) -> list[NodeProcess]:
-    """Return a process for each node of ``graph``, for ``ros2 launch``; they end when the caller does.
+    """Return a process for each node of ``graph``, for ``ros2 launch``; they end with the caller.
 
-    ``folder`` takes the graph file and, without a ``state_folder``, the saved state of agents.
+    ``folder`` receives the graph file and, without a ``state_folder``, the saved state of agents.
     """
     file = write_graph(with_state_files(graph, state_folder or folder / "minds"), folder.resolve())
     prepared = dict(os.environ)

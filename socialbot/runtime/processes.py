@@ -1,4 +1,4 @@
-"""Operating-system processes: start, watch, stop, and when to restart them."""
+"""Operating-system processes: start, stop, and restart policy."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ def environment_of(log_folder: Path) -> dict[str, str]:
 def start_process(
     arguments: list[str], log: Path, *, variables: Mapping[str, str] | None = None, lifeline: int | None = None
 ) -> subprocess.Popen[bytes]:
-    """Start ``socialbot *arguments``, which ends when this process does.
+    """Start ``socialbot *arguments`` as a process that ends with this one.
 
-    ``variables`` are added to the environment; ``lifeline`` is the file descriptor of its supervisor channel.
+    ``variables`` extend the environment; ``lifeline`` is the file descriptor of the supervisor channel.
     """
     inherited = {**environment_of(log.parent), **(variables or {})}
     if lifeline is not None:
@@ -71,13 +71,13 @@ def start_process(
 
 
 def until_parent_ends(arguments: list[str]) -> list[str]:
-    """Return ``arguments`` of a process that ends when this one does."""
+    """Return the arguments of a process that ends with this one."""
     return [*arguments, "--parent", str(os.getpid())]
 
 
 @contextlib.contextmanager
 def blocked_signals() -> Iterator[None]:
-    """Block signals in children started here, until they unblock them to end cleanly."""
+    """Block signals in children started here, until they install their handlers."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
     try:
         yield
@@ -87,7 +87,7 @@ def blocked_signals() -> Iterator[None]:
 
 def end_processes(processes: Mapping[str, Process]) -> dict[str, int]:
     """End processes by SIGINT, after `GRACE_S` by SIGKILL; return their exit codes."""
-    # Twice: a signal may be lost while a process imports a module.
+    # Twice: a process may lose a signal while it imports a module.
     for grace_s in (ASKED_AGAIN_S, GRACE_S - ASKED_AGAIN_S):
         running = [process for process in processes.values() if process.poll() is None]
         for process in running:
@@ -109,12 +109,12 @@ def how_it_ended(code: int) -> str:
 
 @dataclass(frozen=True)
 class RestartPolicy:
-    """When a supervisor restarts or gives up a process. Times are in s.
+    """Restart policy of a supervisor. Times are in s.
 
-    A process that crashes after more than ``longest_s`` restarts at once. After an earlier crash it waits for
-    ``first_s``, and twice as long after each further one, up to ``longest_s``. After more than ``times`` crashes within
-    ``within_s`` it is given up. A node that reports nothing for ``hung_s`` is hung, and its process is killed; while it
-    starts, the limit is ``ready_s``.
+    A process that crashes after more than ``longest_s`` restarts at once. After an earlier crash the delay is
+    ``first_s``, doubled for each further crash up to ``longest_s``. After more than ``times`` crashes within
+    ``within_s`` the supervisor gives up. A node without a report for ``hung_s`` is hung and its process is killed;
+    during startup the limit is ``ready_s``.
     """
 
     times: int = 5

@@ -35,7 +35,7 @@ GRAPH_TIMEOUT_S = 60.0
 
 @dataclass
 class NodeResult:
-    """Statistics of one node over a run: calls, failures, skipped messages and cost."""
+    """Statistics of one node over a run."""
 
     calls: int = 0
     failures: int = 0
@@ -50,12 +50,12 @@ class RunResult:
     """Result of a run.
 
     Attributes:
-        ended: Why the run ended, as results.json says.
+        ended: Reason for the end, as in results.json.
         seconds: Simulated duration of a simulation.
         wall_s: Real duration.
         nodes: Statistics by node name.
         scores: Detection scores, if the ground truth is known.
-        decisions: DecisionComparison with the decisions in the bag, if it holds any.
+        decisions: Comparison with the decisions in the bag, if any.
         results: Content of results.json.
     """
 
@@ -78,24 +78,24 @@ class RunSource:
     """Input of a run. An object serves one run; subclasses are `BagSource`, `LiveSource` and `SimulatedSource`."""
 
     def prepare(self, graph: Graph, runner: Runner, folder: Path) -> Graph:
-        """Return ``graph`` as it runs on this source, with files of its nodes in ``folder``."""
+        """Return ``graph`` adapted to this source, with files of its nodes in ``folder``."""
         return graph
 
     def observe(self, topic: str, message: Message) -> None:
-        """Take a message of the run."""
+        """Receive a message of the run."""
 
     def execute(self, execution: Execution) -> None:
         """Run the graph until the source ends or a signal arrives."""
         raise NotImplementedError
 
     def results(self, execution: Execution) -> dict[str, Any]:
-        """Return entries of results.json that only this kind of source has."""
+        """Return the entries of results.json specific to this source."""
         return {}
 
 
 @dataclass
 class Execution:
-    """A run in progress, as its source sees it."""
+    """Run in progress, as passed to its source."""
 
     graph: Graph
     runner: Runner
@@ -107,12 +107,11 @@ class Execution:
 
     @property
     def logs(self) -> Path:
-        """The folder of the logs of processes."""
         return self.record.folder / "log"
 
     @contextmanager
     def inline(self, topics: Mapping[str, type[Message]], start: int) -> Iterator[InlineRunner]:
-        """An inline runner whose time begins at ``start`` (ns) and whose ``topics`` are observed. Not started yet."""
+        """Create an inline runner that starts at ``start`` (ns) and observes ``topics``; not started yet."""
         runner = InlineRunner(self.graph, start=start)
         for topic in topics:
             runner.tap(topic, self.observe)
@@ -125,7 +124,7 @@ class Execution:
 
     @contextmanager
     def processes(self, topics: Mapping[str, type[Message]]) -> Iterator[tuple[GraphObserver, Launch]]:
-        """The graph in ROS processes on simulated time, with ``topics`` observed.
+        """Run the graph in ROS processes on simulated time and observe ``topics``.
 
         Raises:
             NodeError: A process failed, or a node of the same name is running already.
@@ -174,11 +173,11 @@ def run(
     Args:
         graph: The whole graph; a bag replaces its sources.
         source: Input of the run.
-        record: Takes every message of the run.
-        observe: Also gets every message, as topic and message.
+        record: Recorder of every message.
+        observe: Called with the topic and message of every message.
         runner: "inline" for one thread and simulated time, "ros" for processes over DDS.
         composed: Run all nodes in one process ("ros").
-        summarize: Returns more entries of results.json, after the run.
+        summarize: Called after the run; returns additional entries of results.json.
 
     Raises:
         SocialbotError: The run failed.
@@ -200,7 +199,7 @@ def run(
         except Exception as error:
             result.ended = str(error) or type(error).__name__
             raise
-        finally:  # the record up to a failure is worth as much as a whole one
+        finally:  # keep the record of a failed run too
             result.wall_s = time.monotonic() - begun
             result.results = {
                 "schema": "socialbot/results",
@@ -226,7 +225,7 @@ def new_run_folder() -> Path:
 
 
 def recorded_topics(graph: Graph) -> dict[str, type[Message]]:
-    """Return the topics of ``graph`` whose messages the trace of a run is made of."""
+    """Return the topics that make up the trace of a run."""
     return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, RECORDED)}
 
 
@@ -253,21 +252,20 @@ def observed_topics(graph: Graph, nodes: Collection[str] | None = None) -> dict[
 
 
 def with_speech_files(graph: Graph, folder: Path, **parameters: object) -> Graph:
-    """Return ``graph`` with speakers that write .wav files below ``folder``; ``parameters`` are set for them too."""
+    """Return ``graph`` with speakers that write .wav files below ``folder`` and have ``parameters`` set."""
     written: dict[str, object] = {"folder": str((folder / "speech").resolve()), **parameters}
     speakers = [config.name for config in graph.placements if issubclass(config.type, Speaker)]
     return graph.with_parameters(dict.fromkeys(speakers, written))
 
 
 def parameters_of(graph: Graph) -> dict[str, dict[str, Any]]:
-    """Return the start values of all parameters by node."""
+    """Return the initial values of all parameters by node."""
     return {
         config.name: check_parameters(config.type, config.parameters, where=config.name) for config in graph.placements
     }
 
 
 def _node_result(values: Mapping[str, str]) -> NodeResult:
-    """Statistics of a node from its last message on /diagnostics."""
     return NodeResult(
         calls=int(values["calls"]),
         failures=int(values["failures"]),

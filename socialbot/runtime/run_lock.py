@@ -1,4 +1,4 @@
-"""Run locks: abstract sockets that show which runs of ``socialbot up`` are alive on this computer."""
+"""Run locks: abstract sockets that list the live runs of ``socialbot up`` on this computer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def run_lock(run: str) -> Iterator[None]:
 
 
 def locked_runs() -> Mapping[str, int]:
-    """The ids of the runs in this ROS domain and computer, each with its process id."""
+    """Process ids of the live runs in this ROS domain and computer, by run id."""
     found = _NAME.findall(SOCKETS.read_text("utf-8", errors="replace"))
     return {run: int(pid) for domain, run, pid in found if int(domain) == _domain()}
 

@@ -1,4 +1,4 @@
-"""Run agents with a simulated world until nothing is left to do."""
+"""Run agents in a simulated world until they finish."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from socialbot.runtime.bag_source import BAG_GRAPH
 from socialbot.runtime.run import Execution, Runner, RunSource, with_speech_files
 
 STEP_S = 0.1
-"""Simulated time between two checks for the end of the run."""
+"""Simulated interval between completion checks."""
 
 QUIET_S = 3.0
-"""A run ends when no agent has had a desire, or every simulator has been finished, for this long."""
+"""Idle time before a run ends, without desires of agents or after the end of all simulators."""
 
 
 class DesiresDone:
@@ -52,7 +52,7 @@ class DesiresDone:
 
 
 class SimulatorsDone:
-    """Completion check: all simulators, the nodes ``names``, ended `QUIET_S` ago."""
+    """Completion check: all simulators (``names``) ended `QUIET_S` ago."""
 
     def __init__(self, names: frozenset[str]) -> None:
         self._active = set(names)
@@ -68,7 +68,7 @@ class SimulatorsDone:
 
 
 def completion_check(graph: Graph) -> CompletionCheck:
-    """Return the completion check of a world of agents, of its desires or of its simulators."""
+    """Return the completion check of a simulation, by its simulators or its agents' desires."""
     found = completion_of(graph)
     if found is not None:
         return found
@@ -79,12 +79,12 @@ def completion_check(graph: Graph) -> CompletionCheck:
 
 @dataclass
 class SimulatedSource(RunSource):
-    """A world that the graph itself simulates.
+    """World simulated by the graph itself.
 
     Attributes:
         rate: Speed as a multiple of real time; 0 is as fast as possible.
         limit_s: Simulated time limit.
-        bag: Bag to record, with all that a replay needs.
+        bag: Bag to record for replays.
     """
 
     rate: float = 0.0
@@ -132,7 +132,7 @@ class SimulatedSource(RunSource):
         return {"simulated_s": round(execution.result.seconds, 3)}
 
     def _advance(self, execution: Execution, advance: Callable[[], int], start: int) -> None:
-        """Call ``advance``, which returns the new time (ns), until the run is complete or its time is up."""
+        """Call ``advance``, which returns the new time (ns), until completion or the time limit."""
         result, begun, now = execution.result, time.monotonic(), start
         result.ended = TIME_UP
         while now - start < nanoseconds(self.limit_s):
@@ -168,7 +168,7 @@ class SimulatedSource(RunSource):
 
 
 def simulation_topics(graph: Graph) -> dict[str, type[Message]]:
-    """Return the topics to observe: those of the trace and of `replay_topics`, desires, and the simulators' end."""
+    """Return the topics to observe: the trace, `replay_topics`, desires and the end of simulators."""
     kinds = (*RECORDED, PlanExecutionInfo, DesireSet)
     found = {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
     health: dict[str, type[Message]] = {HEALTH_TOPIC: Health}
@@ -176,7 +176,7 @@ def simulation_topics(graph: Graph) -> dict[str, type[Message]]:
 
 
 def replay_topics(graph: Graph) -> dict[str, type[Message]]:
-    """Return the topics that a bag needs for a replay: those of simulators, messages between agents, and traces."""
+    """Return the topics to record for a replay: simulators, messages between agents, and traces."""
     simulated = {
         topic
         for config in graph.placements

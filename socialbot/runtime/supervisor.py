@@ -53,7 +53,7 @@ def sinks_first(graph: Graph) -> list[str]:
     left = list(reversed(heard_by))
     order: list[str] = []
     while left:
-        # In a circle of subscriptions: the node with the fewest subscribers left.
+        # In a cycle of subscriptions, take the node with the fewest remaining subscribers.
         name = min(left, key=lambda name: len(heard_by[name].intersection(left)))
         left.remove(name)
         order.append(name)
@@ -61,7 +61,7 @@ def sinks_first(graph: Graph) -> list[str]:
 
 
 class BringUp:
-    """Activates nodes one after the other in ``order``, by ``activate``. Times are in s."""
+    """Bring-up sequence: calls ``activate`` for the nodes in ``order``, one after the other. Times are in s."""
 
     def __init__(self, order: Collection[str], activate: Callable[[str], None], now: float) -> None:
         self._waiting = list(order)
@@ -82,7 +82,6 @@ class BringUp:
 
     @property
     def done(self) -> bool:
-        """Whether every node was activated."""
         return not self._waiting
 
     def _is_busy(self, inactive: Collection[str], dead: Collection[str], now: float) -> bool:
@@ -93,7 +92,7 @@ class BringUp:
 log = logging.getLogger("socialbot.supervisor")
 
 ACTIVE, INACTIVE = "active", "inactive"
-"""Reports of a node: it runs well; it is configured."""
+"""Reported node states: running, and configured."""
 
 ROTATE_EVERY_S = 5.0
 
@@ -101,17 +100,17 @@ ABSENT_S = 1.0
 """Polls later than this are treated as a system suspend, which nodes share."""
 
 Variables = Callable[[Collection[str]], Mapping[str, str]]
-"""Environment variables for a process with the nodes of these names."""
+"""Function that returns environment variables for a process with these nodes."""
 
 
 def no_variables(nodes: Collection[str]) -> Mapping[str, str]:
-    """None."""
+    """No additional variables."""
     return {}
 
 
 @dataclass(eq=False)
 class Member:
-    """One process: its nodes, their last reports with times (s), and its restarts."""
+    """Supervised process: its nodes, their last reports with times (s), and its restarts."""
 
     name: str
     nodes: list[str]
@@ -133,7 +132,7 @@ class Member:
 
     @property
     def state(self) -> str:
-        """``starting``, ``active``, ``waiting`` to be started again, ``ended`` by itself, or ``given up``."""
+        """One of ``starting``, ``active``, ``waiting`` (for a restart), ``ended`` (by itself) and ``given up``."""
         if self.process is not None:
             well = all(self.words.get(node) == ACTIVE for node in self.nodes)
             return ACTIVE if well else "starting"
@@ -143,11 +142,13 @@ class Member:
 
 
 class Supervisor:
-    """Runs the processes of one graph and restarts crashed ones. A context manager: leaving it ends them all.
+    """Supervisor of the processes of one graph; restarts crashed ones. Leaving the context ends them all.
 
-    ``folder`` takes the graph file and a log for each process. Only ``nodes`` of the graph are started, by default all;
-    ``variables`` returns more environment variables for a process with these nodes. Processes named in ``well`` ran
-    before, so this is not their first start. Call `attend` continuously.
+    Args:
+        folder: Receives the graph file and a log for each process.
+        nodes: Nodes to run; by default all.
+        variables: Additional environment variables of a process with these nodes.
+        well: Names of processes that ran in an earlier supervisor, so this is no first start.
     """
 
     def __init__(
@@ -198,10 +199,9 @@ class Supervisor:
         self.stop()
 
     def attend(self, timeout_s: float) -> None:
-        """Handle all events once; wait at most ``timeout_s`` for the next one.
+        """Handle all events once; wait at most ``timeout_s`` for the next one. Call it continuously.
 
-        Raises NodeError when every process is given up, and the error of a process whose first start fails for a
-        documented reason, since it would never start.
+        Raises NodeError when every process is given up, and any documented error of a first start, which would recur.
         """
         self._listen(timeout_s)
         now = time.monotonic()
@@ -232,7 +232,7 @@ class Supervisor:
             )
 
     def renew(self, begin: float, end: float) -> None:
-        """Restart the processes that started between two times (monotonic s); this counts as no crash."""
+        """Restart the processes started between two times (monotonic s), without counting a crash."""
         for member in self.members.values():
             if member.process is not None and member.renewed is None and begin <= member.started <= end:
                 log.warning("%s is started again, as it has missed what came later", member.name)
@@ -240,7 +240,6 @@ class Supervisor:
                 member.process.send_signal(signal.SIGINT)
 
     def stop(self) -> None:
-        """End all processes."""
         self._fork_server.close()
         end_processes({name: one.process for name, one in self.members.items() if one.process is not None})
         for member in self.members.values():
@@ -249,12 +248,11 @@ class Supervisor:
 
     @property
     def well(self) -> frozenset[str]:
-        """The names of the processes that have run well."""
+        """Names of the processes that have become active."""
         return frozenset(member.name for member in self.members.values() if member.was_well)
 
     @property
     def pids(self) -> dict[str, int]:
-        """The ids of the running processes by name."""
         return {name: one.process.pid for name, one in self.members.items() if one.process is not None}
 
     def _start(self, member: Member) -> None:
@@ -310,13 +308,13 @@ class Supervisor:
             member.was_well, member.is_down = True, False
 
     def _discount_suspend(self, absent_s: float, now: float) -> None:
-        """Do not count the time of a suspend as silence."""
+        """Exclude the time of a suspend from timeouts."""
         if absent_s > ABSENT_S:
             for member in self.members.values():
                 member.heard = {node: min(now, heard + absent_s) for node, heard in member.heard.items()}
 
     def _hung(self, member: Member, now: float) -> str:
-        """Return a node that has stopped reporting, if any."""
+        """Return a node whose reports have timed out, if any."""
         for node, heard in member.heard.items():
             patience_s = self._policy.hung_s if member.words.get(node) == ACTIVE else self._policy.ready_s
             if now - heard > patience_s:
@@ -352,7 +350,7 @@ class Supervisor:
 
     @staticmethod
     def _escalate(member: Member, process: Process, waited_s: float) -> None:
-        """Send SIGINT again, then SIGKILL, to a process that must restart: a signal may be lost or ignored."""
+        """Repeat SIGINT, then send SIGKILL, to a process that must restart and may ignore signals."""
         if waited_s > GRACE_S:
             process.kill()
         elif waited_s > ASKED_AGAIN_S and not member.is_pressed:
@@ -371,7 +369,7 @@ EVERY_S = 1.0
 
 
 class DeadNodeDiagnostics:
-    """Publishes the status of nodes without a process through the rclpy node ``ros``: on change and every second."""
+    """Publisher of the status of nodes without a process, by the rclpy node ``ros``: on change and every second."""
 
     def __init__(self, ros: Any, supervisor: Supervisor) -> None:
         self._supervisor = supervisor
@@ -380,7 +378,6 @@ class DeadNodeDiagnostics:
         self._published_at = 0.0
 
     def publish(self) -> None:
-        """Publish if it is due."""
         dead = [one for one in self._supervisor.members.values() if one.process is None]
         states = {one.name: f"{one.state}: {one.last_error}" for one in dead}
         now = time.monotonic()

@@ -1,6 +1,6 @@
-"""The channel between a node process and its supervisor: reports of node states, and commands.
+"""Channel between a node process and its supervisor, for reports of node states and commands.
 
-The channel is a pair of local sockets. No other process can use it, and it closes when either process ends.
+It is a pair of local sockets: private to both processes, and closed when either ends.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _MAX_BYTES = 4096
 
 
 class SupervisorChannel:
-    """One end of the channel. A message is a node name and a word; it arrives whole or not at all."""
+    """End of a channel. A message is a node name and a word; delivery is atomic."""
 
     def __init__(self, end: socket.socket) -> None:
         self._end = end
@@ -27,7 +27,7 @@ class SupervisorChannel:
         return self._end.fileno()
 
     def send(self, node: str, word: str, /) -> None:
-        """Send ``word`` about ``node``, from any thread. Never blocks: a full buffer drops the message."""
+        """Send ``word`` about ``node``; thread-safe. Never blocks: a full buffer drops the message."""
         try:
             self._end.send(f"{node} {word}".encode(), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
         except (BlockingIOError, InterruptedError):
@@ -36,18 +36,17 @@ class SupervisorChannel:
             self.broken = True
 
     def receive(self) -> list[tuple[str, str]]:
-        """The nodes and words received since the last call; sets ``broken`` when the other end is closed."""
+        """The node names and words received since the last call; sets ``broken`` after a disconnect."""
         received = []
         while (message := self._receive(socket.MSG_DONTWAIT)) is not None:
             received.append(message)
         return received
 
     def wait(self) -> tuple[str, str] | None:
-        """Wait for the next node and word; None when the channel is broken."""
+        """Wait for the next node name and word; None after a disconnect."""
         return self._receive(0)
 
     def close(self) -> None:
-        """Close this end."""
         self.broken = True
         self._end.close()
 
@@ -68,7 +67,7 @@ class SupervisorChannel:
 
 
 def channel_pair() -> tuple[SupervisorChannel, socket.socket]:
-    """The end for the supervisor, and the socket for the process that it starts."""
+    """Return the supervisor's end, and the socket of the process to start."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     return SupervisorChannel(ours), theirs
 
