@@ -1,6 +1,6 @@
-"""Makes an animated picture of a recorded run with pictures: ``python tools/animate.py RUN PICTURE.webp``.
+"""Make an animation of a recorded run with images: ``python tools/animate.py RUN PICTURE.webp``.
 
-The one in the README is of ``socialbot replay data/synthetic/corridor --runner inline``. Needs pillow.
+The README shows ``socialbot replay data/synthetic/corridor --runner inline``. Needs pillow.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from socialbot.runs.state import AgentMind, DetectedPerson, HeadView, RunState
 
 SIZE = (720, 360)
 SCENE = (480, 360)
-"""The part with the camera's picture (pixels)."""
+"""Size of the camera image (px)."""
 MARGIN = 14
 SHOWN_S = 2.5
-"""How long what is over, or was said, stays in the picture."""
+"""Display time of finished actions and of utterances."""
 
 PAPER, INK, FADED, MARKED, SKIN = "#fffaf4", "#2b2420", "#94877d", "#b8502a", "#c96f4a"
 
@@ -29,12 +29,12 @@ Canvas = ImageDraw.ImageDraw
 
 
 def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """The letters that pillow brings along."""
+    """Return the font of pillow in ``size``."""
     return ImageFont.load_default(size)
 
 
 def frame(moment: RunState, jpeg: bytes, did: Sequence[str]) -> Image.Image:
-    """The run at a moment: left what is seen and said, right what goes on in Waldo, and what he ``did``."""
+    """Draw the state of a run: detections and speech on the left, beliefs and actions (``did``) on the right."""
     picture = Image.new("RGB", SIZE, PAPER)
     scene = Image.open(io.BytesIO(jpeg)).convert("RGB")
     scale = SCENE[0] / scene.width
@@ -51,13 +51,13 @@ def frame(moment: RunState, jpeg: bytes, did: Sequence[str]) -> Image.Image:
 
 
 def sights(moment: RunState) -> list[str]:
-    """Who is seen, in words."""
+    """List the detected people as text."""
     persons = moment.sight.persons if moment.sight else ()
     return [f"{person.track_id}, {person.distance_m:.1f} m away" for person in persons if person.distance_m is not None]
 
 
 def draw_person(canvas: Canvas, person: DetectedPerson, scale: float) -> None:
-    """A box with id and distance."""
+    """Draw a box with id and distance."""
     left, top, right, bottom = (
         scale * value for value in (person.x, person.y, person.x + person.w, person.y + person.h)
     )
@@ -69,7 +69,7 @@ def draw_person(canvas: Canvas, person: DetectedPerson, scale: float) -> None:
 
 
 def draw_robot(canvas: Canvas, head: HeadView | None) -> None:
-    """Waldo's face, below left in the scene; his eyes are wide while he follows somebody."""
+    """Draw the face of Waldo at the bottom left; its eyes are wide open while it tracks a person."""
     left, top = MARGIN, SCENE[1] - 68
     wide = 6 if head is not None and head.mode == "track" else 3
     canvas.line((left + 28, top, left + 28, top - 10), fill=SKIN, width=4)
@@ -81,7 +81,7 @@ def draw_robot(canvas: Canvas, head: HeadView | None) -> None:
 
 
 def draw_bubble(canvas: Canvas, text: str) -> None:
-    """What Waldo says, beside his face."""
+    """Draw the current utterance beside the face."""
     left, top = MARGIN + 78, SCENE[1] - 70
     box = canvas.textbbox((left + 12, top + 10), text, font=font(18))
     canvas.rounded_rectangle((left, top, box[2] + 12, box[3] + 11), 10, fill="white", outline=INK, width=2)
@@ -91,7 +91,7 @@ def draw_bubble(canvas: Canvas, text: str) -> None:
 
 
 def draw_mind(canvas: Canvas, at_s: float, agent: AgentMind | None, seen: Sequence[str], did: Sequence[str]) -> None:
-    """What is seen, believed, wanted and done; what is new is marked."""
+    """Draw percepts, beliefs, desires and actions, with new ones highlighted."""
     x, y = SCENE[0] + MARGIN, MARGIN
     canvas.text((x, y), f"{at_s:.1f} s", font=font(15), fill=FADED)
     beliefs = agent.beliefs if agent else ()
@@ -112,7 +112,7 @@ def draw_mind(canvas: Canvas, at_s: float, agent: AgentMind | None, seen: Sequen
 
 
 def frames(folder: Path, begin_s: float, end_s: float, rate_hz: float) -> Iterator[Image.Image]:
-    """The run from ``begin_s`` to ``end_s``."""
+    """Yield the frames from ``begin_s`` to ``end_s``."""
     with recorded(folder) as run:
         for number in range(round((end_s - begin_s) * rate_hz)):
             stamp = run.history.start + round((begin_s + number / rate_hz) * SECOND)
@@ -124,7 +124,7 @@ def frames(folder: Path, begin_s: float, end_s: float, rate_hz: float) -> Iterat
 
 
 def main() -> None:
-    """The command."""
+    """Run the command."""
     arguments = argparse.ArgumentParser(description="Makes an animated picture of a recorded run.")
     arguments.add_argument("run", type=Path)
     arguments.add_argument("picture", type=Path)

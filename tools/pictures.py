@@ -1,7 +1,7 @@
-"""Takes the pictures of the inspector for docs/pictures: ``python -m tools.pictures [NAME...]``.
+"""Take the screenshots of the inspector for docs/pictures: ``python -m tools.pictures [NAME...]``.
 
-Runs are made for them where ``--runs`` does not have them yet, but for that called ``deployment``: that of the
-workstation, which ``python -m evaluation.faults --only clear`` leaves. Needs chromium, playwright and pillow.
+Missing runs are made in ``--runs``, except ``deployment``: the run of the workstation from
+``python -m evaluation.faults --only clear``. Needs chromium, playwright and pillow.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ RUNS: Mapping[str, Sequence[str]] = {
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture of a run's page, opened at ``where``, after ``clicks``: of one ``part``; else of what fits the size."""
+    """Screenshot of a run at ``where`` after ``clicks``: of one ``part``, or of the whole viewport."""
 
     run: str
     where: str
@@ -63,11 +63,11 @@ SHOTS: Mapping[str, Shot] = {
 }
 PROJECT = "my_robot"
 ASK = "ask"
-"""The picture of an agent that is asked for something while it runs."""
+"""Screenshot of a live agent that receives a request."""
 
 
 def made(run: str, folder: Path) -> Path:
-    """The run of that name, which is made if it is not there."""
+    """Return the folder of a run; make the run if it is missing."""
     path = folder / run
     if not path.exists():
         if run not in RUNS:
@@ -77,12 +77,12 @@ def made(run: str, folder: Path) -> Path:
 
 
 def socialbot(*arguments: str) -> list[str]:
-    """A command line."""
+    """Return a command line of socialbot."""
     return [sys.executable, "-m", "socialbot", *arguments]
 
 
 def opened(browser: Browser, url: str, shot: Shot) -> Page:
-    """The page, in the size and light of a picture."""
+    """Open the page in the size and colour scheme of a screenshot."""
     page = browser.new_page(
         viewport={"width": shot.width, "height": shot.height}, color_scheme="dark" if shot.dark else "light"
     )
@@ -93,7 +93,7 @@ def opened(browser: Browser, url: str, shot: Shot) -> Page:
 
 
 def taken(browser: Browser, shot: Shot, folder: Path) -> bytes:
-    """A picture of a recorded run as PNG."""
+    """Return a screenshot of a recorded run as PNG."""
     with recorded(made(shot.run, folder)) as run, serving(run, Address(port=0)) as served:
         page = opened(browser, served.url, shot)
         for click in shot.clicks:
@@ -102,7 +102,7 @@ def taken(browser: Browser, shot: Shot, folder: Path) -> bytes:
 
 
 def settled(page: Page, part: str) -> bytes:
-    """The page, or a part of it, as PNG, when everything has come."""
+    """Return the loaded page, or a part of it, as PNG."""
     page.wait_for_load_state("networkidle")
     page.mouse.move(0, 0)
     page.wait_for_timeout(1000)
@@ -113,7 +113,7 @@ def settled(page: Page, part: str) -> bytes:
 
 @contextmanager
 def going_on(folder: Path) -> Iterator[str]:
-    """The robot of a new project among people that are made up, over ROS; gives the address of its page."""
+    """Run a new project with simulated people over ROS; yield the address of its page."""
     subprocess.run(socialbot("new", PROJECT, "--folder", str(folder)), check=True, stdout=subprocess.DEVNULL)
     command = socialbot("up", "graph.yaml", "--inspect", "--port", "0", "--set", "visitors.visits=1000")
     with subprocess.Popen(command, cwd=folder / PROJECT, stdout=subprocess.PIPE, text=True) as process:
@@ -127,7 +127,7 @@ def going_on(folder: Path) -> Iterator[str]:
 
 
 def asked(browser: Browser, folder: Path) -> bytes:
-    """A picture of a live run, whose agent is paused and told something, as PNG."""
+    """Pause an agent of a live run, add a belief, and return a screenshot as PNG."""
     with going_on(folder) as url:
         page = opened(browser, url, Shot(ASK, ""))
         page.click("#tab-ask")
@@ -142,12 +142,12 @@ def asked(browser: Browser, folder: Path) -> bytes:
 
 
 def keep(png: bytes, path: Path) -> None:
-    """Saves a picture in few colours."""
+    """Save a screenshot with a reduced palette."""
     Image.open(io.BytesIO(png)).convert("RGB").quantize(256, kmeans=3).save(path, optimize=True)
 
 
 def main() -> None:
-    """The command."""
+    """Run the command."""
     arguments = argparse.ArgumentParser(description="Takes the pictures of the inspector.")
     arguments.add_argument("names", nargs="*", metavar="NAME", help=", ".join([*SHOTS, ASK]), default=[*SHOTS, ASK])
     arguments.add_argument("--runs", type=Path, metavar="FOLDER", help="where runs are kept; default: nowhere")

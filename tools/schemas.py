@@ -1,4 +1,4 @@
-"""Writes the JSON Schema of every structured message, and a list of them: ``python tools/schemas.py``."""
+"""Write the JSON Schema of every structured message, and an index of them: ``python tools/schemas.py``."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ HEADING = (
 
 
 def schema_text(message_type: type[Structured]) -> str:
-    """The JSON Schema of ``message_type``, indented."""
+    """Return the JSON Schema of ``message_type``, indented."""
     return msgspec.json.format(msgspec.json.encode(msgspec.json.schema(message_type)), indent=2).decode() + "\n"
 
 
 def schema_file(message_type: type[Structured]) -> Path:
-    """Where the schema of ``message_type`` stands."""
+    """Return the path of the schema of ``message_type``."""
     return FOLDER / f"{message_type.__name__}.json"
 
 
 def index_text() -> str:
-    """The page that lists the schemas."""
+    """Return the page that lists the schemas."""
     rows = [f"| [{kind.__name__}]({kind.__name__}.json) | {summary(kind)} |" for kind in message_types()]
     return "\n".join([*HEADING, *rows, ""])
 
 
 def summary(message_type: type[Structured]) -> str:
-    """The beginning of the docstring of ``message_type``."""
+    """Return the summary line of ``message_type``."""
     return (message_type.__doc__ or "").partition("\n")[0].replace("``", "`")
 
 

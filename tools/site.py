@@ -1,7 +1,6 @@
-"""What the site takes from outside docs/, and from docstrings: a hook of mkdocs.
+"""mkdocs hook: add repository files and docstring examples to the site.
 
-Pages link to files of the repository by relative paths, so that the links hold wherever the repository is read. The
-site brings those files along below repository/.
+Pages link to repository files by relative paths, which also work on GitHub. The site copies these files to repository/.
 """
 
 from __future__ import annotations
@@ -22,16 +21,16 @@ ALONG = (
     "data/synthetic/generator/README.md", "data/synthetic/sample.jpg", "data/synthetic/scene1_heldback.jpg",
     "data/synthetic/scene2_heldback.jpg", "socialbot/vision/models/LICENSE", "socialbot/vision/models/NOTICE",
 )  # fmt: skip
-"""The files that pages link to."""
+"""Linked files outside docs/."""
 LINK = re.compile(r"(?<=\]\()([^)#\s:]+)")
 """The path of a relative link."""
 
 
 class Sessions(Preprocessor):
-    """Examples in docstrings, from ``>>>`` to the next empty line, are code."""
+    """Markdown preprocessor: turn docstring examples, from ``>>>`` to the next empty line, into code blocks."""
 
     def run(self, lines: list[str]) -> list[str]:
-        """The lines with the examples indented."""
+        """Return the lines with indented examples."""
         shown, inside = [], False
         for line in lines:
             inside = line.startswith(">>> ") or (inside and bool(line.strip()))
@@ -40,28 +39,27 @@ class Sessions(Preprocessor):
 
 
 class SessionsExtension(Extension):
-    """Has Markdown know examples of docstrings, once blocks in fences are out of the way (at 25)."""
+    """Markdown extension with `Sessions`, after fenced code blocks (priority 25)."""
 
     def extendMarkdown(self, md: Markdown) -> None:  # noqa: N802
-        """Adds them."""
         md.preprocessors.register(Sessions(md), "sessions", 22)
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Adds what docstrings need to Markdown."""
+    """Add the extension for docstring examples to Markdown."""
     config.markdown_extensions.append(SessionsExtension())  # pyright: ignore[reportArgumentType]
     return config
 
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
-    """Adds the files from outside docs/."""
+    """Add the files from outside docs/."""
     for path in ALONG:
         files.append(File.generated(config, f"{BESIDE}/{path}", abs_src_path=str(ROOT / path)))
     return files
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """The page with its links set right for the place where it stands on the site."""
+    """Return the page with links that are valid on the site."""
     here = PurePosixPath(page.file.src_uri)
     inside = here.parts[0] == BESIDE
     source = here.relative_to(BESIDE) if inside else "docs" / here
@@ -69,14 +67,14 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
 
 
 def site_link(link: str, source: PurePosixPath, here: PurePosixPath) -> str:
-    """A link in the file ``source`` of the repository, which is the page ``here`` of the site, as it is there."""
+    """Return the site path of a link in the repository file ``source``, as seen from the page ``here``."""
     target = normal(source.parent / link)
     on_site = target.relative_to("docs") if target.parts[:1] == ("docs",) else BESIDE / target
     return "/".join([".."] * (len(here.parts) - 1) + list(on_site.parts))
 
 
 def normal(path: PurePosixPath) -> PurePosixPath:
-    """``path`` without ``..``."""
+    """Return ``path`` without ``..``."""
     parts: list[str] = []
     for part in path.parts:
         parts = parts[:-1] if part == ".." else [*parts, part]

@@ -1,1 +1,1 @@
-"""The way to ROS and to bags: the only place that knows their types."""
+"""ROS interface: the only package that imports rclpy."""

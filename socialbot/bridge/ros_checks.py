@@ -27,9 +27,9 @@ State = Literal["ok", "warning", "error"]
 
 @dataclass(frozen=True)
 class Finding:
-    """What was looked at, how it stands, what was found, and how to mend it.
+    """Result of one check: name, state, finding and remedy.
 
-    A warning tells of something that not every graph needs, an error of something without which none runs.
+    A warning concerns only some graphs; with an error no graph runs.
     """
 
     name: str
@@ -39,31 +39,31 @@ class Finding:
 
 
 Check = Callable[[], Finding | None]
-"""Looks at one thing; None where there is no such thing to look at."""
+"""One check; it returns None if it does not apply to this computer."""
 
 
 WHEELS: Mapping[str, str] = MappingProxyType(
     {"ros-jazzy-rclpy": "7.1.6", "ros-jazzy-common-interfaces": "5.3.6", "ros-jazzy-rmw-fastrtps-cpp": "8.4.3"}
 )
-"""The wheels that socialbot is tested with; pyproject.toml asks for the same."""
+"""Tested versions of the ROS wheels, as in pyproject.toml."""
 
 GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
-"""The start-up file of the wheels sets this variable together with LD_LIBRARY_PATH, once."""
+"""Variable that the start-up file of the wheels sets together with LD_LIBRARY_PATH."""
 
 TRANSLATED = ("visualization_msgs", "tf2_msgs", "vision_msgs", "hri_msgs")
 
 MB = 1_000_000
 SEGMENT_BYTES = 32 * MB
-"""Shared memory of one process that holds some pictures of 0.9 MB on their way."""
+"""Shared memory of one process (bytes): several images of 0.9 MB in transit."""
 SHARED_MEMORY_BYTES = 8 * SEGMENT_BYTES
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 GOOD_SHARE = 0.95
 LAST_SAFE_DOMAIN = 101
-"""The ports of higher domains are those that Linux lends to anybody."""
+"""Highest domain whose ports are outside the ephemeral range of Linux."""
 
 
 def ros(variables: Mapping[str, str] = os.environ) -> Finding:
-    """Whether rclpy is there, in the version that is expected, and can be imported."""
+    """Check that rclpy can be imported in the expected version."""
     name = "ROS 2"
     if importlib.util.find_spec("rclpy") is None:
         try:
@@ -86,7 +86,7 @@ def ros(variables: Mapping[str, str] = os.environ) -> Finding:
 
 
 def library_path(variables: Mapping[str, str] = os.environ, prefix: Path = Path(sys.prefix)) -> Finding | None:
-    """Whether the wheels find their libraries, and none of another installation."""
+    """Check that the wheels load their own libraries, and none of another installation."""
     name = "library path"
     if not _wheels_installed():
         return None
@@ -117,7 +117,7 @@ def library_path(variables: Mapping[str, str] = os.environ, prefix: Path = Path(
 
 
 def other_ros(variables: Mapping[str, str] = os.environ) -> Finding | None:
-    """Whether a second ROS is sourced beside the wheels."""
+    """Check that no second ROS installation is sourced beside the wheels."""
     name = "other ROS"
     if not _wheels_installed():
         return None
@@ -134,7 +134,7 @@ def other_ros(variables: Mapping[str, str] = os.environ) -> Finding | None:
 
 
 def settings(variables: Mapping[str, str] = os.environ) -> Finding:
-    """The variables by which nodes find each other, or do not."""
+    """Check the discovery variables of ROS."""
     name = "ROS settings"
     domain = variables.get("ROS_DOMAIN_ID") or "0"
     reach = variables.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST"
@@ -157,7 +157,7 @@ def settings(variables: Mapping[str, str] = os.environ) -> Finding:
 
 
 def strangers(variables: MutableMapping[str, str] = os.environ) -> Finding:
-    """Whether others in the network could command the graph: whether it is open to them, and whether there are keys."""
+    """Check that a graph which is open to the network is protected by keys."""
     name = "strangers"
     way = environment.reach(variables)
     if has_keys(variables):
@@ -177,7 +177,7 @@ def strangers(variables: MutableMapping[str, str] = os.environ) -> Finding:
 
 
 def profile(variables: Mapping[str, str] = os.environ) -> Finding:
-    """Whether the DDS profile in effect leaves room for pictures in shared memory."""
+    """Check that the active DDS profile reserves enough shared memory for images."""
     name = "DDS profile"
     variable = environment.PROFILE_VARIABLE
     if not variables.get(variable) or Path(variables[variable]) == environment.PROFILE:
@@ -202,9 +202,10 @@ def profile(variables: Mapping[str, str] = os.environ) -> Finding:
 
 
 def segment_size(path: Path) -> int | None:
-    """The smallest shared-memory segment (bytes) that the profile at ``path`` sets, if it does.
+    """Return the smallest shared-memory segment (bytes) in the profile at ``path``, if it sets one.
 
-    Raises OSError, ElementTree.ParseError or ValueError when it cannot be read.
+    Raises:
+        OSError, ElementTree.ParseError, ValueError: The profile cannot be read.
     """
     sizes: list[int] = []
     for element in ElementTree.parse(path).iter():
@@ -216,7 +217,7 @@ def segment_size(path: Path) -> int | None:
 
 
 def shared_memory(folder: Path = Path("/dev/shm")) -> Finding | None:
-    """Whether shared memory can be used, and has room."""
+    """Check that shared memory is writable and has free space."""
     name = "shared memory"
     if sys.platform != "linux":
         return None
@@ -236,7 +237,7 @@ def shared_memory(folder: Path = Path("/dev/shm")) -> Finding | None:
 
 
 def stale_memory(folder: Path = Path("/dev/shm")) -> Finding | None:
-    """Whether processes that were killed have left shared memory behind."""
+    """Check for shared memory of killed processes."""
     name = "stale memory"
     if sys.platform != "linux" or not folder.is_dir():
         return None
@@ -252,7 +253,7 @@ def stale_memory(folder: Path = Path("/dev/shm")) -> Finding | None:
 
 
 def receive_buffer(path: Path = Path("/proc/sys/net/core/rmem_max")) -> Finding | None:
-    """Whether the kernel lets a socket hold as much as a picture needs that comes by UDP."""
+    """Check that the receive buffer of a socket can hold one image sent over UDP."""
     name = "UDP buffer"
     if not path.exists():
         return None
@@ -268,7 +269,7 @@ def receive_buffer(path: Path = Path("/proc/sys/net/core/rmem_max")) -> Finding 
 
 
 def round_trip() -> Finding | None:
-    """Whether pictures arrive from one process to another."""
+    """Check that images arrive from one process at another."""
     name = "DDS round trip"
     if importlib.util.find_spec("rclpy") is None:
         return None
@@ -285,7 +286,7 @@ def round_trip() -> Finding | None:
 
 
 def viewers() -> Finding:
-    """Which packages there are of those that `socialbot translate` speaks; none has to be there."""
+    """List the installed optional message packages of `socialbot translate`."""
     name = "translate"
     there = {package: importlib.util.find_spec(package) is not None for package in TRANSLATED}
     text = f"speaks {', '.join(package for package in there if there[package]) or 'none of its packages'}"
@@ -315,7 +316,7 @@ def _pins() -> str:
 
 
 def _import_complaint() -> str:
-    """What an import of ROS ends with, in a process of its own, because mixed libraries may crash it."""
+    """Return the import error of ROS. A child process imports it, because mixed libraries may crash it."""
     command = [sys.executable, "-c", "import rclpy, sensor_msgs.msg"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

@@ -1,4 +1,4 @@
-"""A trial of the middleware: pictures from one process to another, best effort, as a camera driver sends them."""
+"""Test the middleware: send images between two processes, best effort, as a camera driver does."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RATE_HZ = 30.0
 WIDTH, HEIGHT = 640, 480
 DOMAINS = range(80, 101)
 MEET_S = 8.0
-"""How long the two may take to find each other."""
+"""Discovery timeout (s)."""
 LIMIT_S = 25.0
 LONGEST_CAUSE = 300
 _LOOK_S = 0.05
@@ -32,21 +32,22 @@ _SETTINGS_OF_NETWORKS = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "ROS_LOCALH
 
 @dataclass(frozen=True)
 class Trial:
-    """How many pictures were sent, and how many of them came through."""
+    """Result of a round trip: the numbers of images sent and received."""
 
     sent: int
     received: int
 
     @property
     def share(self) -> float:
-        """What came through, from 0 to 1."""
+        """Received fraction of the images, from 0 to 1."""
         return self.received / self.sent if self.sent else 0.0
 
 
 def try_round_trip() -> Trial:
-    """Sends ``PICTURES`` pictures of 0.9 MB between two processes of this computer, in a domain of their own.
+    """Send ``PICTURES`` images of 0.9 MB between two processes of this computer, in an unused domain.
 
-    Raises NodeError when a process cannot do its part.
+    Raises:
+        NodeError: A process failed.
     """
     variables = dict(os.environ)
     for name in _SETTINGS_OF_NETWORKS:
@@ -60,9 +61,9 @@ def try_round_trip() -> Trial:
 
 
 def free_domain(domains: Sequence[int] = DOMAINS) -> int:
-    """One of ``domains`` in which nobody is. Raises NodeError when there is none."""
+    """Return an unused one of ``domains``. Raises NodeError when there is none."""
     for domain in domains:
-        # Each participant listens at its domain's port for discovery, so that port is taken where somebody is.
+        # Each participant binds the discovery port of its domain.
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
                 probe.bind(("", 7400 + 250 * domain))
@@ -73,7 +74,7 @@ def free_domain(domains: Sequence[int] = DOMAINS) -> int:
 
 
 class _Part:
-    """The process of one of the two; it prints a count and ends. Leaving the context kills one that has not ended."""
+    """Sender or receiver process, which prints a count and ends. Leaving the context kills it."""
 
     def __init__(self, part: str, variables: MutableMapping[str, str]) -> None:
         self._part = part
@@ -94,12 +95,12 @@ class _Part:
         self._process.communicate()
 
     def count(self, deadline: float) -> int:
-        """What the process says it sent or received."""
+        """Return the count that the process prints."""
         try:
             out, complaint = self._process.communicate(timeout=max(0.1, deadline - time.monotonic()))
         except subprocess.TimeoutExpired as error:
             raise NodeError(f"the process hangs ({self._part})") from error
-        # Fast DDS complains on stdout, too.
+        # Fast DDS logs errors to stdout, too.
         said = out.split()
         if self._process.returncode or not said or not said[-1].isdecimal():
             raise NodeError(f"cannot {self._part}: {cause(complaint, self._process.returncode)}")
@@ -107,7 +108,7 @@ class _Part:
 
 
 def cause(complaint: str, exit_code: int) -> str:
-    """The line of ``complaint``, what a process has said on stderr, that tells best why it ended."""
+    """Return the line of ``complaint``, the stderr of a process, that best explains its exit."""
     lines = [line.strip() for line in complaint.splitlines() if line.strip()]
     if not lines:
         return f"signal {-exit_code}" if exit_code < 0 else f"exit code {exit_code}"
@@ -116,7 +117,7 @@ def cause(complaint: str, exit_code: int) -> str:
 
 
 def listen() -> int:
-    """Counts pictures until all have come, or the sender has gone."""
+    """Count images until all have arrived, or the sender has left."""
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from sensor_msgs.msg import Image
 
@@ -136,7 +137,7 @@ def listen() -> int:
 
 
 def send() -> int:
-    """Sends the pictures once somebody listens."""
+    """Send the images as soon as a subscriber is connected."""
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from sensor_msgs.msg import Image
 
@@ -148,7 +149,7 @@ def send() -> int:
         publisher = ros.create_publisher(Image, TOPIC, QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT))
         if not _wait(lambda: publisher.get_subscription_count() > 0, MEET_S):
             return PICTURES
-        # What one side has discovered, the other may discover a moment later.
+        # Discovery may finish at different times on the two sides.
         time.sleep(_SETTLE_S)
         for _ in range(PICTURES):
             publisher.publish(picture)
