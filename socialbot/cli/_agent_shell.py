@@ -1,4 +1,4 @@
-"""A shell to try an agent out: tell it things, give it goals, look into its mind, let time pass."""
+"""Interactive shell for an agent: add beliefs and goals, inspect its state, advance its time."""
 
 from __future__ import annotations
 
@@ -41,22 +41,22 @@ help, quit"""
 
 UNITS = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0}
 PATIENCE_S = 1.0
-"""So long an agent may reason before the shell takes the next line; in turns of `TURNS` at a time."""
+"""The reasoning time (s) of an agent per input line, in slices of `TURNS` reasoning cycles."""
 
 TURNS = 100
 MOST_SOLUTIONS = 50
 LOUD = frozenset({"failure", "dropped"})
-"""The kinds of records that are shown even when the trace is off."""
+"""The kinds of records that are shown even if the trace is off."""
 
 _COMMAND = re.compile(r"([a-z][a-z-]*)(?:\s+(.*))?", re.DOTALL)
 _DURATION = re.compile(r"\+\s*(\d+(?:\.\d+)?)\s*([a-z]*)")
 
 
 class Shell:
-    """One agent and the commands that it is tried out with. Nothing that is typed raises out of `handle`.
+    """One agent and the commands of its shell. `handle` reports errors and does not raise them.
 
-    With a `ManualClock` time passes only when it is told to; with another clock the agent runs by itself in a
-    thread, from `start` to `close`.
+    With a `ManualClock` only commands advance the time. With another clock the agent runs in a thread, from `start` to
+    `close`.
     """
 
     def __init__(self, engine: Engine, write_line: Callable[[str], object] = print) -> None:
@@ -80,7 +80,7 @@ class Shell:
     # Running
 
     def start(self) -> None:
-        """Has the agent run by itself, if its clock does."""
+        """Start the thread of the agent, unless its clock is simulated."""
         if self.simulated:
             return
         host = self.engine.wake
@@ -94,7 +94,7 @@ class Shell:
         threading.Thread(target=self._serve, name="agent", daemon=True).start()
 
     def close(self) -> None:
-        """Ends the thread."""
+        """End the thread."""
         self._ended = True
         self._bell.set()
 
@@ -113,7 +113,7 @@ class Shell:
             self.write(f"It is still busy after {PATIENCE_S} s of real time: run lets it go on.")
 
     def _busy(self) -> bool:
-        """Lets it reason until nothing is left to do at this moment; whether it takes too long."""
+        """Run the agent until it is idle; return whether it exceeds `PATIENCE_S`."""
         end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end:
             busy = self.engine.run_until_idle(TURNS)
@@ -126,17 +126,16 @@ class Shell:
 
     @property
     def prompt(self) -> str:
-        """What to ask for the next line with."""
         return "    ... " if self.text else f"{self.engine.name}> "
 
     def handle(self, line: str) -> bool:
-        """Does what a line says; False when the shell is to end."""
+        """Execute an input line; return False to end the shell."""
         try:
             with self._lock:
                 return self._handle(line)
         except (SocialbotError, OSError) as problem:
             self.write(f"error: {problem}")
-        except Exception as problem:  # noqa: BLE001 - whatever is typed, the shell goes on
+        except Exception as problem:  # noqa: BLE001 - no input may end the shell
             self.write(f"error: {type(problem).__name__}: {problem}")
         return True
 
@@ -161,7 +160,7 @@ class Shell:
         return True
 
     def _say(self, text: str) -> None:
-        """What is no command: a change of belief, a goal, a question, or a piece of program."""
+        """Handle an input without a command: a belief change, goal, query, plan or rule."""
         if text.startswith("!"):
             self._want(parse_literal(text.lstrip("!")))
         elif text.startswith("?"):
@@ -228,7 +227,7 @@ class Shell:
         if count == 0:
             self.write("no")
 
-    # What happens in it
+    # Trace
 
     def _show(self, record: Record) -> None:
         if self.tracing or self._stepping or record.kind in LOUD:
@@ -340,7 +339,7 @@ class Shell:
             self._pass(seconds)
 
     def _pass(self, seconds: float) -> None:
-        """Lets time pass, from one moment at which something is due to the next."""
+        """Advance the time from one scheduled event to the next."""
         if not isinstance(self.clock, ManualClock):
             self._lock.release()
             try:
@@ -392,7 +391,7 @@ class Shell:
         self._think()
 
     def completions(self, text: str) -> list[str]:
-        """What a word that was begun may become."""
+        """Return the completions of a word."""
         commands = [name[3:].replace("_", "-") for name in dir(self) if name.startswith("do_")]
         sign = text[: len(text) - len(text.lstrip("+-!?"))]
         known = {key.rpartition("/")[0] for key in self.engine.beliefs.relations}
@@ -402,7 +401,7 @@ class Shell:
 
 
 class _Actions(dict[str, Any]):
-    """The actions of an agent; one that it does not have is printed only."""
+    """The actions of an agent. An unknown action is only printed."""
 
     def __init__(self, known: dict[str, Any], shell: Shell) -> None:
         super().__init__(known)
@@ -417,7 +416,7 @@ class _Actions(dict[str, Any]):
 
 
 def _belief_event(text: str) -> Any:
-    """The change of belief that a text is; None when it is something else."""
+    """Parse a belief change; None for other texts."""
     if not text.startswith(("+", "-")):
         return None
     try:
@@ -428,7 +427,7 @@ def _belief_event(text: str) -> Any:
 
 
 def _wants_more(text: str) -> bool:
-    """Whether a text is the beginning of a plan or rule, which ends with a dot."""
+    """Whether a text is an incomplete plan or rule, without its final dot."""
     if text.endswith(".") or text.startswith(("!", "?", "-+")) or _belief_event(text) is not None:
         return False
     return text.startswith(("+", "-", "@", "{")) or "<-" in text or ":-" in text
@@ -439,7 +438,6 @@ def _solution(found: dict[str, Any]) -> str:
 
 
 def _columns(rows: list[tuple[str, ...]]) -> Iterator[str]:
-    """Rows with their columns aligned."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()

@@ -1,4 +1,4 @@
-"""The commands ``socialbot agent``: agents by themselves, without a robot around them."""
+"""The commands ``socialbot agent``: single agents without a robot."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def shell(
         Literal["simulated", "wall"], typer.Option(help="simulated: time passes when you say so; wall: by itself.")
     ] = "simulated",
 ) -> None:
-    """Talk to an agent: beliefs, goals, questions, plans; look into its mind. Type help there."""
+    """Open an interactive shell for an agent: beliefs, goals, queries, plans and time. Type help for its commands."""
     from socialbot.cli._agent_shell import Shell
     from socialbot.core.clock import ManualClock, WallClock
 
@@ -59,7 +59,7 @@ def shell(
 
 
 def _engine(load: str | None, name: str, clock: Clock) -> Engine:
-    """The agent: an empty one, or what a function makes."""
+    """Return an empty agent, or one made by a function."""
     from socialbot.bdi import Engine
 
     if load is None:
@@ -79,7 +79,7 @@ def _engine(load: str | None, name: str, clock: Clock) -> Engine:
 
 
 def _lines(opened: Shell) -> Iterator[str]:
-    """What is typed, or comes from a file or pipe."""
+    """Yield the lines of the terminal, a file or a pipe."""
     if not sys.stdin.isatty():
         yield from sys.stdin
         return

@@ -1,4 +1,4 @@
-"""The commands ``socialbot asl``: run and check agents that are written in AgentSpeak."""
+"""The commands ``socialbot asl``: run and check agents written in AgentSpeak."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def run(
         bool, typer.Option("--echo", help="Print actions that nobody has programmed; else they fail.")
     ] = False,
 ) -> None:
-    """Run agents together, until nothing is left to do, or Ctrl-C. Each is named as its file, if no names are given."""
+    """Run agents together until they are idle, or until Ctrl-C. By default an agent has the name of its file."""
     from socialbot.bdi.agentspeak.loading import begin, library_of
     from socialbot.bdi.engine import Engine
     from socialbot.bdi.society import Society
@@ -80,7 +80,7 @@ def run(
 
 @asl.command()
 def check(files: FilesArgument) -> None:
-    """Look for mistakes without running anything. Exit code 4 when there are some."""
+    """Check programs without running them. Exit code 4: there are errors."""
     from socialbot.bdi.agentspeak import AgentSpeakError, parse
     from socialbot.bdi.agentspeak.loading import check as problems_in
 
@@ -113,7 +113,7 @@ def _read(file: Path) -> str:
 
 
 def _program(text: str, file: str) -> Program:
-    """Reads and checks a text. Raises AgentSpeakError with the first mistake, and how many more there are."""
+    """Parse and check a program. Raises AgentSpeakError with the first error, and the number of the others."""
     from socialbot.bdi.agentspeak import parse
     from socialbot.bdi.agentspeak.loading import problems_of
 
@@ -128,7 +128,7 @@ def _program(text: str, file: str) -> Program:
 
 
 def _names(files: list[Path], agents: str | None) -> list[str]:
-    """The names of the agents. Raises RuleError when they do not fit the files."""
+    """Return the names of the agents. Raises RuleError if their number differs from that of the files."""
     names = [file.stem for file in files] if agents is None else [name.strip() for name in agents.split(",")]
     if agents is not None and len(files) > 1 and len(names) != len(files):
         raise RuleError(
@@ -160,7 +160,7 @@ def _many(count: int, noun: str) -> str:
 
 
 def _run_steps(society: Society, steps: int, until: float | None) -> None:
-    """Lets agents have so many turns in all, asleep while they wait for a time."""
+    """Run at most ``steps`` reasoning cycles in total; sleep while all agents wait."""
     import time
 
     from socialbot.core.clock import SECOND
@@ -178,7 +178,7 @@ def _run_steps(society: Society, steps: int, until: float | None) -> None:
 
 
 def _stop_on_signals(society: Society, ending: Any) -> None:
-    """Has the society stop when a signal comes."""
+    """Stop the society on a signal."""
     import signal
 
     from socialbot.core.process import ENDING_SIGNALS
@@ -212,7 +212,7 @@ class _Echo(dict[str, Any]):
 
 
 def _waiting(society: Society) -> str:
-    """What agents still wait for when nothing will happen any more."""
+    """Describe the pending intentions of agents without future events."""
     lines = [
         f"{engine.name} still waits: {intention}"
         for engine in society.agents.values()
@@ -221,7 +221,7 @@ def _waiting(society: Society) -> str:
     return "\n".join(lines[:10])
 
 
-# What is shown and written
+# Output
 
 
 @contextmanager
@@ -250,7 +250,7 @@ class _Warnings(logging.Handler):
 
 @contextmanager
 def _warnings(console: Console) -> Iterator[None]:
-    """Shows what goes wrong in agents."""
+    """Show warnings of agents."""
     log, handler = logging.getLogger("socialbot.bdi"), _Warnings(console)
     propagate, log.propagate = log.propagate, False
     log.addHandler(handler)

@@ -67,7 +67,7 @@ def info(
     path: BagArgument,
     quick: Annotated[bool, typer.Option("--quick", help="Do not read every message to look for damage.")] = False,
 ) -> None:
-    """Tells what is in a bag, and whether it is whole."""
+    """Show the topics of a bag, and any damage."""
     from socialbot.bags.reader import open_bag
 
     console = Console()
@@ -96,7 +96,7 @@ def import_(
     topic: Annotated[str, typer.Option(help="The topic of the pictures.")] = "/camera/image_raw/compressed",
     duration: Annotated[float | None, typer.Option(help="Take no more than this many seconds.")] = None,
 ) -> None:
-    """Makes a bag of a video, a folder of images or a camera; a camera is recorded until Ctrl-C."""
+    """Make a bag from a video, a folder of images or a camera. A camera is recorded until Ctrl-C."""
     from socialbot.bags.conversion import import_bag
     from socialbot.vision.camera import is_device, open_frames
 
@@ -126,7 +126,7 @@ def record(
     duration: Annotated[float | None, typer.Option(help="End after this many seconds.")] = None,
     storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
 ) -> None:
-    """Records what runs over ROS, until Ctrl-C or for a duration."""
+    """Record ROS topics, until Ctrl-C or for a duration."""
     from socialbot.bridge import recorder
 
     console = Console()
@@ -153,7 +153,7 @@ def convert(
     ],
     storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
 ) -> None:
-    """Writes a bag anew, with structured messages as JSON or as ROS types of their own; nothing is lost."""
+    """Convert the structured messages of a bag to JSON or to their own ROS types, without loss."""
     from socialbot.bags.conversion import convert_bag
 
     console = Console(highlight=False)
@@ -175,7 +175,7 @@ def _check(opened: Bag) -> BagError | None:
 
 
 def _length(opened: Bag) -> str:
-    # Bags made of files begin at a time that means nothing.
+    # Imported bags have no meaningful start time.
     began = datetime.fromtimestamp(opened.start / SECOND, timezone.utc)
     since = f", from {began:%Y-%m-%d %H:%M:%S} UTC" if opened.start > _YEAR_2000 else ""
     return f"{opened.duration_s:.1f} s, {sum(topic.count for topic in opened.topics)} messages{since}"
@@ -198,7 +198,7 @@ def _table(opened: Bag, pictures: Mapping[str, str], *, checked: bool) -> Table:
 
 
 def _type(topic: BagTopic) -> str:
-    # The whole name only where the short one would not do: a line has room for 80 characters.
+    # Short names of known types keep the line within 80 characters.
     return topic.type.rpartition("/")[2] if topic.type in codec.decodable_types() else topic.type.replace("/msg/", "/")
 
 
@@ -207,7 +207,7 @@ def _rate(opened: Bag, topic: BagTopic) -> str:
 
 
 def _picture(opened: Bag, topic: BagTopic) -> str:
-    """Size and encoding of the first picture that can be read."""
+    """Return the size and encoding of the first intact image."""
     import cv2
 
     try:
@@ -224,5 +224,5 @@ def _picture(opened: Bag, topic: BagTopic) -> str:
 
 
 def _format(name: str) -> str:
-    """What the drivers call ``jpeg`` or ``bgr8; jpeg compressed bgr8``."""
+    """Shorten an image format: drivers write ``jpeg`` or ``bgr8; jpeg compressed bgr8``."""
     return next((kind for kind in ("jpeg", "png") if kind in name or kind.replace("e", "") in name), name)

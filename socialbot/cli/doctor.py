@@ -23,7 +23,7 @@ from socialbot.bridge.ros_checks import Check, Finding
 from socialbot.core.errors import InstallationError, SocialbotError
 
 OLDEST, NEWEST = (3, 10), (3, 14)
-"""The versions of Python for which there are ROS wheels."""
+"""The Python versions with ROS wheels."""
 
 GB = 1_000_000_000
 ROOM_BYTES = 1 * GB
@@ -33,7 +33,7 @@ _PACKAGES = ("msgspec", "numpy", "rich", "rosbags", "ruamel.yaml", "typer")
 
 
 def examine(*, quick: bool = False) -> Iterator[Finding]:
-    """Makes all the checks; ``quick`` leaves out the round trip over DDS, which takes seconds."""
+    """Run all checks. With ``quick``, skip the round trip over DDS, which takes seconds."""
     from socialbot.bridge import ros_checks
 
     for check in (*FIRST_CHECKS, *ros_checks.CHECKS, *LAST_CHECKS):
@@ -50,12 +50,12 @@ def _made(check: Check) -> Finding | None:
         return check()
     except SocialbotError as error:
         return Finding(name, "error", error.what, error.remedy or "")
-    except Exception as error:  # noqa: BLE001 - whatever is broken here, the other checks still help
+    except Exception as error:  # noqa: BLE001 - a failing check must not stop the others
         return Finding(name, "error", f"cannot be checked: {type(error).__name__}: {error}")
 
 
 def python() -> Finding:
-    """Whether this Python is one that the ROS wheels are made for."""
+    """Check that ROS wheels exist for this Python version."""
     text = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     if not OLDEST <= sys.version_info[:2] <= NEWEST:
         wanted = f"{'.'.join(map(str, OLDEST))} to {'.'.join(map(str, NEWEST))}"
@@ -64,7 +64,7 @@ def python() -> Finding:
 
 
 def packages() -> Finding:
-    """Whether the packages that every command needs are installed, and none that gets in their way."""
+    """Check that the packages of every command are installed, and no conflicting ones."""
     name = "packages"
     found = {package: _version(package) for package in _PACKAGES}
     missing = [package for package, version in found.items() if version is None]
@@ -77,7 +77,7 @@ def packages() -> Finding:
 
 
 def opencv() -> Finding:
-    """Whether OpenCV is there, has the HOG detector, and is there once only."""
+    """Check that OpenCV is installed only once, and has the HOG detector."""
     name = "OpenCV"
     remedy = f"pip install '{OPENCV}>=4.12,<5'"
     try:
@@ -95,7 +95,7 @@ def opencv() -> Finding:
 
 
 def network() -> Finding:
-    """Whether the neural network that finds people runs."""
+    """Check that the neural person detector runs."""
     name = "person detector"
     try:
         from socialbot.vision.detectors import nanodet
@@ -107,7 +107,7 @@ def network() -> Finding:
 
 
 def speech() -> Finding:
-    """Whether espeak-ng makes a sound of a word."""
+    """Check that espeak-ng synthesises a word."""
     name = "speech"
     try:
         from socialbot.speech.synthesis import Synthesizer
@@ -119,7 +119,7 @@ def speech() -> Finding:
 
 
 def sound_device() -> Finding:
-    """Whether there is something to play sounds on."""
+    """Check that there is a sound output device."""
     from socialbot.speech.playback import find_player
 
     name = "sound device"
@@ -138,7 +138,7 @@ def sound_device() -> Finding:
 
 
 def cameras(folder: Path = Path("/dev")) -> Finding | None:
-    """Whether there is a camera, and one that can be opened."""
+    """Check that a camera can be opened."""
     name = "cameras"
     if sys.platform != "linux":
         return None
@@ -155,7 +155,7 @@ def cameras(folder: Path = Path("/dev")) -> Finding | None:
 
 
 def runs_folder(folder: Path = Path("runs")) -> Finding:
-    """Whether the records of runs can be written, and have room."""
+    """Check that the folder of runs is writable and has free space."""
     name = "runs folder"
     existing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
@@ -240,5 +240,5 @@ def _many(count: int, noun: str) -> str:
 
 
 def _wrapped(text: str, width: int) -> str:
-    # Long words are commands and paths to be copied; they stay whole.
+    # Do not break long words: commands and paths to copy.
     return textwrap.fill(text, width, subsequent_indent=INDENT, break_long_words=False, break_on_hyphens=False)

@@ -1,4 +1,4 @@
-"""``socialbot export``: a run as a file that Foxglove or Rerun shows."""
+"""``socialbot export``: convert a run for Foxglove or Rerun."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def export(
     out: Annotated[Path, typer.Argument(help="The file to make: .mcap for Foxglove, .rrd for Rerun.")],
     kind: Annotated[Format | None, typer.Option("--format", help="Default: as the name of the file says.")] = None,
 ) -> None:
-    """Write a run as a file for Foxglove (.mcap) or Rerun (.rrd): pictures, people, minds, what was done and why."""
+    """Write a run as a file for Foxglove (.mcap) or Rerun (.rrd): images, detections, beliefs, actions and reasons."""
     kind = kind or SUFFIXES.get(out.suffix)
     if kind is None:
         remedy = "end it in .mcap or .rrd, or give --format foxglove or --format rerun"
@@ -50,7 +50,7 @@ def export(
 
 
 def _bag(run: RecordedRun, stack: ExitStack) -> Bag | None:
-    """The bag that a run was a replay of, if it is still there."""
+    """Open the replayed bag of a run, if it still exists."""
     from socialbot.bags.reader import open_bag
 
     path = run.results.get("bag", {}).get("path")

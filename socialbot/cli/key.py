@@ -1,4 +1,4 @@
-"""The commands ``socialbot key``: keys by which machines know each other; see docs/security.md."""
+"""The commands ``socialbot key``: keys of the machines of a deployment; see docs/security.md."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FolderOption = Annotated[
 
 @key.command()
 def new(name: Annotated[str, typer.Argument(help="Such as the machine's.")], folder: FolderOption = None) -> None:
-    """Make a key. The .key stays where it is, the .pub goes to every machine that is to believe it."""
+    """Make a key pair. Keep the .key file here; copy the .pub file to every machine that should trust it."""
     from socialbot.bridge.security import fingerprint, load_keys, new_key
 
     chosen = _folder(folder)
@@ -32,7 +32,7 @@ def new(name: Annotated[str, typer.Argument(help="Such as the machine's.")], fol
 
 @key.command(name="list")
 def list_keys(folder: FolderOption = None) -> None:
-    """Show whose messages are believed, by name and fingerprint."""
+    """List trusted keys by name and fingerprint."""
     from socialbot.bridge.security import fingerprint, load_public_keys, private_names
 
     chosen = _folder(folder)
@@ -48,7 +48,7 @@ def check(
     name: Annotated[str, typer.Argument(help="One's own key, where there are several.")] = "",
     folder: FolderOption = None,
 ) -> None:
-    """See whether the keys can be used; exit code 4 when they cannot."""
+    """Check that the keys are usable. Exit code 4: they are not."""
     from socialbot.bridge.security import load_keys
 
     chosen = _folder(folder)

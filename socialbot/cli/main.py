@@ -27,7 +27,7 @@ CONTEXT = {"help_option_names": ["-h", "--help"]}
 
 
 class Commands(MutableMapping[str, Any]):
-    """All commands by name; importing a command happens on access."""
+    """All commands by name; access imports the command."""
 
     def __init__(self) -> None:
         modules = pkgutil.iter_modules(importlib.import_module("socialbot.cli").__path__)

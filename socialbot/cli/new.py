@@ -1,4 +1,4 @@
-"""``socialbot new``: a small project with a robot of one's own, which runs at once."""
+"""``socialbot new``: create a runnable project with a robot."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ PLACEHOLDER = "my_robot"
 """The name of the project in the templates."""
 
 SUFFIX = ".template"
-"""What templates end in, so that nothing takes them for the code that they become."""
+"""The suffix of templates, which keeps tools from treating them as code."""
 
 TEMPLATES = Path(__file__).with_name("templates")
-"""What is ``common`` to all projects, and what those with an agent in ``python`` or ``asl`` have besides."""
+"""Templates: ``common`` for all projects, ``python`` and ``asl`` for the language of the agent."""
 
 HIDDEN = {"gitignore": ".gitignore"}
-"""Files that are called otherwise among the templates, where they would be obeyed."""
+"""Target names of templates that would take effect in this repository."""
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 TAKEN = frozenset({"tests", "launch", "socialbot"})
-"""Names of other things in a project."""
+"""Reserved names in a project."""
 
 NEXT: Mapping[str, str] = {
     "cd {project}": "",
@@ -42,7 +42,7 @@ NEXT: Mapping[str, str] = {
     "python -m pytest": "its tests; pip install pytest, if there is none",
     "socialbot up camera.yaml --camera 0": "with a camera, until Ctrl-C",
 }
-"""What to type next, and what that is."""
+"""The next commands for the user, each with its purpose."""
 
 
 def new(
@@ -52,7 +52,7 @@ def new(
     ] = "python",
     folder: Annotated[Path, typer.Option(help="Where the project's folder is made.")] = Path("."),
 ) -> None:
-    """Write a small project with a robot of your own: an agent, its graph, tests; it runs at once."""
+    """Create a small project with a robot: an agent, its graph and tests. It runs without changes."""
     project = write_project(name, agent, folder)
     console = Console(highlight=False)
     rules = f"{name}/agent.{'asl' if agent == 'asl' else 'py'}"
@@ -64,9 +64,11 @@ def new(
 
 
 def write_project(name: str, agent: AgentKind, folder: Path) -> Path:
-    """Writes the project ``name`` into a folder of that name in ``folder``, which must not exist yet; returns it.
+    """Create the project ``name`` in a new subfolder of ``folder``, and return that subfolder.
 
-    Raises ParameterError for a name that is no good or a folder that exists, SocialbotError when it cannot be written.
+    Raises:
+        ParameterError: The name is invalid, or the subfolder exists.
+        SocialbotError: The files cannot be written.
     """
     project = folder / name
     if project.exists() or project.is_symlink():
@@ -83,7 +85,7 @@ def write_project(name: str, agent: AgentKind, folder: Path) -> Path:
 
 
 def check_name(name: str) -> None:
-    """Raises ParameterError when a Python package cannot have this ``name``, or another one has it."""
+    """Raise ParameterError unless ``name`` is a valid and unused name of a Python package."""
     if not NAME.fullmatch(name) or keyword.iskeyword(name):
         what = f"{name!r} is no name for a Python package"
         raise ParameterError(what, where="NAME", remedy="use small letters, digits and _, a letter first: my_robot")
@@ -93,7 +95,7 @@ def check_name(name: str) -> None:
 
 
 def project_files(name: str, agent: AgentKind) -> dict[str, str]:
-    """The files of a project, by their paths in its folder."""
+    """Return the files of a project by their relative paths."""
     files = {}
     for part in (TEMPLATES / "common", TEMPLATES / agent):
         for template in sorted(part.rglob(f"*{SUFFIX}")):
@@ -103,6 +105,6 @@ def project_files(name: str, agent: AgentKind) -> dict[str, str]:
 
 
 def _is_installed(name: str) -> bool:
-    """Whether a package of this name can be imported; a folder that only looks like one is none."""
+    """Whether a package of this name is importable, other than as a mere folder."""
     found = importlib.util.find_spec(name)
     return found is not None and found.origin is not None

@@ -1,4 +1,4 @@
-"""``socialbot plan``: makes plans from PDDL files, and checks them."""
+"""``socialbot plan``: find plans for PDDL files, and validate plans."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from socialbot.planning.planners.planner import PlannerAnswer
 
 IMPOSSIBLE = 10
-"""Exit code: it is proved that there is no plan."""
+"""Exit code: the planner proved that no plan exists."""
 GAVE_UP = 11
 """Exit code: no plan was found within the limits."""
 NOT_VALID = 12
-"""Exit code: the plan that was to be checked does not do what is asked for."""
+"""Exit code: the plan does not reach the goal."""
 
 
 def plan(
@@ -42,9 +42,9 @@ def plan(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Write the answer as JSON.")] = False,
 ) -> None:
-    """Find a plan: a table on a terminal, lines as all planners write them into a file or pipe.
+    """Find a plan for a PDDL problem: a table on a terminal, one action per line in a file or pipe.
 
-    Exit codes beside the usual ones: 10 there is no plan, 11 none was found in time, 12 the plan is not valid.
+    Exit codes: 10 no plan exists, 11 none was found within the limits, 12 the checked plan is invalid.
     """
     from socialbot.planning.pddl.reader import read_domain, read_problem
 
@@ -82,7 +82,7 @@ def _exit_code(answer: PlannerAnswer) -> int:
     }.get(answer.verdict, NodeError.exit_code)
 
 
-# What came of planning
+# Output
 
 
 def _show(answer: PlannerAnswer, planner: str, as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""``socialbot run``: run agents with their simulated world, with a page of what they did."""
+"""``socialbot run``: run agents with their simulated world, and write a page of the run."""
 
 from __future__ import annotations
 

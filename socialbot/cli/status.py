@@ -32,18 +32,18 @@ PASSING = {"unconfigured", "inactive", "starting", "configuring", "activating", 
 """Conditions that may pass by themselves."""
 
 FIGURES = {"in Hz": 5, "out Hz": 6, "call ms": 9, "age ms": 9, "CPU %": 5, "MB": 4}
-"""The columns of figures and how wide they are on the screen, where they stay in place while the figures change."""
+"""The columns of figures with their widths, fixed so that the screen does not shift."""
 
 LONGEST_NAME, LONGEST_MACHINE, LONGEST_STATE, LONGEST_TIME = 21, 11, 15, 6
-"""How wide the other columns of the screen are at most: with all of them it has 100 columns."""
+"""The maximum widths of the other columns, for a screen of 100 columns."""
 
 UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
 
 
 class Screen:
-    """What is shown again and again: the page, and for how long each node has been as it is.
+    """Live status screen, which also measures how long each node has had its condition.
 
-    Nobody is missed before the time ``heard`` (s).
+    Missing nodes are not reported before the time ``heard`` (s).
     """
 
     def __init__(self, heard: float) -> None:
@@ -51,14 +51,14 @@ class Screen:
         self._since: dict[str, tuple[str, float]] = {}
 
     def at(self, now: float, statuses: Sequence[NodeStatus]) -> RenderableType:
-        """The screen for these ``statuses`` at the time ``now`` (s)."""
+        """Return the screen for ``statuses`` at the time ``now`` (s)."""
         title = Text.assemble(summary(statuses), (f"   {time.strftime('%H:%M:%S')}   Ctrl-C ends it", "dim"))
         if not statuses:
             return Text("listening ...", style="yellow") if now < self._heard else title
         return Group(title, Text(""), self._table(now, statuses), *remarked(statuses))
 
     def _table(self, now: float, statuses: Sequence[NodeStatus]) -> Table:
-        """A line for each node, none of them wrapped. What is left out of columns is told below the table."""
+        """Return one row per node, without line breaks. Remarks below the table hold the omitted columns."""
         shown = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 1, 0, 0))
         widths = {"node": LONGEST_NAME, "machine": LONGEST_MACHINE, "state": LONGEST_STATE}
         for heading, width in widths.items():
@@ -74,7 +74,7 @@ class Screen:
         return shown
 
     def _lasting(self, one: NodeStatus, now: float) -> tuple[str, float]:
-        """How a node is, and since when (s) it has been so."""
+        """Return the condition of a node, and the time (s) when it began."""
         what = "not heard" if one.condition.startswith("not heard") else one.condition
         known = self._since.get(one.name)
         if known is None or known[0] != what:
@@ -84,14 +84,14 @@ class Screen:
 
 
 def page(statuses: Sequence[NodeStatus]) -> RenderableType:
-    """A table of ``statuses``, what is wrong below it, and all of it in one line."""
+    """Return the table of ``statuses``, the remarks below it, and the summary."""
     if not statuses:
         return summary(statuses)
     return Group(table(statuses), *remarked(statuses), Text(""), summary(statuses))
 
 
 def summary(statuses: Sequence[NodeStatus]) -> Text:
-    """How many are well."""
+    """Return the number of healthy nodes."""
     if not statuses:
         return Text(f"no node is heard in ROS domain {os.environ.get('ROS_DOMAIN_ID') or '0'}", style="yellow")
     well = sum(one.is_well for one in statuses)
@@ -101,13 +101,13 @@ def summary(statuses: Sequence[NodeStatus]) -> Text:
 
 
 def remarked(statuses: Sequence[NodeStatus]) -> list[Text]:
-    """What there is to say of nodes beyond the table, after a blank line."""
+    """Return the remarks on all nodes after a blank line."""
     told = [Text.assemble((f"{one.name}: ", "bold"), text) for one in statuses for text in remarks(one)]
     return [Text(""), *told] if told else []
 
 
 def table(statuses: Sequence[NodeStatus]) -> Table:
-    """A line for each node; columns that hold nothing are left out."""
+    """Return a table with one row per node, without empty columns."""
     shown = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
     shown.add_column("node", overflow="fold", min_width=10)
     shown.add_column("machine", overflow="fold", min_width=5)
@@ -127,7 +127,7 @@ def table(statuses: Sequence[NodeStatus]) -> Table:
 
 
 def figures(statuses: Sequence[NodeStatus]) -> dict[str, list[str]]:
-    """What nodes do and cost, by the headings of `FIGURES`, in the order of ``statuses``."""
+    """Return rates and costs by the headings of `FIGURES`, in the order of ``statuses``."""
     return {
         "in Hz": [_figure(one.handled_hz) for one in statuses],
         "out Hz": [_figure(one.published_hz) for one in statuses],
@@ -139,7 +139,7 @@ def figures(statuses: Sequence[NodeStatus]) -> dict[str, list[str]]:
 
 
 def remarks(one: NodeStatus) -> list[str]:
-    """What there is to say of a node beyond its line in the table."""
+    """Return the remarks on a node that the table has no column for."""
     found = []
     if one.twin:
         found.append(f"another node of this name is {one.twin}: both hear and say the same; end one of them")
@@ -159,13 +159,13 @@ def remarks(one: NodeStatus) -> list[str]:
 
 
 def in_short(seconds: float) -> str:
-    """A time in its largest unit."""
+    """Format a duration in its largest unit."""
     size, unit = next((each for each in UNITS if seconds >= each[0]), UNITS[-1])
     return f"{seconds // size:.0f} {unit}"
 
 
 def in_the_middle(text: str, longest: int) -> str:
-    """``text``, of which so much is left out in the middle that it is not too long."""
+    """Shorten ``text`` to ``longest`` characters by an ellipsis in the middle."""
     half = (longest - 1) // 2
     return text if len(text) <= longest else f"{text[: longest - 1 - half]}…{text[-half:]}"
 
@@ -193,7 +193,7 @@ def _both(spread: Spread | None) -> str:
 
 
 def _once_a_process(statuses: Sequence[NodeStatus], figures: Sequence[str]) -> list[str]:
-    """``figures``, with a ditto mark where a node of the same process has shown its own."""
+    """Replace repeated figures of one process by a ditto mark."""
     cells = []
     shown: set[str] = set()
     for one, figure in zip(statuses, figures, strict=True):
@@ -203,16 +203,16 @@ def _once_a_process(statuses: Sequence[NodeStatus], figures: Sequence[str]) -> l
 
 
 NOT_WELL = 10
-"""The exit code when a node is missing, failed, given up, or otherwise not well."""
+"""Exit code: a node is missing, failed, given up, or otherwise unhealthy."""
 
 LISTEN_S = 4.0
-"""So long nodes are waited for that do not speak."""
+"""The timeout (s) for expected nodes."""
 
 HEARD_S = 2.0
-"""So long it listens where it does not know who there should be: who is there has spoken twice by then."""
+"""The listening time (s) if no nodes are expected: each live node publishes at least twice."""
 
 WIDE = 200
-"""Columns of a page that goes into a file or pipe."""
+"""The width of a page for a file or pipe."""
 
 LOOK_AGAIN_S = 0.05
 REFRESH_S = 0.5
@@ -232,9 +232,9 @@ def status(
     as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
     wait: Annotated[float, typer.Option(min=0.0, help="Wait up to so many seconds until all is well.")] = 0.0,
 ) -> None:
-    """Show how every node of a running graph fares, on all machines. Exit code 10 when one is not well.
+    """Show the status of every node in a running graph, on all machines. Exit code 10: a node is not well.
 
-    With a FILE it knows which nodes there should be; without one it shows all that it hears in the ROS domain.
+    With a FILE it reports missing nodes. Without one it shows all nodes in the ROS domain.
     """
     party = join(file, machine)
     roll = RollCall(party.expected)
@@ -264,10 +264,11 @@ class Party:
 
 
 def join(file: str | None, machine: str | None) -> Party:
-    """Joins the graph that ``file`` describes, as ``machine`` of it.
+    """Join the ROS domain of the graph in ``file``, as ``machine``. Without a file, join the default domain.
 
-    Without a file it joins the ROS domain that the environment names, and nobody is expected. Raises GraphError and
-    ParameterError for what does not fit.
+    Raises:
+        GraphError: The file is not a valid graph or deployment.
+        ParameterError: ``machine`` is given without a deployment.
     """
     from socialbot.runtime.deployment import is_deployment, load_deployment
 
@@ -291,7 +292,7 @@ def join(file: str | None, machine: str | None) -> Party:
 
 @contextmanager
 def calling(roll: RollCall, form: WireForm) -> Iterator[None]:
-    """``roll`` takes what nodes tell as long as the block lasts; ``form`` is that of their messages."""
+    """Collect node statuses in ``roll`` inside the block; ``form`` is the message form of the graph."""
     from socialbot.bridge.graph_observer import observe_graph
 
     def observe(_: str, message: Message) -> None:
@@ -306,7 +307,6 @@ def calling(roll: RollCall, form: WireForm) -> Iterator[None]:
 
 
 def _watch(roll: RollCall, ending: Ending, console: Console) -> None:
-    """Shows the nodes on a screen of their own until told to end."""
     screen = Screen(time.monotonic() + HEARD_S)
     with Live(console=console, auto_refresh=False, screen=console.is_terminal, vertical_overflow="crop") as live:
         while not ending.asked:
@@ -316,7 +316,7 @@ def _watch(roll: RollCall, ending: Ending, console: Console) -> None:
 
 
 def _listen(roll: RollCall, ending: Ending, wait_s: float) -> None:
-    """Listens until all that matters has been heard; with ``wait_s`` until all is well, but not longer."""
+    """Wait until the statuses are complete; with ``wait_s``, also until all nodes are well, or at most that long."""
     begun = time.monotonic()
     while not ending.asked:
         passed = time.monotonic() - begun
@@ -333,7 +333,7 @@ def _pause(ending: Ending, seconds: float) -> None:
 
 
 def as_text(statuses: Sequence[NodeStatus]) -> str:
-    """``statuses`` as JSON; docs/cli.md tells its shape."""
+    """Format ``statuses`` as JSON; docs/cli.md describes the schema."""
     nodes = [{**asdict(one), "condition": one.condition, "well": one.is_well} for one in statuses]
     report = {"schema": "socialbot/status", "version": 1, "well": all_well(statuses), "nodes": nodes}
     return json.dumps(report, indent=2)

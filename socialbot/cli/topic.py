@@ -1,4 +1,4 @@
-"""The commands ``socialbot topic``: which topics there are, what comes on them, how often; and a word of one's own."""
+"""The commands ``socialbot topic``: list, print, measure and publish topics."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ REPORT_S = 1.0
 def list_topics(
     show_all: Annotated[bool, typer.Option("--all", "-a", help="Also /rosout and other topics of ROS itself.")] = False,
 ) -> None:
-    """Show the topics, their types, and how many nodes publish and subscribe to each."""
+    """List topics, their types, and their numbers of publishers and subscribers."""
     from socialbot.bridge.topics import observer_node, settled_topics
 
     with Ending().on_signals() as ending, observer_node() as ros:
@@ -84,7 +84,7 @@ def hz(
     duration: DurationOption = None,
     timeout: TimeoutOption = 10.0,
 ) -> None:
-    """Show how often messages come on a topic, and how much; a line a second, until Ctrl-C."""
+    """Print the rate and bandwidth of a topic once a second, until Ctrl-C."""
     from socialbot.bridge.topics import messages, observer_node
 
     arrivals = RateMeter(window)
@@ -114,7 +114,7 @@ def pub(
     fields: Annotated[str, typer.Argument(metavar="FIELDS", help="Its fields as YAML or JSON.")],
     timeout: TimeoutOption = 10.0,
 ) -> None:
-    """Send one message, and wait until it has arrived.
+    """Publish one message, and wait until it was received.
 
     socialbot topic pub /gripper_a/del_desire DesireItem '{desire: {name: sort_boxes}}'
     """
@@ -126,7 +126,7 @@ def pub(
 
 
 def _opened(receiver: Receiver, message: Any) -> Any | None:
-    """``message`` without its seal; None, and a word on stderr, when that is not to be believed."""
+    """Return the verified payload of ``message``. If verification fails, print the error and return None."""
     try:
         return receiver.open(message)
     except MessageError as error:
@@ -135,7 +135,7 @@ def _opened(receiver: Receiver, message: Any) -> Any | None:
 
 
 def rate_line(rate: TopicRate | None) -> str:
-    """``rate`` in a line of at most 80 columns."""
+    """Format ``rate`` in a line of at most 80 columns."""
     if rate is None:
         return "one message"
     periods = f"{1e3 * rate.min_s:.1f} to {1e3 * rate.max_s:.1f} ms (std dev {1e3 * rate.deviation_s:.1f})"
@@ -155,14 +155,13 @@ def _absolute(name: str) -> str:
 
 
 class _Deadline:
-    """A time ``seconds`` after it is first asked for; it never passes when that is None."""
+    """Timeout of ``seconds`` from the first call of `passed`; None disables it."""
 
     def __init__(self, seconds: float | None) -> None:
         self._seconds = seconds
         self._end: float | None = None
 
     def passed(self) -> bool:
-        """Whether that time has come."""
         if self._seconds is None:
             return False
         if self._end is None:

@@ -37,7 +37,7 @@ def up(
     port: PortOption = PORT,
     changes: SetOption = None,
 ) -> None:
-    """Bring up a graph, or one machine's nodes of a deployment, on live input, until Ctrl-C."""
+    """Bring up a graph, or one machine of a deployment, on live input, until Ctrl-C."""
     from socialbot.cli._runs import MAX_PAGE_BYTES, write_page
     from socialbot.cli.inspect import watched
     from socialbot.core.clock import WallClock

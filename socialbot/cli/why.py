@@ -1,4 +1,4 @@
-"""``socialbot why``: explain an action, a decision or a plan that was not chosen."""
+"""``socialbot why``: explain an action, a decision or a rejected plan."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def why(
     show_list: Annotated[bool, typer.Option("--list", help="List the actions of the run.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Say why an agent did what it did last, or something else, down to the video frame."""
+    """Explain the last action of an agent, or another event, down to the video frame."""
     from socialbot.runs.why import actions, explain, why_not
 
     asked = {"--action": action, "--at": at, "--not": plan, "--list": show_list or None}
