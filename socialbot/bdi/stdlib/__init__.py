@@ -1,4 +1,4 @@
-"""Internal actions of AgentSpeak, such as ``.print``; their modules are imported when one is first looked up."""
+"""Internal actions of AgentSpeak such as ``.print``; the first lookup imports their modules."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ TOPICS = ("environment", "goals", "plans", "terms")
 
 @cache
 def internals() -> dict[str, Internal]:
-    """The internal actions by name, with the dot."""
+    """Return the internal actions by dotted name."""
     for topic in TOPICS:
         import_module(f"{__name__}.{topic}")
     return INTERNALS
 
 
 def find(name: str) -> Internal | None:
-    """The internal action of a name."""
+    """Find an internal action by name."""
     return internals().get(name) if name[:1] == "." else INTERNALS.get(name)

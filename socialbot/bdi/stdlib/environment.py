@@ -1,4 +1,4 @@
-"""Internal actions on the outside: print, time, waiting and messages to other agents."""
+"""Internal actions for output, time, waiting and messages between agents."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from socialbot.core.clock import SECOND
 
 @internal(".print", 0, 100)
 def print_(engine: Any, args: tuple[Any, ...], trail: Trail) -> None:
-    """``.print(a1, ..., an)``: prints its arguments, without anything between them."""
+    """``.print(a1, ..., an)``: print the arguments without separators."""
     line = "".join(map(said, args))
     if engine.out is not None:
         engine.out(line)
@@ -29,7 +29,7 @@ internal(".println", 0, 100)(print_)
 
 
 def said(term: Any) -> str:
-    """A term as it is printed: strings and names without quotes, unless they are part of something."""
+    """Format a term for printing: top-level strings and names appear without quotes."""
     term = resolve(term)
     if isinstance(term, str):
         return term
@@ -41,7 +41,7 @@ def said(term: Any) -> str:
 
 
 def spelled(term: Any) -> str:
-    """A term in AgentSpeak, spelled as Jason does: without blanks, whole numbers without a fraction."""
+    """Format a term in AgentSpeak as Jason does: no spaces, and no fraction for integers."""
     if term.__class__ is Atom:
         return _name(term.name)
     if isinstance(term, str):
@@ -82,21 +82,21 @@ def _name(name: str) -> str:
 Args = tuple[Any, ...]
 
 UNITS = {"": 0.001, "ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
-"""In seconds."""
+"""Seconds per unit."""
 
 _WHEN = re.compile(r"now(?:\s*\+\s*(\d+(?:\.\d+)?)\s*([a-z]*))?")
 
 
 @internal(".time", 3, 4, binds=True)
 def time(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.time(Hour, Minute, Second, Millisecond)``: the time of day where the computer is."""
+    """``.time(Hour, Minute, Second, Millisecond)``: the local time of day."""
     now = _now(engine)
     return gives(args, (now.hour, now.minute, now.second, now.microsecond // 1000)[: len(args)], trail)
 
 
 @internal(".date", 3, binds=True)
 def date(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.date(Year, Month, Day)``: today."""
+    """``.date(Year, Month, Day)``: the local date."""
     now = _now(engine)
     return gives(args, (now.year, now.month, now.day), trail)
 
@@ -106,7 +106,7 @@ def _now(engine: Any) -> datetime:
 
 
 class Appointment:
-    """An event that is to come at a time."""
+    """Event scheduled for a given time."""
 
     def __init__(self, engine: Any, event: Event) -> None:
         self.engine = engine
@@ -121,7 +121,7 @@ class Appointment:
 
 @internal(".at", 2)
 def at(engine: Any, args: Args, trail: Trail) -> None:
-    """``.at("now +3 s", {+!g})``: the event comes at that time; in ms if no unit (s, m, h, d) is given."""
+    """``.at("now +3 s", {+!g})``: schedule an event; units are ms (default), s, m, h and d."""
     when, event = resolve(args[0]), event_of(".at", args[1])
     found = _WHEN.fullmatch(when.strip()) if isinstance(when, str) else None
     unit = "" if found is None else (found[2] or "")
@@ -134,7 +134,7 @@ def at(engine: Any, args: Args, trail: Trail) -> None:
 
 
 def event_of(name: str, term: Any) -> Event:
-    """An event, given as ``{+b(X)}`` or as a string. Raises Failed for anything else."""
+    """Convert ``{+b(X)}`` or a string to an event. Raises Failed for any other term."""
     term = resolve(term)
     if isinstance(term, str):
         from socialbot.bdi.agentspeak import AgentSpeakError, parse_event
@@ -151,7 +151,7 @@ def event_of(name: str, term: Any) -> Event:
 
 @internal(".wait", 1, 2, pauses=True)
 def wait(engine: Any, args: tuple[Any, ...], trail: Trail) -> Pause:
-    """``.wait(500)`` rests for so many ms; ``.wait("+b(1)", 500)`` until the event comes, for 500 ms at most."""
+    """``.wait(500)``: pause for 500 ms; ``.wait("+b(1)", 500)``: until the event occurs, with a timeout."""
     what = resolve(args[0])
     if is_number(what):
         return Sleep(max(0.0, what / 1000))
@@ -164,9 +164,9 @@ def wait(engine: Any, args: tuple[Any, ...], trail: Trail) -> Pause:
 
 @internal(".send", 3, 5, pauses=True)
 def send(engine: Any, args: Args, trail: Trail) -> Pause | None:
-    """``.send(To, Performative, Content, Answer, Timeout)``: says something to an agent or a list of them.
+    """``.send(To, Performative, Content, Answer, Timeout)``: send a message to an agent or a list of agents.
 
-    With an answer to be, the intention rests until it has come, or for so many ms, after which it is ``timeout``.
+    With an ``Answer``, the intention waits for it; after the timeout (ms) the answer is ``timeout``.
     """
     receiver, performative, content, *rest = args
     receiver, performative, content = map(resolve, (receiver, performative, content))
@@ -181,7 +181,7 @@ def send(engine: Any, args: Args, trail: Trail) -> Pause | None:
 
 @internal(".broadcast", 2)
 def broadcast(engine: Any, args: Args, trail: Trail) -> None:
-    """``.broadcast(Performative, Content)``: says something to all other agents."""
+    """``.broadcast(Performative, Content)``: send a message to all other agents."""
     engine.messaging.broadcast(name_of(".broadcast", args[0]), resolve(args[1]), engine.interpreter.cause)
 
 
@@ -193,7 +193,7 @@ def my_name(engine: Any, args: Args, trail: Trail) -> bool:
 
 @internal(".all_names", 1, binds=True)
 def all_names(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.all_names(L)``: the names of all agents, this one among them."""
+    """``.all_names(L)``: the names of all agents, including this one."""
     society = engine.messaging.society
     names = [engine.name] if society is None else society.agents
     return gives(args[0], tuple(map(Atom, names)), trail)
@@ -201,7 +201,7 @@ def all_names(engine: Any, args: Args, trail: Trail) -> bool:
 
 @internal(".stopMAS", 0, 1)
 def stop_all(engine: Any, args: Args, trail: Trail) -> None:
-    """Ends the running of all agents; with ms, after so long."""
+    """Stop all agents, optionally after a delay in ms."""
     society = engine.messaging.society or engine
     if args:
         engine.timers.after(number_of(".stopMAS", args[0]) / 1000, society.stop)

@@ -1,7 +1,7 @@
 """Internal actions on goals and intentions.
 
-A goal is looked for among those that intentions pursue, and the one that an intention began with; a goal whose plan
-has ended with another goal is no longer pursued itself, unless it was the first or has a plan for its failure.
+They search the current goals of the intentions and the initial goal of each. A goal whose plan ended with another goal
+is no longer current, unless it is the initial goal or has a failure plan.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Args = tuple[Any, ...]
 
 @internal(".desire", 1, many=True, aware=True)
 def desire(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.desire(g(X))``: the goal is pursued, or soon will be."""
+    """``.desire(g(X))``: a current or pending goal matches."""
     goal = literal_of(".desire", args[0])
     for request in [*_pending(engine), *(found for intention in engine.intentions for found in _goals(intention))]:
         yield from _matches(goal, request, trail)
@@ -42,7 +42,7 @@ def intend(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 
 @internal(".suspended", 2, many=True, aware=True)
 def suspended(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.suspended(g(X), Reason)``: an intention that rests pursues the goal; the reason is a string."""
+    """``.suspended(g(X), Reason)``: a suspended or waiting intention pursues the goal; the reason is a string."""
     goal = literal_of(".suspended", args[0])
     for intention in engine.intentions:
         if intention.suspended or intention.pause is not None:
@@ -54,7 +54,7 @@ def suspended(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 
 @internal(".current_intention", 1, aware=True)
 def current_intention(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.current_intention(intention(Number, Goals))``: the intention of this plan; its innermost goal is the first."""
+    """``.current_intention(intention(Number, Goals))``: the intention of this plan, with the innermost goal first."""
     intention = engine.intentions.current
     goals = tuple(_atom(goal_of(request, {})) for request in reversed(list(_goals(intention))))
     return gives(args[0], literal("intention", (intention.number, goals)), trail)
@@ -69,14 +69,14 @@ def _atom(goal: Literal) -> object:
 
 @internal(".drop_intention", 0, 1, pauses=True)
 def drop_intention(engine: Any, args: Args, trail: Trail) -> None:
-    """``.drop_intention(g)``: ends the intentions that pursue the goal; without a goal the one at hand."""
+    """``.drop_intention(g)``: drop the intentions that pursue the goal; without a goal the current intention."""
     for intention in _with(engine, args, ".drop_intention"):
         engine.intentions.drop(intention)
 
 
 @internal(".drop_all_intentions", 0, pauses=True)
 def drop_all_intentions(engine: Any, args: Args, trail: Trail) -> None:
-    """Ends all intentions but the one at hand, and what is to come `.at` a time."""
+    """Drop all other intentions and the events scheduled with `.at`."""
     ours = engine.intentions.current
     for intention in engine.intentions:
         if intention is not ours and intention.active and not _is_branch_parent(intention, ours):
@@ -95,12 +95,12 @@ def _is_branch_parent(intention: Intention, branch: Intention | None) -> bool:
 
 @internal(".drop_desire", 1, pauses=True)
 def drop_desire(engine: Any, args: Args, trail: Trail) -> None:
-    """``.drop_desire(g)``: like `.drop_intention`; goals that wait for their turn go, too."""
+    """``.drop_desire(g)``: `.drop_intention` that drops pending goals, too."""
     drop_goal(engine, literal_of(".drop_desire", args[0]))
 
 
 def drop_goal(engine: Any, goal: Literal) -> None:
-    """Gives up a goal, whatever intentions pursue it."""
+    """Drop a pending goal and all intentions that pursue it."""
     _take_pending(engine, goal)
     for intention in _pursuing(engine, goal):
         engine.intentions.drop(intention)
@@ -108,20 +108,20 @@ def drop_goal(engine: Any, goal: Literal) -> None:
 
 @internal(".drop_all_desires", 0, pauses=True)
 def drop_all_desires(engine: Any, args: Args, trail: Trail) -> None:
-    """Ends all intentions but the one at hand, and forgets the goals and events that wait for their turn."""
+    """Drop all other intentions and all pending goals and events."""
     engine.interpreter.events.clear()
     drop_all_intentions(engine, args, trail)
 
 
 @internal(".drop_event", 1, pauses=True)
 def drop_event(engine: Any, args: Args, trail: Trail) -> None:
-    """``.drop_event(g)``: forgets a goal that waits for its turn."""
+    """``.drop_event(g)``: drop a pending goal."""
     _take_pending(engine, literal_of(".drop_event", args[0]))
 
 
 @internal(".drop_all_events", 0, pauses=True)
 def drop_all_events(engine: Any, args: Args, trail: Trail) -> None:
-    """Forgets the goals and events that wait for their turn."""
+    """Drop all pending goals and events."""
     engine.interpreter.events.clear()
 
 
@@ -130,7 +130,7 @@ def drop_all_events(engine: Any, args: Args, trail: Trail) -> None:
 
 @internal(".succeed_goal", 1, pauses=True)
 def succeed_goal(engine: Any, args: Args, trail: Trail) -> None:
-    """``.succeed_goal(g)``: the goal counts as achieved; whoever wanted it goes on."""
+    """``.succeed_goal(g)``: achieve the goal without its plan and continue the parent goal."""
     goal = literal_of(".succeed_goal", args[0])
     _take_pending(engine, goal)
     for intention in _pursuing(engine, goal):
@@ -139,7 +139,7 @@ def succeed_goal(engine: Any, args: Args, trail: Trail) -> None:
 
 @internal(".fail_goal", 1, pauses=True)
 def fail_goal(engine: Any, args: Args, trail: Trail) -> None:
-    """``.fail_goal(g)``: the goal has failed; a plan for ``-!g`` is tried, or the goal below fails."""
+    """``.fail_goal(g)``: fail the goal; a plan for ``-!g`` handles this, or the parent goal fails."""
     goal = literal_of(".fail_goal", args[0])
     message = f"{spelled(goal)} was given up by .fail_goal"
     for request in _take_pending(engine, goal):
@@ -149,7 +149,7 @@ def fail_goal(engine: Any, args: Args, trail: Trail) -> None:
 
 
 def _unwind(engine: Any, intention: Intention, goal: Literal, message: str | None) -> None:
-    """Ends what is done for a goal: it has failed if there is a message, otherwise it is achieved."""
+    """End the plans of a goal, which fails with ``message`` or, without one, succeeds."""
     if not intention.active:
         return
     cause = engine.interpreter.cause
@@ -163,7 +163,7 @@ def _unwind(engine: Any, intention: Intention, goal: Literal, message: str | Non
 
 @internal(".fail", 0, 100)
 def fail(engine: Any, args: Args, trail: Trail) -> None:
-    """``.fail(error(e), error_msg("m"), a)``: fails, with annotations for ``-!g``."""
+    """``.fail(error(e), error_msg("m"), a)``: fail with annotations for ``-!g``."""
     reason, message, others = "ia_failed", "", []
     for arg in map(resolve, args):
         if isinstance(arg, Literal) and len(arg.args) == 1:
@@ -183,7 +183,7 @@ def fail(engine: Any, args: Args, trail: Trail) -> None:
 
 @internal(".suspend", 0, 1, pauses=True)
 def suspend(engine: Any, args: Args, trail: Trail) -> None:
-    """``.suspend(g)``: intentions that pursue the goal rest until `.resume`; without a goal the one at hand does."""
+    """``.suspend(g)``: suspend intentions that pursue the goal; without a goal the current intention."""
     for intention in _with(engine, args, ".suspend"):
         _suspend(engine, intention)
 
@@ -199,7 +199,7 @@ def _suspend(engine: Any, intention: Intention) -> None:
 
 @internal(".resume", 1, pauses=True)
 def resume(engine: Any, args: Args, trail: Trail) -> None:
-    """``.resume(g)``: suspended intentions that pursue the goal go on."""
+    """``.resume(g)``: resume suspended intentions that pursue the goal."""
     for intention in _pursuing(engine, literal_of(".resume", args[0])):
         _resume(engine, intention)
 
@@ -218,12 +218,12 @@ def _resume(engine: Any, intention: Intention) -> None:
 
 
 def _with(engine: Any, args: Args, name: str) -> list[Intention]:
-    """The intentions that pursue a goal, or the one at hand."""
+    """Return the intentions that pursue a goal; without arguments the current intention."""
     return _pursuing(engine, literal_of(name, args[0])) if args else [_whole(engine, engine.intentions.current)]
 
 
 def _whole(engine: Any, intention: Intention) -> Intention:
-    """The intention that a branch belongs to."""
+    """Return the parent intention of a branch."""
     return next((whole for whole in engine.intentions if _is_branch_parent(whole, intention)), intention)
 
 
@@ -232,7 +232,7 @@ def _pursuing(engine: Any, goal: Literal) -> list[Intention]:
 
 
 def _goals(intention: Intention | None) -> Iterator[Request]:
-    """The goals of an intention, the outermost first; the one that it began with is always among them."""
+    """Yield the goals of an intention from the outermost; the initial goal is always included."""
     if intention is None:
         return
     first = intention.event
@@ -247,7 +247,7 @@ def _same(one: Request, other: Request) -> bool:
 
 
 def _matches(goal: Literal, request: Request, trail: Trail) -> Iterator[None]:
-    """Whether a request is for a goal; its variables are bound until the next step."""
+    """Yield once if a request matches a goal; its variables stay bound until the next step."""
     _, trigger, args, notes, _ = request
     mark = len(trail)
     fits = trigger.key == f"+!{goal.key}" and unify(goal.args, args, trail)
@@ -257,7 +257,7 @@ def _matches(goal: Literal, request: Request, trail: Trail) -> Iterator[None]:
 
 
 def _fits(goal: Literal, request: Request) -> bool:
-    """Whether a request is for a goal; binds nothing."""
+    """Check whether a request matches a goal, without bindings."""
     trail: Trail = []
     fits = next(_matches(goal, request, trail), "none") != "none"
     undo(trail, 0)
@@ -265,7 +265,6 @@ def _fits(goal: Literal, request: Request) -> bool:
 
 
 def _pending(engine: Any) -> list[Request]:
-    """The goals that wait for their turn."""
     return [
         (SUBGOAL, trigger, args, notes, cause)
         for trigger, args, notes, cause in engine.interpreter.events
@@ -274,7 +273,7 @@ def _pending(engine: Any) -> list[Request]:
 
 
 def _take_pending(engine: Any, goal: Literal) -> list[Request]:
-    """Takes a goal out of what waits for its turn."""
+    """Remove a goal from the pending requests."""
     taken = [request for request in _pending(engine) if _fits(goal, request)]
     for request in taken:
         engine.interpreter.events.remove(request[1:])

@@ -1,4 +1,4 @@
-"""Internal actions on beliefs and on the agent's own plans."""
+"""Internal actions on beliefs and plans of the agent."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ Args = tuple[Any, ...]
 
 @internal(".abolish", 1)
 def abolish(engine: Any, args: Args, trail: Trail) -> None:
-    """``.abolish(b(_))``: removes every belief that matches, whoever said it."""
+    """``.abolish(b(_))``: remove every matching belief from any source."""
     what = literal_of(".abolish", args[0])
     engine.beliefs.forget_all(engine.beliefs.relation(what.key), what.args, what.annotations, engine.interpreter.cause)
 
 
 @internal(".belief", 1, many=True)
 def belief(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.belief(b(X))``: it is held, and does not only follow from others."""
+    """``.belief(b(X))``: a stored belief matches; rules are not consulted."""
     what = literal_of(".belief", args[0])
     for _ in engine.beliefs.relation(what.key).match(what.args, what.annotations, trail):
         yield
@@ -36,20 +36,20 @@ def belief(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 
 @internal(".asserta", 1)
 def asserta(engine: Any, args: Args, trail: Trail) -> None:
-    """``.asserta(b(1))``: believes it; questions find it first. The event is handled in an intention of its own."""
+    """``.asserta(b(1))``: add a belief that queries try first. A separate intention handles the event."""
     _assert(engine, args[0], ".asserta")
 
 
 @internal(".assertz", 1)
 def assertz(engine: Any, args: Args, trail: Trail) -> None:
-    """``.assertz(b(1))``: believes it; questions find it last. The event is handled in an intention of its own."""
+    """``.assertz(b(1))``: add a belief that queries try last. A separate intention handles the event."""
     relation, added = _assert(engine, args[0], ".assertz")
     if added is not None:
         _put_last(relation, added)
 
 
 def _assert(engine: Any, term: Any, name: str) -> tuple[Relation, Args | None]:
-    """Holds a belief; returns its arguments if it was not held before."""
+    """Add a belief; return its arguments if it is new."""
     what = literal_of(name, term)
     if not closed(what):
         raise Failed("no_value", f"{name}: {what} has a variable without a value")
@@ -61,7 +61,7 @@ def _assert(engine: Any, term: Any, name: str) -> tuple[Relation, Args | None]:
 
 
 def _put_last(relation: Relation, args: Args) -> None:
-    """Puts a belief where the oldest one is. Takes as long as there are beliefs of the name."""
+    """Move a belief to the oldest position, in time linear in the size of the relation."""
     facts = dict(relation.facts)
     relation.facts.clear()
     relation.facts[args] = facts.pop(args)
@@ -76,13 +76,13 @@ def _put_last(relation: Relation, args: Args) -> None:
 
 @internal(".enter", 1)
 def enter(engine: Any, args: Args, trail: Trail) -> None:
-    """``.enter(night)``: enters a stage: plans of other stages are no longer chosen."""
+    """``.enter(night)``: enter a stage, which disables the plans of other stages."""
     engine.interpreter.enter(name_of(".enter", args[0]), cause=engine.interpreter.cause)
 
 
 @internal(".add_plan", 1, 3)
 def add_plan(engine: Any, args: Args, trail: Trail) -> None:
-    """``.add_plan({+!g <- .print(hello)}, Source, begin)``: adds plans (terms or strings), at the end if not told."""
+    """``.add_plan({+!g <- .print(hello)}, Source, begin)``: add plans (terms or strings), at the end by default."""
     plans, *rest = args
     notes = (source(Atom(name_of(".add_plan", rest[0]))),) if rest else SELF
     first = len(rest) > 1 and name_of(".add_plan", rest[1]) == "begin"
@@ -92,7 +92,7 @@ def add_plan(engine: Any, args: Args, trail: Trail) -> None:
 
 @internal(".remove_plan", 1, 2)
 def remove_plan(engine: Any, args: Args, trail: Trail) -> None:
-    """``.remove_plan(label, Source)``: a plan, or one with a label, loses a source (self); without any it is gone."""
+    """``.remove_plan(label, Source)``: remove a source (default: self) of a plan; without any source the plan goes."""
     plans, *rest = args
     notes = (source(Atom(name_of(".remove_plan", rest[0]))),) if rest else SELF
     for item in each_of(plans):
@@ -101,9 +101,7 @@ def remove_plan(engine: Any, args: Args, trail: Trail) -> None:
 
 @internal(".relevant_plans", 2, 3)
 def relevant_plans(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.relevant_plans({+!g(_)}, Plans, Labels)``: the plans that may fit an event; without a label the plan is its
-    own.
-    """
+    """``.relevant_plans({+!g(_)}, Plans, Labels)``: plans for an event; unlabelled plans represent themselves."""
     found = relevant(engine, args[0])
     labels = tuple(plan if plan.label is None else Atom(plan.label) for plan in found)
     return gives(args[1:], (found, labels)[: len(args) - 1], trail)
@@ -118,7 +116,7 @@ def plan_label(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 
 
 def relevant(engine: Any, term: Any) -> tuple[Plan, ...]:
-    """The plans that may fit an event, in the order in which they are tried."""
+    """Return the relevant plans of an event in the order of selection."""
     event = event_of(".relevant_plans", term)
     found, triggers = [], engine.library.triggers
     for ready in triggers[event.key].plans if event.key in triggers else ():
@@ -133,7 +131,7 @@ def relevant(engine: Any, term: Any) -> tuple[Plan, ...]:
 
 
 def learn(engine: Any, item: Any, notes: tuple[Any, ...], *, first: bool = False) -> None:
-    """Adds a plan, given as a term or a string, from a source. The same plan again only gets another source."""
+    """Add a plan (term or string) from a source. An equal plan only gets another source."""
     plan = _plan(item)
     known = _known(engine, plan)
     if known is not None:
@@ -150,7 +148,7 @@ def learn(engine: Any, item: Any, notes: tuple[Any, ...], *, first: bool = False
 
 
 def unlearn(engine: Any, item: Any, notes: tuple[Any, ...]) -> None:
-    """Takes a source off a plan, given as a term, a label or a string ``"@label"``; without sources it is gone."""
+    """Remove sources of a plan (term, label or ``"@label"``); without any source the plan is removed."""
     item = resolve(item)
     if not isinstance(item, Plan):
         item = engine.library.labelled(name_of(".remove_plan", item).removeprefix("@"))
@@ -181,7 +179,7 @@ def _plan(item: Any) -> Plan:
 
 
 def _known(engine: Any, plan: Plan) -> Any:
-    """The plan of the library that is the same, with its code."""
+    """Return the equal compiled plan of the library."""
     trigger = engine.library.triggers.get(plan.event.key)
     for ready in trigger.plans if trigger is not None else ():
         if ready.plan is plan or _text(ready.plan) == _text(plan):

@@ -1,4 +1,4 @@
-"""The registry of internal actions such as ``.print``, and access to their arguments."""
+"""Registry of internal actions such as ``.print``, and access to their arguments."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from socialbot.bdi.unification import Trail, Var, closed, cons, resolve, undo, u
 
 @dataclass(frozen=True)
 class Internal:
-    """An internal action: ``function(engine, args, trail)``.
+    """Internal action: ``function(engine, args, trail)``.
 
-    It returns whether it succeeded (None counts as yes), or, with ``many``, iterates over its solutions; with
-    ``pauses`` it may return a `Pause`. Variables in ``args`` are `Var`; ``binds`` promises that all have values then.
-    With ``aware`` it looks at intentions: the plan that it is a step of has to be on one.
+    The function returns its success (None counts as true), or an iterator over solutions with ``many``, or perhaps a
+    `Pause` with ``pauses``. Unbound variables in ``args`` are `Var`; ``binds`` promises to bind them all. An ``aware``
+    action inspects intentions, so its plan must run on one.
     """
 
     function: Callable[..., Any]
@@ -30,7 +30,7 @@ class Internal:
 
 
 INTERNALS: dict[str, Internal] = {}
-"""By name, with the dot."""
+"""Internal actions by dotted name."""
 
 
 def internal(
@@ -43,7 +43,7 @@ def internal(
     binds: bool = False,
     aware: bool = False,
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Registers a function as an internal action with ``least`` to ``most`` arguments."""
+    """Register a function as an internal action with ``least`` to ``most`` arguments."""
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         INTERNALS[name] = Internal(function, (least, least if most is None else most), many, pauses, binds, aware)
@@ -56,14 +56,14 @@ Args = tuple[Any, ...]
 
 
 def wrong(name: str, term: object, expected: str) -> Failed:
-    """The failure that an argument is not what was expected."""
+    """Return the failure for an argument of the wrong type."""
     if term.__class__ is Var:
         return Failed("wrong_arguments", f"{name} expects {expected}, but {term} has no value")
     return Failed("wrong_arguments", f"{name} expects {expected}, not {show(term)}")
 
 
 def number_of(name: str, term: Any) -> float:
-    """The value of a number. Raises Failed for anything else."""
+    """Evaluate a number. Raises Failed for any other term."""
     term = resolve(term)
     if not is_number(term):
         raise wrong(name, term, "a number")
@@ -71,7 +71,7 @@ def number_of(name: str, term: Any) -> float:
 
 
 def integer_of(name: str, term: Any) -> int:
-    """The value of a whole number, which may be written as 2.0. Raises Failed for anything else."""
+    """Evaluate an integer, which may be written as 2.0. Raises Failed for any other term."""
     term = resolve(term)
     if not is_number(term) or term != term // 1:
         raise wrong(name, term, "a whole number")
@@ -79,7 +79,7 @@ def integer_of(name: str, term: Any) -> int:
 
 
 def items_of(name: str, term: Any) -> Args:
-    """The items of a list. Raises Failed for anything else."""
+    """Return the items of a list. Raises Failed for any other term."""
     term = resolve(term)
     if term.__class__ is not tuple:
         raise wrong(name, term, "a list")
@@ -87,7 +87,7 @@ def items_of(name: str, term: Any) -> Args:
 
 
 def name_of(name: str, term: Any) -> str:
-    """What an atom or a string says. Raises Failed for anything else."""
+    """Return the text of an atom or a string. Raises Failed for any other term."""
     term = resolve(term)
     if isinstance(term, Atom):
         return term.name
@@ -97,7 +97,7 @@ def name_of(name: str, term: Any) -> str:
 
 
 def literal_of(name: str, term: Any) -> Literal:
-    """A literal; a name alone is one without arguments. Raises Failed for anything else."""
+    """Convert a term to a literal; atoms have no arguments. Raises Failed for any other term."""
     term = resolve(term)
     if isinstance(term, Atom):
         return literal(term.name)
@@ -107,18 +107,18 @@ def literal_of(name: str, term: Any) -> Literal:
 
 
 def each_of(term: Any) -> Args:
-    """The items of a list, or the one thing that is no list."""
+    """Return the items of a list, or a tuple of any other term."""
     term = resolve(term)
     return term if term.__class__ is tuple else (term,)
 
 
 def is_number(term: object) -> bool:
-    """Whether a term is a number; True and False are none."""
+    """Check whether a term is a number; booleans are not."""
     return isinstance(term, (int, float)) and not isinstance(term, bool)
 
 
 def gives(term: Any, value: Any, trail: Trail) -> bool:
-    """Makes a term equal to a value, or binds nothing."""
+    """Unify a term with a value; a failure binds nothing."""
     mark = len(trail)
     if unify(term, value, trail):
         return True
@@ -127,7 +127,7 @@ def gives(term: Any, value: Any, trail: Trail) -> bool:
 
 
 def each(term: Any, values: Iterable[Any], trail: Trail) -> Iterator[None]:
-    """The ways to make a term equal to one of several values."""
+    """Unify a term with each of several values in turn."""
     mark = len(trail)
     for value in values:
         if unify(term, value, trail):
@@ -136,7 +136,7 @@ def each(term: Any, values: Iterable[Any], trail: Trail) -> Iterator[None]:
 
 
 def opened(term: Any, variables: dict[str, Var] | None = None) -> Any:
-    """A term of a text or plan for use at run time: with a fresh `Var` for each variable."""
+    """Replace each variable of a term by a fresh `Var` for use at run time."""
     variables = {} if variables is None else variables
     if isinstance(term, Variable):
         return Var() if term.name == "_" else variables.setdefault(term.name, Var(term.name))
@@ -154,7 +154,7 @@ def opened(term: Any, variables: dict[str, Var] | None = None) -> Any:
 
 
 def detached(term: Any) -> Any:
-    """A copy of a term whose variables have no value and are nobody else's."""
+    """Copy a term with fresh unbound variables."""
     term = resolve(term)
     return term if closed(term) and not isinstance(term, Event) else _detached(term, {})
 

@@ -1,4 +1,4 @@
-"""Internal actions on lists, strings, numbers and types of terms."""
+"""Internal actions on lists, strings, numbers and term types."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ Args = tuple[Any, ...]
 
 @internal(".member", 2, many=True)
 def member(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.member(X, L)``: X is one of the items of L."""
+    """``.member(X, L)``: X is an item of L."""
     return each(args[0], items_of(".member", args[1]), trail)
 
 
 @internal(".length", 2)
 def length(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.length(L, N)``: the list or string L has N items. False when L is neither."""
+    """``.length(L, N)``: the list or string L has N items; false for any other term."""
     items = resolve(args[0])
     return isinstance(items, (tuple, str)) and gives(args[1], len(items), trail)
 
 
 @internal(".nth", 3, many=True)
 def nth(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.nth(I, L, X)``: X is the item of L at I; tries all positions when I has no value."""
+    """``.nth(I, L, X)``: X is the item of L at I; an unbound I iterates over all positions."""
     items = items_of(".nth", args[1])
     if resolve(args[0]).__class__ is Var:
         yield from each((args[0], args[2]), enumerate(items), trail)
@@ -54,20 +54,20 @@ def nth(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 
 @internal(".sort", 2)
 def sort(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.sort(L, S)``: S has the items of L in the order of terms."""
+    """``.sort(L, S)``: S is L in the order of terms."""
     return gives(args[1], tuple(sorted(items_of(".sort", args[0]), key=order)), trail)
 
 
 @internal(".reverse", 2)
 def reverse(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.reverse(L, R)``: R is the list or string L from back to front."""
+    """``.reverse(L, R)``: R is the list or string L in reverse."""
     items = resolve(args[0])
     return gives(args[1], items[::-1] if isinstance(items, str) else items_of(".reverse", items)[::-1], trail)
 
 
 @internal(".concat", 2, 100)
 def concat(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.concat(a1, ..., an, R)``: R is the list of all items of lists, or else one string of all arguments."""
+    """``.concat(a1, ..., an, R)``: R is the concatenation of all lists, or one string of all arguments."""
     parts = [resolve(arg) for arg in args[:-1]]
     for part in parts:
         if part.__class__ is Var:
@@ -79,21 +79,21 @@ def concat(engine: Any, args: Args, trail: Trail) -> bool:
 
 @internal(".max", 2)
 def largest(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.max(L, M)``: M is the item of L that comes last in the order of terms. False for an empty list."""
+    """``.max(L, M)``: M is the maximum of L in the order of terms; false for an empty list."""
     items = items_of(".max", args[0])
     return bool(items) and gives(args[1], max(items, key=order), trail)
 
 
 @internal(".min", 2)
 def smallest(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.min(L, M)``: M is the item of L that comes first in the order of terms. False for an empty list."""
+    """``.min(L, M)``: M is the minimum of L in the order of terms; false for an empty list."""
     items = items_of(".min", args[0])
     return bool(items) and gives(args[1], min(items, key=order), trail)
 
 
 @internal(".delete", 3)
 def delete(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.delete(X, L, R)``: R is L without the items that X fits, or, if X is a number, without the one at X."""
+    """``.delete(X, L, R)``: R is L without the items that match X, or without the item at index X."""
     what, items = resolve(args[0]), resolve(args[1])
     if isinstance(items, str) and isinstance(what, str):
         return gives(args[2], items.replace(what, ""), trail)
@@ -115,21 +115,21 @@ def _fits(pattern: Any, item: Any) -> bool:
 
 @internal(".union", 3)
 def union(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.union(A, B, R)``: R has, in order, what is in one of the lists."""
+    """``.union(A, B, R)``: R is the sorted union of two lists."""
     left, right = (items_of(".union", arg) for arg in args[:2])
     return gives(args[2], _as_set(left + right), trail)
 
 
 @internal(".intersection", 3)
 def intersection(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.intersection(A, B, R)``: R has, in order, what is in both lists."""
+    """``.intersection(A, B, R)``: R is the sorted intersection of two lists."""
     left, right = (items_of(".intersection", arg) for arg in args[:2])
     return gives(args[2], _as_set(item for item in left if item in right), trail)
 
 
 @internal(".difference", 3)
 def difference(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.difference(A, B, R)``: R has, in order, what is in A and not in B."""
+    """``.difference(A, B, R)``: R is the sorted list of items in A but not in B."""
     left, right = (items_of(".difference", arg) for arg in args[:2])
     return gives(args[2], _as_set(item for item in left if item not in right), trail)
 
@@ -140,21 +140,21 @@ def _as_set(items: Any) -> Args:
 
 @internal(".prefix", 2, many=True)
 def prefix(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.prefix(P, L)``: L begins with the list P; the longest first."""
+    """``.prefix(P, L)``: the list P is a prefix of L; the longest first."""
     items = items_of(".prefix", args[1])
     return each(args[0], (items[:end] for end in range(len(items), -1, -1)), trail)
 
 
 @internal(".suffix", 2, many=True)
 def suffix(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.suffix(S, L)``: L ends with the list S; the longest first."""
+    """``.suffix(S, L)``: the list S is a suffix of L; the longest first."""
     items = items_of(".suffix", args[1])
     return each(args[0], (items[begin:] for begin in range(len(items) + 1)), trail)
 
 
 @internal(".sublist", 2, many=True)
 def sublist(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.sublist(S, L)``: the items of S follow each other in L; the longest and foremost first."""
+    """``.sublist(S, L)``: S is a contiguous part of L; the longest and leftmost first."""
     items = items_of(".sublist", args[1])
     parts = (items[begin:end] for begin in range(len(items)) for end in range(len(items), begin, -1))
     yield from each(args[0], parts, trail)
@@ -163,7 +163,7 @@ def sublist(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 
 @internal(".empty", 1)
 def empty(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.empty(L)``: the list or string L has no items."""
+    """``.empty(L)``: the list or string L is empty."""
     return resolve(args[0]) in ((), "")
 
 
@@ -177,7 +177,7 @@ def shuffle(engine: Any, args: Args, trail: Trail) -> bool:
 
 @internal(".substring", 2, 4, many=True, binds=True)
 def substring(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.substring(Part, Whole, Begin, End)``: Part is in Whole from Begin to before End; all places are tried."""
+    """``.substring(Part, Whole, Begin, End)``: Part is Whole[Begin:End]; iterates over all positions."""
     part, whole = _text(".substring", args[0]), _text(".substring", args[1])
     places = (at for at in range(len(whole) - len(part) + 1) if whole.startswith(part, at))
     if len(args) == 2:
@@ -190,19 +190,19 @@ def substring(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 
 @internal(".lower_case", 2, binds=True)
 def lower_case(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.lower_case(S, R)``: R is S in small letters."""
+    """``.lower_case(S, R)``: R is S in lower case."""
     return gives(args[1], _text(".lower_case", args[0]).lower(), trail)
 
 
 @internal(".upper_case", 2, binds=True)
 def upper_case(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.upper_case(S, R)``: R is S in capital letters."""
+    """``.upper_case(S, R)``: R is S in upper case."""
     return gives(args[1], _text(".upper_case", args[0]).upper(), trail)
 
 
 @internal(".term2string", 2)
 def term2string(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.term2string(T, S)``: S is what the term T is written as; gives a value to T or to S."""
+    """``.term2string(T, S)``: S is the text of the term T; binds T or S."""
     term, text = resolve(args[0]), resolve(args[1])
     if term.__class__ is not Var:
         return gives(text, spelled(term), trail)
@@ -233,7 +233,6 @@ TESTS: dict[str, Callable[[Any], bool]] = {
     ".literal": lambda term: isinstance(term, (Atom, Literal)),
     ".structure": lambda term: isinstance(term, (Atom, Literal, Cons, tuple)),
 }
-"""By name."""
 
 
 def _register(name: str, test: Callable[[Any], bool]) -> None:
@@ -248,7 +247,7 @@ for _name, _test in TESTS.items():
 
 @internal(".range", 3, 4, many=True, binds=True)
 def range_(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.range(I, 1, 10)`` or ``.range(I, 0, 10, 5)``: I is one of the numbers, the last one included."""
+    """``.range(I, 1, 10)`` or ``.range(I, 0, 10, 5)``: I iterates over numbers up to and including the end."""
     number, *limits = args
     first, last, step = [*(number_of(".range", limit) for limit in limits), 1][:3]
     if step == 0:
@@ -267,8 +266,9 @@ def range_(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 
 @internal(".random", 1, 2, many=True)
 def random(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.random(X)``: X is a number from 0 to 1; ``.random(X, N)``: N of them, one after the other (0: without end);
-    ``.random(L, X)``: X is one of the items of L. The numbers are those of the agent's seed.
+    """``.random(X)``: X is a number from 0 to 1; ``.random(X, N)``: N numbers in turn (0: unlimited).
+
+    ``.random(L, X)``: X is a random item of L. All use the seed of the agent.
     """
     items, *rest = map(resolve, args)
     if items.__class__ is tuple:
