@@ -1,4 +1,4 @@
-"""The command line as a program: ``python -m socialbot``, ``socialbot`` and ``ros2 run socialbot node``."""
+"""Entry points of the command line: ``python -m socialbot``, ``socialbot`` and ``ros2 run socialbot node``."""
 
 import sys
 
@@ -21,7 +21,7 @@ def run_node() -> None:
 
 
 def prepare(command: str) -> None:
-    """Import what `run` needs for a ``command``, so that a fork of this process starts it sooner."""
+    """Import the modules of a ``command``, so that a fork of this process starts it sooner."""
     from socialbot.cli.main import command as command_line
 
     command_line().make_context("socialbot", [command])  # parsing imports the parser

@@ -1,4 +1,4 @@
-"""Import modules and names of the last release under their old paths, with a DeprecationWarning; for one release.
+"""Deprecated import paths: old module and name paths of the last release keep working for one release.
 
 ``_old_names.txt`` lists, for each old module, the modules that now hold its names, and names that changed:
 ``old: new [new ...] | name=new_name name=module:new_name``.
@@ -28,7 +28,7 @@ class _OldPath(NamedTuple):
 
 @cache
 def old_modules() -> dict[str, _OldPath]:
-    """The old modules by path, without ``socialbot.``."""
+    """Return the old modules by path, without ``socialbot.``."""
     table = {}
     for line in Path(__file__).with_suffix(".txt").read_text("utf-8").splitlines():
         old, _, rest = line.partition(":")
@@ -79,11 +79,11 @@ class _Loader:
 
 
 class OldNamesFinder:
-    """Finds old modules, and gives old names to modules that still exist."""
+    """Import finder of old modules, and of old names in existing modules."""
 
     @classmethod
     def find_spec(cls, fullname: str, path: Sequence[str] | None, target: object = None) -> ModuleSpec | None:
-        """The spec of an old module, or of a present one with old names; None for all others."""
+        """Return the spec of an old module, or of an existing module with old names; else None."""
         if not fullname.startswith(_PACKAGE):
             return None
         old = fullname.removeprefix(_PACKAGE)
@@ -114,6 +114,6 @@ class OldNamesFinder:
 
 
 def install() -> None:
-    """Make old names importable."""
+    """Install the import finder of old names."""
     if OldNamesFinder not in sys.meta_path:
         sys.meta_path.insert(0, OldNamesFinder)

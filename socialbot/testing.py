@@ -1,4 +1,4 @@
-"""Test helpers: run graphs, nodes and engines in simulated time, feed messages and check what comes out.
+"""Test helpers: run graphs, nodes and engines in simulated time, feed messages and check outputs.
 
 ::
 
@@ -30,7 +30,7 @@ __all__ = ["SECOND", "GraphTester", "ManualClock", "Structured", "run_engine"]
 
 
 class GraphTester:
-    """Runs a graph in one thread and in simulated time, and keeps every message.
+    """Test runner of a graph in one thread and simulated time, which records every message.
 
     Use it as a context manager: nodes start on entry and stop on exit. A node that raises fails the test on exit.
 
@@ -82,7 +82,7 @@ class GraphTester:
         return self.runner.nodes[name]
 
     def send(self, topic: str, message: Message) -> None:
-        """Deliver ``message`` at its stamp, or now if that has passed, and everything that follows from it."""
+        """Deliver ``message`` at its stamp, or now if that has passed, with all resulting messages."""
         self.runner.feed(topic, message)
 
     def run(self, seconds: float) -> None:
@@ -94,7 +94,7 @@ class GraphTester:
         return [message for name, _, message in self._seen if name == topic]
 
     def times(self, topic: str) -> list[float]:
-        """When (s) each message on ``topic`` was published."""
+        """Times (s) at which messages on ``topic`` were published."""
         return [time / SECOND for name, time, _ in self._seen if name == topic]
 
     def _note(self, topic: str, message: Message) -> None:

@@ -173,7 +173,7 @@ class Deployment:
         return Across(server=f"{self.address(self.server.machine)}:{self.server.port}")
 
     def raw_pictures(self, node: str) -> bool:
-        """Whether the node publishes raw images, whose messages need large fragments."""
+        """Whether the node publishes raw images, whose messages need large datagrams."""
         return publishes_pictures(self.graph.placement(node))
 
     def this_machine(self) -> str:
