@@ -1,4 +1,4 @@
-"""Beliefs, desires and intentions: the engine that decides.
+"""BDI engine: beliefs, desires (goals), intentions and plans.
 
 >>> from socialbot.core.clock import ManualClock
 >>> class rain(Belief): ...

@@ -1,4 +1,4 @@
-"""Actions: what an agent can do. Subclass `Action` and override `Action.execute`, or decorate a function.
+"""Actions of an agent: subclass `Action` and override `Action.execute`, or decorate a function.
 
 >>> @action
 ... def greet(engine, name): print("Hello", name)
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 class Action(Literal):
-    """One thing the agent can do, as a step of a plan's body.
+    """Step of a plan's body that acts on the world.
 
-    While it executes, ``engine`` is the engine it runs in and ``id`` its record in the trace. An
-    exception fails the goal that the action serves; it never stops the agent.
+    During its execution ``engine`` is its engine and ``id`` its trace record. An exception fails the goal of its plan
+    but never stops the agent.
     """
 
     engine: Engine
@@ -33,18 +33,18 @@ class Action(Literal):
     threaded: ClassVar[bool] = False
 
     def execute(self, *args: Any, **kwargs: Any) -> Any:
-        """Does it; ``args`` are the values of the arguments. False means that it failed."""
+        """Execute the action with the values of its arguments; the result False reports a failure."""
         raise RuleError(f"the action {self.functor} does nothing", remedy="override execute()")
 
     def within(self: T, seconds: object) -> T:
-        """The same action, which fails (``timeout``) when it has not ended in ``seconds``."""
+        """Copy of the action that fails (``timeout``) if it is still executing after ``seconds``."""
         twin: Any = copy.copy(self)
         twin.limit_s = seconds
         return twin
 
 
 def action(function: Callable[..., Any]) -> type[Action]:
-    """Makes an action of a function, whose first parameter is the engine."""
+    """Decorator that makes an action from a function with the engine as its first parameter."""
     return type(
         function.__name__,
         (Action,),
@@ -53,22 +53,20 @@ def action(function: Callable[..., Any]) -> type[Action]:
 
 
 class fail(Action):  # noqa: N801 - reads as a step of a plan
-    """Fails the goal at hand, for a reason."""
+    """Action that fails the current goal for a reason."""
 
     def execute(self, reason: str = "the plan says so") -> None:
-        """Raises PlanFailed."""
         raise PlanFailed(reason)
 
 
-class PlanFailed(Exception):  # noqa: N818 - what it says
-    """Raised by an action that could not do what it was asked to."""
+class PlanFailed(Exception):  # noqa: N818 - a failure of a plan, not an error
+    """Exception that an action raises to report a failure."""
 
 
 class wait(Action):  # noqa: N801 - reads as a step of a plan
-    """Rests the intention for some seconds; the agent goes on with its other intentions."""
+    """Action that pauses its intention for some seconds; other intentions continue."""
 
     def execute(self, seconds: float) -> Any:
-        """Lets the plan rest for so many seconds."""
         from socialbot.bdi.intentions import Sleep
 
         return Sleep(seconds)

@@ -1,4 +1,4 @@
-"""Belief base of an agent: its beliefs, their sources and times, and the events of their changes."""
+"""Belief base of an agent: its beliefs with sources and times, and the events of their changes."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ Fact = tuple[int, Annotations, Any]
 """A held belief: its begin (ns), its annotations (sources and others), and the trace record of its begin."""
 
 Watcher = Callable[[Args, bool, Any], object]
-"""Receives the arguments of a belief, whether it is held now, and the record of the change."""
+"""Callback with the arguments of a belief, whether it is held now, and the record of the change."""
 
 _NONE: dict[Any, Any] = {}
-"""Shared empty dictionary of relations without indexes or timers, to keep agents small."""
+"""Shared empty dictionary of relations without indexes or timers; it saves memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldBelief:
-    """A belief that is held: its sources, its begin (ns), and the id of the trace record of its begin."""
+    """Held belief: its sources, its begin (ns), and the id of the trace record of its begin."""
 
     belief: Literal
     sources: tuple[str, ...]
@@ -58,7 +58,7 @@ class Relation:
         self.base = base
         self.facts: dict[Args, Fact] = {}
         self.indexes: dict[tuple[int, ...], dict[Any, dict[Args, None]]] = _NONE
-        self.first_facts: dict[Args, Fact] = _NONE  # as each belief was when it began, for "held for" events
+        self.first_facts: dict[Args, Fact] = _NONE  # initial fact of each belief, for "held for" events
         self.added: Trigger | None = None
         self.removed: Trigger | None = None
         self.held: Trigger | None = None
@@ -69,7 +69,7 @@ class Relation:
         self.watchers: tuple[Watcher, ...] = ()
 
     def index(self, positions: tuple[int, ...]) -> dict[Any, dict[Args, None]]:
-        """The beliefs by the arguments at ``positions``: by one value, or by a tuple of several."""
+        """Index by the arguments at ``positions``; a key is one value, or a tuple of several."""
         index = self.indexes.get(positions)
         if index is None:
             if self.indexes is _NONE:
@@ -81,18 +81,17 @@ class Relation:
         return index
 
     def begin(self, args: Args, fact: Fact) -> None:
-        """Keeps the fact with which a belief began."""
         if self.first_facts is _NONE:
             self.first_facts = {}
         self.first_facts[args] = fact
 
     def enter(self, args: Args) -> None:
-        """Adds a belief to the indexes."""
+        """Add a belief to the indexes."""
         for positions, index in self.indexes.items():
             index.setdefault(_at(args, positions), {})[args] = None
 
     def leave(self, args: Args) -> None:
-        """Removes a belief from the indexes."""
+        """Remove a belief from the indexes."""
         self.first_facts.pop(args, None)
         for positions, index in self.indexes.items():
             key = _at(args, positions)
@@ -102,14 +101,14 @@ class Relation:
                 del index[key]
 
     def clear(self) -> None:
-        """Removes all beliefs, without events."""
+        """Remove all beliefs, without events."""
         self.facts.clear()
         self.first_facts.clear()
         for index in self.indexes.values():
             index.clear()
 
     def candidates(self, args: Args) -> list[Args]:
-        """A snapshot of the beliefs, newest first, that agree with the known ones of ``args``."""
+        """Snapshot of the beliefs that agree with the known values of ``args``, newest first."""
         known = tuple(i for i, arg in enumerate(args) if closed(arg))
         if not known:
             return list(reversed(self.facts))
@@ -118,7 +117,7 @@ class Relation:
         return list(reversed(self.index(known).get(_at(args, known), {})))
 
     def match(self, args: Args, annotations: Annotations, trail: Trail) -> Iterator[Args]:
-        """The beliefs that unify with ``args`` and ``annotations``, newest first; bindings hold until the next one."""
+        """Yield the beliefs that unify with ``args`` and ``annotations``, newest first; undo the bindings in between."""
         mark = len(trail)
         for found in self.candidates(resolve(args)):
             if found in self.facts and unify(args, found, trail):
@@ -130,19 +129,18 @@ class Relation:
             undo(trail, mark)
 
     def literal(self, args: Args, annotations: Annotations = ()) -> Literal:
-        """The belief with these arguments."""
         if self.kind is not None:
             made = self.kind(*args)
             return made.with_(annotations=annotations) if annotations else made
         return literal_from_key(self.key, args, annotations)
 
     def text(self, args: Args) -> str:
-        """The belief with these arguments as the trace shows it."""
+        """Text of a belief in the trace."""
         return str(self.literal(args)) if closed(args) else str(literal_from_key(self.key, args))
 
 
 class HoldTimer:
-    """Timer of a plan for the event that a belief has been held for some seconds."""
+    """Timer of a plan with the event ``+b.held_for(seconds)``."""
 
     __slots__ = ("args", "base", "fact", "plan", "relation", "seconds")
 
@@ -161,15 +159,15 @@ class HoldTimer:
             self.base.on_held(self)
 
     def over(self) -> bool:
-        """Whether the belief was removed in the meantime."""
+        """Whether the belief was removed before the timer was due."""
         return self.relation.first_facts.get(self.args) is not self.fact
 
 
 class BeliefBase:
-    """The beliefs of one agent. Iteration gives each `HeldBelief`.
+    """Beliefs of one agent; iteration yields each `HeldBelief`.
 
-    The methods that change beliefs take a `Relation` and the arguments, as compiled plans do; they are for the
-    engine's thread. ``here`` asks for the event to be returned as a request instead of being queued.
+    Only the engine's thread may call the methods that change beliefs. Like compiled plans, they take a `Relation` and
+    arguments. With ``here`` they return the event as a request instead of queuing it.
     """
 
     __slots__ = ("_now", "_timers", "events", "known", "library", "relations", "trace")
@@ -197,12 +195,12 @@ class BeliefBase:
         return self.get(belief) is not None
 
     def get(self, belief: Literal) -> HeldBelief | None:
-        """The entry of exactly this belief, whatever its annotations; None if it is not held."""
+        """Entry of a belief, compared without its annotations; None if it is not held."""
         relation = self.relations.get(belief.key)
         return _held(relation, belief.args) if relation and belief.args in relation.facts else None
 
     def relation(self, key: str) -> Relation:
-        """The relation of a key such as ``at/2``; a missing one is created."""
+        """Relation of a key such as ``at/2``; a missing relation is created."""
         relation = self.relations.get(key)
         if relation is None:
             relation = Relation(key, self)
@@ -211,7 +209,7 @@ class BeliefBase:
         return relation
 
     def know(self, kind: type[Literal], arity: int, relation: Relation) -> None:
-        """Keeps the relation of the beliefs of a class."""
+        """Store the relation of a class of beliefs."""
         if self.known is _NONE:
             self.known = {}
         self.known[kind, arity] = relation
@@ -219,13 +217,13 @@ class BeliefBase:
     # Adding
 
     def add(self, relation: Relation, args: Args, notes: Annotations, cause: Any, since: int | None = None) -> None:
-        """Adds a belief and queues the event; a belief already held from this source is no event."""
+        """Add a belief and queue its event; a belief already held from this source raises no event."""
         event = self.hold(relation, args, notes, cause, since)
         if event is not None:
             self.events.append(event)
 
     def hold(self, relation: Relation, args: Args, notes: Annotations, cause: Any, since: int | None = None) -> Any:
-        """Adds a belief; returns the event if plans exist for it."""
+        """Add a belief; return its event if plans exist for it."""
         facts = relation.facts
         if args in facts or relation.special:
             return self._hold_special(relation, args, notes, cause, since)
@@ -235,7 +233,7 @@ class BeliefBase:
         if relation.indexes:
             relation.enter(args)
         if relation.held is not None:
-            # Later the annotations may change; the first fact identifies this period of being held.
+            # Annotations may change later; the first fact identifies this period.
             relation.begin(args, fact)
             for plan in relation.held.candidates(args):
                 self.set_hold_timer(relation, args, plan)
@@ -243,7 +241,7 @@ class BeliefBase:
         return None if added is None else (added, args, notes, cause)
 
     def add_here(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> Any:
-        """Adds a belief; returns the request for a plan for the event, or None."""
+        """Add a belief; return the request for a plan for its event, or None."""
         event = self.hold(relation, args, notes, cause)
         return None if event is None else (EVENT, *event)
 
@@ -273,7 +271,7 @@ class BeliefBase:
         return event
 
     def _merge(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> Any:
-        """Adds the new annotations to a held belief, which is an event too."""
+        """Add new annotations to a held belief; this raises an event too."""
         since, held, begin = relation.facts[args]
         if held == notes:
             return None
@@ -286,7 +284,7 @@ class BeliefBase:
         return None if relation.added is None else (relation.added, args, new, cause)
 
     def replace(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> Any:
-        """``-+b``: removes the newest belief of the name with this source and adds another, as `add_here`."""
+        """Replace the newest belief of this name and source by another (``-+b``); the result is that of `add_here`."""
         before = next(relation.match(tuple(Var() for _ in args), notes, []), None)
         if before is not None:
             self.remove(relation, before, notes, cause, here=False)
@@ -301,7 +299,7 @@ class BeliefBase:
     # Removing
 
     def remove(self, relation: Relation, args: Args, notes: Annotations, cause: Any, here: bool) -> Any:
-        """Removes the sources among ``notes`` from the newest matching belief; without sources it is held no more."""
+        """Remove the sources in ``notes`` from the newest matching belief, and the belief with its last source."""
         found = next(relation.match(args, notes, []), None)
         if found is None:
             return None
@@ -326,7 +324,7 @@ class BeliefBase:
         return None
 
     def remove_known(self, relation: Relation, args: Args, notes: Annotations, cause: Any, here: bool) -> Any:
-        """`remove` for arguments without variables."""
+        """Variant of `remove` for arguments without variables."""
         fact = relation.facts.get(args)
         if fact is None:
             return None
@@ -336,7 +334,7 @@ class BeliefBase:
         return None
 
     def remove_any(self, relation: Relation, args: Args, cause: Any, here: bool) -> Any:
-        """``-b[source(_)]`` for arguments without variables: removes one source, whichever it is."""
+        """Remove one source, of any name (``-b[source(_)]``), for arguments without variables."""
         fact = relation.facts.get(args)
         if fact is None:
             return None
@@ -346,7 +344,7 @@ class BeliefBase:
         return None
 
     def forget_one(self, relation: Relation, args: Args, cause: Any) -> None:
-        """Removes a belief with all its sources."""
+        """Remove a belief with all its sources."""
         fact = relation.facts.pop(args, None)
         if fact is None:
             return
@@ -359,23 +357,22 @@ class BeliefBase:
             self.events.append((relation.removed, args, fact[1], cause))
 
     def forget_all(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> None:
-        """Removes every matching belief with all its sources."""
+        """Remove every matching belief with all its sources."""
         for found in list(relation.match(args, notes, [])):
             self.forget_one(relation, found, cause)
 
     # Watching
 
     def watch(self, key: str, watcher: Watcher) -> None:
-        """Calls ``watcher`` at once whenever a belief with this key, such as ``at/2``, begins or ends.
+        """Call ``watcher`` at once whenever a belief with this key, such as ``at/2``, begins or ends.
 
-        The watcher may change beliefs; its exceptions go on the trace.
+        The watcher may change beliefs; its exceptions are written to the trace.
         """
         relation = self.relation(key)
         relation.watchers = (*relation.watchers, watcher)
         self.equip(relation)
 
     def notify(self, relation: Relation, args: Args, held: bool, cause: Any) -> None:
-        """Calls the watchers of a relation."""
         for watcher in relation.watchers:
             try:
                 watcher(args, held, cause)
@@ -383,7 +380,7 @@ class BeliefBase:
                 self.trace.record_failure(f"watching {relation.key}", cause, problem)
 
     def set_hold_timer(self, relation: Relation, args: Args, plan: CompiledPlan) -> None:
-        """Starts the timer of a plan for the event that this belief has been held for some seconds."""
+        """Start the timer of a plan with a ``held_for`` event for this belief."""
         event, fact = plan.plan.event, relation.first_facts[args]
         if not all(not ground(part) or part == arg for part, arg in zip(event.literal.args, args, strict=True)):
             return
@@ -396,7 +393,7 @@ class BeliefBase:
         self._timers.at(due, HoldTimer(self, relation, args, fact, plan, seconds))
 
     def on_held(self, timer: HoldTimer) -> None:
-        """Queues the event that a belief has been held for some seconds."""
+        """Queue the event of an expired `HoldTimer`."""
         relation, args, cause = timer.relation, timer.args, timer.fact[2]
         if self.trace.sink is not None:
             cause = self.trace.record("held", relation.text(args), cause, seconds=timer.seconds)
@@ -406,27 +403,27 @@ class BeliefBase:
     # The plan library
 
     def use(self, library: Library) -> None:
-        """Reacts with the plans of another library from now on."""
+        """Switch to the plans of another library."""
         self.library = library
         for relation in self.relations.values():
             self.equip(relation)
 
     def listen(self, key: str) -> None:
-        """Queues the events of a key, such as ``+at/2``, from now on, even without plans."""
+        """Queue the events of a key, such as ``+at/2``, even without plans for them."""
         self.library.triggers[key]
         relation = self.relations.get(key[5:] if key.startswith("held ") else key[1:])
         if relation is not None:
             self.equip(relation)
 
     def declare(self, kind: type[Literal]) -> None:
-        """Treats beliefs of a class as it asks for: held, one at a time, or only as an event."""
+        """Apply the rules of a belief class, such as singleton or reactor, to its relations."""
         self.library.declare(kind)
         for relation in list(self.relations.values()):
             if relation.key.startswith(f"{kind.functor}/"):
                 self.equip(relation)
 
     def equip(self, relation: Relation) -> None:
-        """Looks up the plans and the class of a relation."""
+        """Look up the plans and the class of a relation."""
         key, triggers = relation.key, self.library.triggers
         relation.added = triggers.get(f"+{key}")
         relation.removed = triggers.get(f"-{key}")
@@ -451,7 +448,7 @@ def _held(relation: Relation, args: Args) -> HeldBelief:
 
 
 def choices(pattern: Annotations, held: Annotations, trail: Trail) -> Iterator[None]:
-    """All ways in which each annotation of the pattern is among those held."""
+    """Bind the annotations of the pattern to those held; yield once for each solution."""
     if not pattern:
         yield None
         return

@@ -1,9 +1,9 @@
-"""Actions that take their time: begun and ended by callbacks, blocking ones in threads, and coroutines.
+"""Durative actions: callback-based actions, blocking actions in threads, and coroutines.
 
-The intention rests until such an action has ended; the agent goes on with its others. When what the action serves
-is given up (a time limit, a dropped intention, another branch that won), the action is asked to stop, once, and only
-when it says that it has stopped does the agent go on. In simulated time an action that is driven by timers of the
-engine (`Engine.at_in`) behaves the same in every run; threads and coroutines live by the computer's clock.
+A durative action suspends its intention until it ends; other intentions continue. The action is cancelled once if its
+goal is abandoned: at a time limit, with a dropped intention, or after another branch of `first_of` has ended. The
+intention continues only after the action has stopped. Actions driven by engine timers (`Engine.timers`) behave the same
+in every simulated run. Threads and coroutines follow the clock of the computer.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
     from socialbot.bdi.interpreter import Interpreter
 
 FINISHED, FAILED, CANCELLED = "finished", "failed", "cancelled"
-"""How an action can end: ``outcome`` in the detail of its record of kind ``action_end``."""
+"""Outcomes of an action: ``outcome`` in the detail of its record of kind ``action_end``."""
 
 IDLE_S = 10.0
-"""A thread that has had nothing to do for so long ends."""
+"""Idle time after which a pool thread ends."""
 
 THREADS = 4
-"""So many actions of one agent run in threads at a time, unless its `Pool` says otherwise; others wait."""
+"""Default size of a `Pool`; further actions are queued."""
 
 
 class Running(Pause):
-    """An action goes on. Subclasses begin and stop it; `conclude` may be called from any thread, any number of times.
+    """Execution of a durative action. Subclasses override `start` and `stop`.
 
-    ``what`` is the action as the trace shows it, ``cause`` its record.
+    ``what`` is the text of the action in the trace, ``cause`` its record.
     """
 
     def __init__(self, what: str, cause: Any) -> None:
@@ -50,11 +50,11 @@ class Running(Pause):
         self._said: tuple[str, Exception | None] | None = None
 
     def start(self) -> None:
-        """Begins it, in the engine's thread."""
+        """Start the action in the engine's thread."""
         raise NotImplementedError
 
     def stop(self) -> None:
-        """Asks it to stop, in the engine's thread; the answer is `conclude`."""
+        """Request the action to stop, in the engine's thread; the action answers with `conclude`."""
         raise NotImplementedError
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
@@ -70,7 +70,7 @@ class Running(Pause):
     def cancel(self, then: Callable[[], None]) -> None:
         asked = self._then is not None
         self.intention = None
-        # Who asks last speaks for more than those before: the goal of a goal, or the whole intention.
+        # The last request has the widest scope: an outer goal, or the whole intention.
         self._then = then
         if self._over:
             self._go_on()
@@ -81,7 +81,7 @@ class Running(Pause):
         self._stopper = threading.get_ident()
         try:
             self.stop()
-        except Exception as problem:  # noqa: BLE001 - a cancel() that fails must not hold up the agent for ever
+        except Exception as problem:  # noqa: BLE001 - a failing cancel() must not block the agent
             self.interpreter.trace.record_failure(self.what, self.cause, problem)
             self._said = self._said or (CANCELLED, None)
         finally:
@@ -90,15 +90,15 @@ class Running(Pause):
             self._end(*self._said)
 
     def conclude(self, how: str, problem: Exception | None = None) -> None:
-        """Says how it ended. Whatever is said later is ignored."""
+        """Report the outcome, from any thread; only the first call counts."""
         if self._stopper == threading.get_ident():
-            # The answer came while it was asked: what follows need not wait for another turn.
+            # A reply during `stop` needs no further turn.
             self._said = self._said or (how, problem)
         else:
             self._post(lambda: self._end(how, problem))
 
     def report(self, fraction: float, text: str) -> None:
-        """Says how far it is, from any thread."""
+        """Report the progress, from any thread."""
         self._post(lambda: self._note(fraction, text))
 
     def _post(self, function: Callable[[], None]) -> None:
@@ -133,44 +133,43 @@ class Running(Pause):
         return f"{self.what} goes on{f': {state}' if state else ''}"
 
 
-# Begun and ended by callbacks
+# Callback-based actions
 
 
 class LongAction(Action):
-    """An action that takes its time: override `start`, and `cancel` if it can be stopped.
+    """Durative action: override `start`, and `cancel` if it can be stopped.
 
-    From any thread it says `progress` as often as it likes and, once, `done` or `failed`; all three are harmless
-    when it is over.
+    From any thread it may call `progress` repeatedly and, once, `done` or `failed`. Calls after its end have no effect.
     """
 
     _pause: Running
 
     def start(self, *args: Any, **kwargs: Any) -> None:
-        """Begins it; ``args`` are the values of the arguments. An exception fails the goal."""
+        """Start the action with the values of its arguments. An exception fails the goal."""
         raise RuleError(f"the action {self.functor} does nothing", remedy="override start()")
 
     def cancel(self) -> None:
-        """Stops it. It is called once, in the engine's thread; say `cancelled` (or `done`, `failed`) afterwards."""
+        """Stop the action. The engine's thread calls this once; call `cancelled`, `done` or `failed` afterwards."""
         self.cancelled()
 
     def progress(self, fraction: float, text: str = "") -> None:
-        """Says how far it is, 0 to 1. This goes on the trace, and nowhere else."""
+        """Report a progress from 0 to 1, which is only written to the trace."""
         self._pause.report(min(max(float(fraction), 0.0), 1.0), text)
 
     def done(self) -> None:
-        """Says that it is finished."""
+        """Report success."""
         self._pause.conclude(FINISHED)
 
     def failed(self, reason: str | Exception = "the action failed") -> None:
-        """Says that it could not do what it was asked to; the goal fails."""
+        """Report a failure; the goal fails."""
         self._pause.conclude(FAILED, reason if isinstance(reason, Exception) else PlanFailed(reason))
 
     def cancelled(self) -> None:
-        """Says that it has stopped, as `cancel` asked for."""
+        """Report the end after `cancel`."""
         self._pause.conclude(CANCELLED)
 
     def execute(self, *args: Any) -> Pause:
-        """Lets the plan wait until the action is over."""
+        """Pause the intention until the action ends."""
         self._pause = _LongRun(self, args)
         return self._pause
 
@@ -188,14 +187,14 @@ class _LongRun(Running):
         self.action.cancel()
 
 
-# In threads
+# Actions in threads
 
 
 class ThreadAction(Action):
-    """An action whose ``execute`` blocks: it runs in a thread, what it returns or raises counts as for any action.
+    """Action with a blocking ``execute``, run in a thread; its results count as those of other actions.
 
-    ``cancelling`` is set when it shall stop; it has stopped when it returns. Of the engine it may use what may be
-    called from any thread.
+    ``cancelling`` is set to request a stop; the action has stopped once ``execute`` returns. It may only use the
+    thread-safe methods of the engine.
     """
 
     threaded: ClassVar[bool] = True
@@ -203,12 +202,12 @@ class ThreadAction(Action):
     _pause: Running
 
     def progress(self, fraction: float, text: str = "") -> None:
-        """Says how far it is, 0 to 1. This goes on the trace, and nowhere else."""
+        """Report a progress from 0 to 1, which is only written to the trace."""
         self._pause.report(min(max(float(fraction), 0.0), 1.0), text)
 
 
 class ThreadRun(Running):
-    """A `ThreadAction` goes on."""
+    """Execution of a `ThreadAction`."""
 
     def __init__(self, action: ThreadAction) -> None:
         super().__init__(text(action.functor, action.args), action.id)
@@ -236,7 +235,7 @@ class ThreadRun(Running):
                 found.close()
                 raise RuleError(f"execute of {self.action.functor} is async", remedy="make it an Action")
             problem = refusal(found)
-        except BaseException as error:  # noqa: BLE001 - user code; SystemExit must not end the thread unheard
+        except BaseException as error:  # noqa: BLE001 - user code; SystemExit must not end the thread silently
             problem = error if isinstance(error, Exception) else PlanFailed(type(error).__name__)
         if self.action.cancelling.is_set():
             self.conclude(CANCELLED)
@@ -245,9 +244,9 @@ class ThreadRun(Running):
 
 
 class Pool:
-    """Threads for one agent, ``size`` at most; each begins when it is needed. They never keep the program from ending.
+    """Daemon threads of one agent, ``size`` at most, started on demand.
 
-    Set ``engine.pool = Pool(8)`` for another size. The threads end when `Engine.run` does, or when they are idle.
+    Set ``engine.pool = Pool(8)`` for another size. Idle threads end; so do all at the end of `Engine.run`.
     """
 
     def __init__(self, size: int = THREADS) -> None:
@@ -261,7 +260,7 @@ class Pool:
         self._closed = False
 
     def submit(self, work: Callable[[], None]) -> None:
-        """Has ``work`` done by the next thread that is free. It must not raise."""
+        """Queue ``work`` for the next free thread. It must not raise."""
         with self._change:
             if self._closed:
                 raise PlanFailed("the agent has ended")
@@ -273,7 +272,7 @@ class Pool:
                 self._change.notify()
 
     def close(self) -> None:
-        """Ends the threads as soon as they are free; what no thread has begun is not begun any more."""
+        """End the threads after their current work; discard queued work."""
         with self._change:
             self._closed = True
             self._work.clear()
@@ -290,17 +289,17 @@ class Pool:
                     return
                 work = self._work.popleft()
             work()
-            del work  # or it, and the engine with it, would live until the next one comes
+            del work  # else it would keep the engine alive until the next work
 
 
 # Coroutines
 
 
 class CoroutineRun(Running):
-    """An ``async def`` goes on, in the one asyncio loop that all agents of the process share.
+    """Execution of an ``async def`` in the asyncio loop shared by all agents of the process.
 
-    It is stopped by ``task.cancel()``. One loop, as an agent needs no thread of its own only to wait, and as what
-    coroutines share (connections, locks) belongs to one loop.
+    ``task.cancel()`` stops it. With one loop agents need no threads of their own, and coroutines can share connections
+    and locks.
     """
 
     def __init__(self, coroutine: Coroutine[Any, Any, Any], cause: Any) -> None:
@@ -343,7 +342,7 @@ class CoroutineRun(Running):
 
     def __del__(self) -> None:
         if not self.begun:
-            self.coroutine.close()  # its intention was dropped before: nobody awaits it, and that is well
+            self.coroutine.close()  # its intention was dropped before, so the coroutine is never awaited
 
 
 _loop: asyncio.AbstractEventLoop | None = None
@@ -351,7 +350,7 @@ _loop_lock = threading.Lock()
 
 
 def loop() -> asyncio.AbstractEventLoop:
-    """The asyncio loop in which coroutines of agents run; begun in a thread of its own when it is first needed."""
+    """Asyncio loop for the coroutines of agents; the first call starts it in a thread."""
     global _loop
     import asyncio  # rarely needed, and large
 
@@ -363,10 +362,10 @@ def loop() -> asyncio.AbstractEventLoop:
 
 
 def refusal(found: object) -> Exception | None:
-    """The failure that the result of an action amounts to: False is one."""
+    """Failure for the result of an action: False is a failure."""
     return Failed("action_failed", "the action returned False") if found is False else None
 
 
 def text(functor: str, args: tuple[Any, ...]) -> str:
-    """An action as the trace shows it."""
+    """Text of an action in the trace."""
     return f"{functor}({', '.join(map(show, args))})"

@@ -1,8 +1,8 @@
 """Engine of one agent: the public interface of its parts.
 
-An engine is passive: `Engine.run_until_idle` does everything that is due, `Engine.next_wakeup` tells the time of the
-next timer. `Engine.run` does both in a program without a loop of its own. Beliefs, goals, percepts and calls may be
-posted from any thread; everything happens in the thread that runs the engine.
+An engine is passive: `Engine.run_until_idle` processes all pending work, and `Engine.next_wakeup` returns the time of
+the next timer. `Engine.run` combines them for programs without a loop of their own. Any thread may post beliefs, goals,
+percepts and calls; the thread that runs the engine processes them.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ if TYPE_CHECKING:
 
 
 class MindChange(functools.partial[None]):
-    """A posted change of beliefs or goals, which a restored mind replaces."""
+    """Posted change of beliefs or goals; restoring a saved mind discards it."""
 
     mental = True
 
 
 class Engine:
-    """One agent: a small interface to its belief base, intention stack, interpreter, library, messages and trace.
+    """One agent: its belief base, intention stack, interpreter, plan library, messages and trace.
 
     Args:
         name: The name of the agent, unique in its society.
         clock: The clock of all its timers and records.
-        robot: What the actions act upon.
+        robot: The robot that actions control.
         sink: Receives the trace records, such as a `Trace`.
         wake: Called, from any thread, when something is posted to an idle agent.
         library: The plans; agents of one kind may share a library.
         seed: The seed of the random numbers; by default the name.
 
     Attributes:
-        beliefs: The belief base: iterate over it, ask ``belief in engine.beliefs``, or watch it.
+        beliefs: The belief base: iterate over it, test ``belief in engine.beliefs``, or watch it.
         intentions: The intention stack: iterate over it, or drop an intention.
         library: The plan library.
         messaging: Messages to and from other agents.
@@ -56,9 +56,8 @@ class Engine:
         interpreter: The reasoning cycle.
         actions: The actions of AgentSpeak by name.
         out: Receives the lines of ``.print``; by default they are printed.
-        run_until_idle: Runs turns until nothing is left to do now, at most the given number (10,000); returns whether
-            something is left. In a turn the agent takes in what was posted, calls due timers, handles one event and
-            makes a step of one intention.
+        run_until_idle: Runs up to 10,000 turns, or another number; returns whether work remains.
+            A turn processes posted items and due timers, handles one event, and executes a step of one intention.
     """
 
     __slots__ = (
@@ -92,21 +91,21 @@ class Engine:
         self.intentions = self.interpreter.intentions
         self.messaging = self.interpreter.messaging
         self._inbox = self.interpreter.inbox
-        # Not a method, which would be a further call for each event.
+        # A method would cost a further call for each event.
         self.run_until_idle = self.interpreter.run_until_idle
         self._seed = name if seed is None else seed
         self._stopping = False
 
     @property
     def library(self) -> Library:
-        """The plan library, perhaps shared with other agents; change it by the methods of the engine."""
+        """Plan library, possibly shared with other agents; change it by the methods of the engine."""
         return self.interpreter.library
 
     @property
     def random(self) -> Random:
-        """The random numbers of the agent."""
+        """Random numbers of the agent."""
         if self.interpreter.random is None:
-            from random import Random  # made late, because it is large
+            from random import Random  # created on demand, because it is large
 
             self.interpreter.random = Random(self._seed)
         return self.interpreter.random
@@ -114,9 +113,9 @@ class Engine:
     # Rules, actions and sensors: for the engine's thread
 
     def add_rules(self, *rules: Plan | Inference | list[Plan], first: bool = False) -> None:
-        """Adds plans and inferences, behind the others or ``first``.
+        """Add plans and inferences, after the existing ones or ``first``.
 
-        Of the plans that fit an event, the first one whose condition holds is selected.
+        The engine selects the first relevant plan whose condition holds.
         """
         for rule in rules:
             if isinstance(rule, Inference):
@@ -138,39 +137,39 @@ class Engine:
                 beliefs.set_hold_timer(relation, args, compiled)
 
     def remove_plan(self, plan: Plan | str) -> bool:
-        """Removes a plan, or the one with a label; returns whether it existed."""
+        """Remove a plan, given by itself or its label; return whether it existed."""
         library = self.interpreter.own_library()
         found = library.labelled(plan) if isinstance(plan, str) else plan
         return found is not None and library.remove(found)
 
     def add_text(self, text: str, file: str = "<text>") -> None:
-        """Adds AgentSpeak text: beliefs, rules, goals and plans. Raises AgentSpeakError with the place of a mistake."""
+        """Add AgentSpeak beliefs, rules, goals and plans. Raises AgentSpeakError with the place of an error."""
         from socialbot.bdi.agentspeak.loading import load
 
         load(self, text, file)
 
     def add_action(self, action: Callable[..., Any] | type[Action], name: str | None = None) -> None:
-        """Registers an action for AgentSpeak by its name: an `Action`, or a function of the engine and arguments."""
+        """Register an AgentSpeak action: an `Action`, or a function of the engine and the arguments."""
         self.actions[name or getattr(action, "functor", None) or action.__name__] = action
 
     def add_sensor(self, sensor: Sensor) -> None:
-        """Adds a sensor, from any thread; one with a period is polled from now on."""
+        """Add a sensor, from any thread, and start to poll it if it has a period."""
         sensor.attach(self)
 
     def compile_plans(self) -> None:
-        """Compiles all plans now, so that the first events do not wait for it; otherwise each at its first use."""
+        """Compile all plans now instead of each at its first use."""
         self.library.compile()
 
     # From any thread
 
     def believe(self, belief: Belief, *, source: str = "self", cause: str = "", since: int | None = None) -> None:
-        """Adds a belief; a belief already held from this source is no event.
+        """Add a belief; a belief already held from this source raises no event.
 
         Args:
             belief: The belief, without variables.
             source: ``self``, ``percept``, or the name of an agent.
             cause: The id of the trace record or message that led to it.
-            since: The time (ns) at which it began; by default now.
+            since: The begin of the belief (ns); by default now.
         """
         item = belief.posted
         if item is None or item[0].base is not self.beliefs:
@@ -182,36 +181,36 @@ class Engine:
             self.interpreter.signal()
 
     def forget(self, belief: Belief, *, cause: str = "") -> None:
-        """Removes the beliefs that match, with all their sources; variables match anything."""
+        """Remove the matching beliefs with all their sources; variables match anything."""
         self.interpreter.post(MindChange(self.interpreter.forget, belief, cause))
 
     def achieve(self, goal: Goal | Literal, *, cause: str = "") -> None:
-        """Adopts a goal in an intention of its own."""
+        """Adopt a goal in a new intention."""
         goal.check()
         self.interpreter.post(MindChange(self._want, goal, goal.annotations or SELF, cause))
 
     def perceive(self, sensor: Sensor, percept: Any, *, cause: str = "", since: int | None = None) -> None:
-        """Passes a percept of the time ``since`` (ns, by default now) to a sensor."""
+        """Pass a percept from the time ``since`` (ns, by default now) to a sensor."""
         self.interpreter.post(MindChange(self.interpreter.sense, sensor, percept, cause, since))
 
     def call(self, function: Callable[[], object]) -> None:
-        """Calls a function in the engine's thread.
+        """Call a function in the engine's thread.
 
-        For methods that only this thread may call: ``engine.call(lambda: engine.add_rules(rule))``.
+        Use it for methods limited to this thread: ``engine.call(lambda: engine.add_rules(rule))``.
         """
         self.interpreter.post(function)
 
     def stop(self) -> None:
-        """Ends `run`."""
+        """End `run`."""
         self._stopping = True
         self.interpreter.signal()
 
     # For the engine's thread
 
     def attempt(self, goal: Goal | Literal, ended: Callable[[Failure | None], None], *, cause: str = "") -> Intention:
-        """Adopts a goal at once; ``ended`` is called with the failure, or None.
+        """Adopt a goal at once; ``ended`` receives the failure, or None.
 
-        ``engine.intentions.drop(intention, then)`` gives it up, and calls ``then`` when its actions have stopped.
+        ``engine.intentions.drop(intention, then)`` abandons it, and calls ``then`` after its actions have stopped.
         """
         goal.check()
         intentions = self.intentions
@@ -223,12 +222,12 @@ class Engine:
         return intention
 
     def next_wakeup(self) -> int | None:
-        """The time (ns) of the next timer; None without timers."""
+        """Time (ns) of the next timer; None without timers."""
         heap = self.timers.heap
         return heap[0][0] if heap else None
 
     def run(self) -> None:
-        """Runs until `stop`; sleeps while there is nothing to do. The clock has to advance by itself."""
+        """Run until `stop` and sleep while no work is pending. The clock must advance by itself."""
         wakeup, host = Wakeup(), self.wake
 
         def ring_both() -> None:
@@ -248,11 +247,11 @@ class Engine:
                 self.interpreter.pool.close()
 
     def mind(self) -> MentalState:
-        """The beliefs, desires and intentions of this moment."""
+        """Snapshot of the beliefs, desires and intentions."""
         return MentalState(tuple(self.beliefs), self.intentions.desires(), tuple(self.intentions))
 
     def query(self, condition: object) -> Iterator[dict[str, Any]]:
-        """The solutions of a condition, as the values of its variables by name."""
+        """Solutions of a condition, as the values of its variables by name."""
         from socialbot.bdi.compiler.plans import compile_query
 
         names, solve = compile_query(conjunction(condition), self.library)
@@ -260,7 +259,7 @@ class Engine:
             yield dict(zip(names, found, strict=True))
 
     def why_not(self, plan: Plan | str, *args: Any) -> str:
-        """Why a plan (by its label, or itself) would not be selected now, for an event with these arguments."""
+        """Reason why a plan, given by itself or its label, does not apply to an event with these arguments."""
         label = plan if isinstance(plan, str) else plan.label or str(plan)
         return why_not(self.interpreter, label, args or None)
 

@@ -1,4 +1,4 @@
-"""Explanations: where an intention is, why a plan was not chosen, what led to an action."""
+"""Explanations: the current step of an intention, rejected plans, and the causes of an action."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ COMES_LATER = "another plan came first"
 
 
 class ProbeTrail(list[Any]):
-    """Trail of a probe; ``reached`` counts the conditions that hold, from -1 if the event does not match."""
+    """Trail of a probe; ``reached`` counts the conditions that hold, or is -1 for an event that does not match."""
 
     reached = -1
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """One plan of an intention. ``step`` is the one it is at: waiting for its end, or about to begin it.
+    """One plan of an intention with its current or next ``step``.
 
-    ``plan`` is None for a branch, and where only a goal is kept; ``goal`` is None for a plan about an event.
+    ``plan`` is None for a branch or a frame that only keeps a goal; ``goal`` is None for a plan for an event.
     """
 
     plan: Plan | None
@@ -50,7 +50,7 @@ class Level:
 
 
 def written(item: Event | Step, plan: Plan) -> str:
-    """An event or step in the notation of its plan."""
+    """Text of an event or step in the notation of its plan."""
     if plan.text is None:
         return str(item)
     from socialbot.bdi.agentspeak.printer import agentspeak
@@ -59,13 +59,13 @@ def written(item: Event | Step, plan: Plan) -> str:
 
 
 def failed_step(plan: CompiledPlan | None, problem: Exception) -> str | None:
-    """The step in whose code an exception was raised, in the notation of its plan."""
+    """Text of the step whose code raised an exception, in the notation of its plan."""
     step = None if plan is None or plan is KEPT else plan.step_at(problem)
     return None if step is None or plan is None else written(step, plan.plan)
 
 
 def stack_of(intention: Intention, kinds: Mapping[str, type[Goal]]) -> tuple[Level, ...]:
-    """The plans of an intention, the outermost first; ``kinds`` are the classes of goals by name."""
+    """Plans of an intention, the outermost first; ``kinds`` are the classes of goals by name."""
     levels = []
     for body, request, plan in intention.frames:
         known = None if plan is KEPT else plan
@@ -79,7 +79,7 @@ def stack_of(intention: Intention, kinds: Mapping[str, type[Goal]]) -> tuple[Lev
 
 
 def step_of(body: Any, plan: CompiledPlan, *, passed: bool) -> Step | None:
-    """The step that a body is at; with ``passed``, as it has only stopped to let others have their turn, the next."""
+    """Current step of a body; with ``passed`` (only the turn has ended) the next step."""
     frame = body.gi_frame
     if frame is None:
         return None
@@ -87,7 +87,7 @@ def step_of(body: Any, plan: CompiledPlan, *, passed: bool) -> Step | None:
     if inspect.getgeneratorstate(body) == inspect.GEN_CREATED:
         if "start" in local:
             steps = plan.plan.body
-            # A body that began in place and rests at a step goes on with the one behind it.
+            # A body started in place and paused at a step continues with the next one.
             at = local["start"] - (local.get("pause") is not None)
             return steps[at] if at < len(steps) else None
         return plan.plan.body[0] if plan.plan.body else None
@@ -103,20 +103,20 @@ def step_of(body: Any, plan: CompiledPlan, *, passed: bool) -> Step | None:
 
 
 def later_request(body: Any) -> Request | None:
-    """The request of a body that only asks for a goal; None for other bodies."""
+    """Request of a body that only adopts a goal; None for other bodies."""
     if body.gi_frame is None or body.gi_code is not asking_for.__code__:
         return None
     return body.gi_frame.f_locals.get("request")
 
 
 def _line(frame: Any) -> str:
-    """The source of the line at which a generated function rests."""
+    """Source line at which a generated function is suspended."""
     source = frame.f_globals["__loader__"].get_source("").split("\n")
     return source[frame.f_lineno - 1].strip()
 
 
 def reason_against(interpreter: Interpreter, compiled: CompiledPlan, args: Args, notes: Args) -> str | None:
-    """Why a plan does not apply to an event now; None if it does."""
+    """Reason why a plan does not apply to an event now; None if it applies."""
     plan = compiled.plan
     if plan.stage is not None and plan.stage != interpreter.stage:
         return f"the stage is {interpreter.stage or 'none'}, not {plan.stage}"
@@ -133,7 +133,7 @@ def reason_against(interpreter: Interpreter, compiled: CompiledPlan, args: Args,
 def reasons_against(
     interpreter: Interpreter, trigger: Trigger, args: Args, notes: Args, before: CompiledPlan | None = None
 ) -> list[dict[str, str]]:
-    """For each plan that may fit an event (up to ``before``), why it does not apply."""
+    """Reasons why each candidate plan for an event, up to ``before``, does not apply."""
     found = []
     for compiled in trigger.candidates(args):
         if compiled is before:
@@ -144,7 +144,7 @@ def reasons_against(
 
 
 def why_not(interpreter: Interpreter, label: str, args: Args | None = None) -> str:
-    """Why the plan with this label would not be selected now, for an event with these arguments."""
+    """Reason why the plan with this label does not apply to an event with these arguments."""
     for trigger in list(interpreter.triggers.values()):
         for compiled in trigger.plans:
             if label not in (compiled.plan.label, str(compiled.plan)):
