@@ -117,7 +117,7 @@ class Relation:
         return list(reversed(self.index(known).get(_at(args, known), {})))
 
     def match(self, args: Args, annotations: Annotations, trail: Trail) -> Iterator[Args]:
-        """Yield the beliefs that unify with ``args`` and ``annotations``, newest first; undo the bindings in between."""
+        """Yield the beliefs that unify with ``args`` and ``annotations``, newest first; undo bindings in between."""
         mark = len(trail)
         for found in self.candidates(resolve(args)):
             if found in self.facts and unify(args, found, trail):

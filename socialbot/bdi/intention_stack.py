@@ -1,4 +1,4 @@
-"""Intention stack of an agent: its intentions, how goals extend them, and how failures are handled."""
+"""Intention stack of an agent: its intentions, their goals, and the handling of failures."""
 
 from __future__ import annotations
 
@@ -40,21 +40,21 @@ if TYPE_CHECKING:
     from socialbot.bdi.literals import Literal
 
 MAX_CHAIN = 64
-"""Goals followed in one step, if each plan consists of its last goal only."""
+"""Maximum length of a chain of plans with a single goal that is followed in one step."""
 
 
 class IntentionStack:
-    """The intentions of one agent. Iteration gives each `Intention`, the oldest first.
+    """Intentions of one agent; iteration yields each `Intention`, the oldest first.
 
-    The methods are for the engine's thread, mostly for the interpreter, the pauses and the internal actions.
+    Only the engine's thread may call the methods.
 
     Attributes:
-        ready: The intentions that have something to do, in the order of their turns.
-        waiting: The intentions that wait for an event, by its key.
-        conditions: The intentions that wait for a condition.
-        current: The intention whose step is executed.
-        atomic: The intention with an atomic plan, which excludes the others.
-        turn_may_end: Whether the current step has begun no other plan, so that other intentions may have their turn.
+        ready: Runnable intentions, in the order of their turns.
+        waiting: Pauses until an event, by the key of the event.
+        conditions: Pauses until a condition holds.
+        current: Intention of the step being executed.
+        atomic: Intention with an atomic plan, which excludes the others.
+        turn_may_end: Whether other intentions may take their turn: the current step has begun no other plan.
     """
 
     __slots__ = (
@@ -84,24 +84,23 @@ class IntentionStack:
         return intention in self._all
 
     def desires(self) -> tuple[Literal, ...]:
-        """The goals that are pursued."""
+        """Goals of all intentions."""
         return tuple(self.goal(request) for intention in self._all for request in intention.goals())
 
     def goal(self, request: Request) -> Literal:
-        """The goal of a request."""
         return goal_of(request, self._interpreter.library.goals)
 
     # Adopting
 
     def new(self, event: Request | None = None) -> Intention:
-        """Begins an intention, which has nothing to do yet."""
+        """Create an intention without plans."""
         self._numbers += 1
         intention = Intention(self._numbers, event)
         self._all[intention] = None
         return intention
 
     def intend(self, event: Request, plan: CompiledPlan, result: Any) -> None:
-        """Begins an intention with a plan for an event."""
+        """Create an intention with a plan for an event."""
         intention = self.new(event)
         self._take_on(intention, None, plan, result)
         if self._interpreter.events:
@@ -109,20 +108,20 @@ class IntentionStack:
         self.settle(intention)
 
     def hand_over(self, body: Body) -> Body:
-        """Marks the body of a plan whose first steps were executed in place, now that others wait."""
+        """Mark the body of a plan whose first steps were executed in place, because other events are queued."""
         self._begun = body
         return body
 
     def _let_wait(self, intention: Intention) -> None:
-        """Ends the turn of a plan whose first steps were executed in place."""
+        """End the turn of a plan whose first steps were executed in place."""
         if self._begun is not None and intention.frames and intention.frames[-1][0] is self._begun:
             intention.frames.append((one_turn(), None, None))
         self._begun = None
 
     def adopt(self, request: Request, ended: Callable[[Failure | None], None] | None = None) -> None:
-        """Adopts a goal in an intention of its own; without ``ended``, not before an atomic plan has ended.
+        """Adopt a goal in a new intention; ``ended`` receives its failure, or None.
 
-        ``ended`` is called with the failure, or None.
+        Without ``ended``, the goal is queued until an atomic plan has ended.
         """
         if self.atomic is not None and ended is None:
             self._interpreter.events.append(request[1:])
@@ -135,13 +134,13 @@ class IntentionStack:
         self.settle(intention)
 
     def adopt_within(self, request: Request, seconds: float) -> None:
-        """Adopts a goal with a time limit in an intention of its own."""
+        """Adopt a goal with a time limit in a new intention."""
         intention = self.new(request)
         intention.frames.append((asking_within(request, seconds), None, None))
         self.settle(intention)
 
     def adopt_later(self, request: Request, *, suspended: bool) -> None:
-        """Adopts a goal in an intention of its own, which begins in its turn, or after `.resume`."""
+        """Adopt a goal in a new intention that starts at its turn, or after `.resume`."""
         intention = self.new(request)
         intention.frames.append((asking_for(request), None, None))
         intention.suspended = suspended
@@ -149,7 +148,7 @@ class IntentionStack:
             self.ready.append(intention)
 
     def branch(self, body: Body, parent: Intention, ended: Callable[[Intention, Failure | None], None]) -> Intention:
-        """Begins an intention for a branch of another one."""
+        """Create an intention for a branch of another one."""
         intention = self.new()
         intention.ended = lambda failure: ended(intention, failure)
         intention.frames.append((body, None, None))
@@ -158,7 +157,7 @@ class IntentionStack:
         return intention
 
     def settle(self, intention: Intention) -> None:
-        """Queues an intention for its turn if it has something to do; ends it if nothing is left."""
+        """Queue an intention with remaining steps for its turn; end an empty one."""
         frames = intention.frames
         if not intention.active:
             return
@@ -169,14 +168,13 @@ class IntentionStack:
             (self.ready.appendleft if intention.atomic else self.ready.append)(intention)
 
     def pop_kept(self, frames: list[Any]) -> None:
-        """Removes the goals on top that were kept for their failure plans only, and are achieved now."""
+        """Remove achieved goals on top that were kept only for their failure plans."""
         while frames and frames[-1][0] is None:
             _, goal, plan = frames.pop()
             if plan is not KEPT:
                 self._achieved(goal)
 
     def end(self, intention: Intention, failure: Failure | None) -> None:
-        """Ends an intention."""
         self._all.pop(intention, None)
         intention.active = False
         if self.current is intention:
@@ -187,7 +185,7 @@ class IntentionStack:
             intention.ended(failure)
 
     def _take_on(self, intention: Intention, goal: Request | None, plan: CompiledPlan, result: Any) -> None:
-        """Puts the result of a plan on an intention: a body, its last goal, or a failure."""
+        """Push the result of a plan on an intention: a body, its last goal, or a failure."""
         if result.__class__ is tuple:
             self.replace_goal(intention, goal, plan)
             self.pursue(intention, result)
@@ -204,7 +202,7 @@ class IntentionStack:
             self.atomic = intention
 
     def pursue(self, intention: Intention, request: Request) -> None:
-        """Selects a plan for a goal and puts it on the intention. A plan with only a goal is followed at once."""
+        """Select a plan for a goal and push it on the intention; follow a plan with a single goal at once."""
         interpreter = self._interpreter
         for _ in repeat(None, MAX_CHAIN):
             kind, trigger, args, notes, cause = request
@@ -232,7 +230,7 @@ class IntentionStack:
         self.turn_may_end = True
 
     def replace_goal(self, intention: Intention, goal: Request | None, plan: CompiledPlan) -> None:
-        """Replaces a goal by the last goal of its plan; a goal with failure plans is kept below it."""
+        """Replace a goal by the last goal of its plan; keep a goal with failure plans below it."""
         if goal is None:
             return
         if self._failure_plans(goal).plans:
@@ -241,14 +239,14 @@ class IntentionStack:
             self._interpreter.trace.record("continued", str(self.goal(goal)), goal[4])
 
     def finished(self, intention: Intention, goal: Request | None, plan: CompiledPlan | None) -> None:
-        """Notes that all steps of a plan are done."""
+        """Record the completion of a plan."""
         if goal is not None:
             self._achieved(goal)
         if intention.atomic:
             self.finished_atomic(intention, plan)
 
     def finished_atomic(self, intention: Intention, plan: CompiledPlan | None) -> None:
-        """Lets other intentions run again if the plan was the last atomic one of its intention."""
+        """Release the other intentions after the last atomic plan of an intention."""
         if intention.atomic and plan is not None and plan is not KEPT and plan.plan.atomic:
             held = any(other and other is not KEPT and other.plan.atomic for _, _, other in intention.frames)
             intention.atomic = held
@@ -262,7 +260,7 @@ class IntentionStack:
     # Pauses
 
     def rest(self, intention: Intention, pause: Pause) -> None:
-        """Lets an intention wait."""
+        """Pause an intention."""
         intention.pause = pause
         try:
             pause.begin(self._interpreter, intention)
@@ -271,7 +269,7 @@ class IntentionStack:
             self._fail_step(intention, problem)
 
     def resume(self, intention: Intention, problem: Exception | None = None) -> None:
-        """Continues an intention after a pause, or fails its step."""
+        """Continue an intention after a pause, or fail its step."""
         if not intention.active:
             return
         intention.pause = None
@@ -282,7 +280,7 @@ class IntentionStack:
             self.ready.append(intention)
 
     def pursue_timed(self, intention: Intention, timed: TimedRequest) -> None:
-        """Pursues a goal with a time limit."""
+        """Pursue a goal with a time limit."""
         kind, trigger, args, notes, cause = timed.request
         marker = (kind & ~TAIL, trigger, args, notes, cause)
         intention.frames.append((None, marker, KEPT))
@@ -290,7 +288,7 @@ class IntentionStack:
         self.pursue(intention, marker)
 
     def expire(self, intention: Intention, marker: Request, seconds: float) -> None:
-        """Fails a goal whose time limit has passed, and ends all steps for it."""
+        """Fail a goal after its time limit, and end all its steps."""
 
         def give_up() -> None:
             frames = intention.frames
@@ -304,14 +302,14 @@ class IntentionStack:
         self.interrupt(intention, give_up)
 
     def notify(self, key: str, args: Args, notes: Annotations) -> None:
-        """Continues the intentions that wait for this event."""
+        """Continue the intentions that wait for this event."""
         for pause in list(self.waiting.get(key, ())):
             if pause.hear(args, notes):
                 self.unlisten(pause)
                 pause.end()
 
     def unlisten(self, pause: Any) -> None:
-        """Cancels the wait for an event."""
+        """Cancel a pause until an event."""
         pauses = self.waiting.get(pause.key, [])
         if pause in pauses:
             pauses.remove(pause)
@@ -319,7 +317,7 @@ class IntentionStack:
                 del self.waiting[pause.key]
 
     def recheck(self) -> None:
-        """Continues the intentions whose condition holds now."""
+        """Continue the intentions that wait for a condition that holds now."""
         for pause in list(self.conditions):
             try:
                 holds, problem = pause.check(), None
@@ -345,7 +343,7 @@ class IntentionStack:
     def failure_of(
         self, plan: CompiledPlan | None, problem: Exception, goal: Request | None, cause: Any = None
     ) -> Failure:
-        """The failure for an exception in a step of a plan; it goes on the trace."""
+        """Failure for an exception in a step of a plan, also written to the trace."""
         what = failed_step(plan, problem) or ("step" if goal is None else str(self.goal(goal)))
         if cause is None:
             cause = record_behind(problem) or (goal[4] if goal is not None else "")
@@ -356,7 +354,7 @@ class IntentionStack:
         return Failure(found.reason, found.message, what, record, found.more, origin_of(plan))
 
     def _fail_step(self, intention: Intention, problem: Exception) -> None:
-        """Fails the step at which an intention waits."""
+        """Fail the step of a paused intention."""
         frame = intention.frames.pop()
         body, goal, plan = frame
         cause = body.gi_frame.f_locals.get("c") if body is not None and body.gi_frame is not None else None
@@ -365,7 +363,7 @@ class IntentionStack:
         self.fail_goal(intention, goal, found)
 
     def fail_goal(self, intention: Intention, goal: Request | None, problem: Failure) -> None:
-        """Replaces a failed goal by its failure plan, or fails the goal below, and so on."""
+        """Replace a failed goal by its failure plan, or fail the goals below it until one recovers."""
         left = problem if goal is None else self._recover(intention, goal, problem)
         frames, where = intention.frames, problem.where
         while left is not None and frames:
@@ -383,7 +381,7 @@ class IntentionStack:
             self.end(intention, left)
 
     def _recover(self, intention: Intention, goal: Request, problem: Failure) -> Failure | None:
-        """Begins the failure plan of a goal; returns the remaining failure if there is no such plan, or it fails."""
+        """Push the failure plan of a goal; return the remaining failure if no plan applies or it fails."""
         trigger = self._failure_plans(goal)
         if not trigger.plans:
             return problem
@@ -402,7 +400,7 @@ class IntentionStack:
         if frames and frames[-1][2] is KEPT:
             kept = frames[-1][1]
             if kept is not None and kept[1] is goal[1] and kept[2] is goal[2]:
-                frames.pop()  # the limit was that of the goal, not of the plan for its failure
+                frames.pop()  # the time limit of a goal does not apply to its failure plan
         if result is not DONE:
             assert plan is not None
             self._push(intention, result, None, plan)
@@ -420,7 +418,7 @@ class IntentionStack:
     # Interruption
 
     def interrupt(self, intention: Intention, then: Callable[[], None]) -> None:
-        """Stops the current step of an intention, and calls ``then`` when it has stopped."""
+        """Stop the current step of an intention, then call ``then``."""
         if intention in self.ready:
             self.ready.remove(intention)
         pause = intention.pause
@@ -432,11 +430,11 @@ class IntentionStack:
             intention.pause = None
             then()
 
-        # The pause stays until it has ended: another interruption before that has to wait as well.
+        # The pause remains until its end: a second interruption has to wait for it as well.
         pause.cancel(stopped)
 
     def drop(self, intention: Intention, then: Callable[[], None] | None = None) -> None:
-        """Ends an intention; ``then`` is called when its action, if there is one, has stopped."""
+        """End an intention; call ``then`` after its current action has stopped."""
         self._all.pop(intention, None)
         intention.active = False
         if self.atomic is intention:
@@ -457,7 +455,7 @@ class IntentionStack:
         self.interrupt(intention, close)
 
     def unwind(self, intention: Intention, wanted: Callable[[Request], bool], problem: Failure | None = None) -> None:
-        """Ends the outermost ``wanted`` goal of an intention: it has failed with ``problem``, or is achieved."""
+        """End the outermost ``wanted`` goal of an intention: failed with ``problem``, or achieved."""
         frames = intention.frames
         goals = [goal for _, goal, _ in frames]
         depth = next((i for i, goal in enumerate(goals) if goal is not None and wanted(goal)), 0)
@@ -473,7 +471,7 @@ class IntentionStack:
             self.settle(intention)
 
     def fail_request(self, request: Request, problem: Failure) -> None:
-        """Fails a goal before a plan for it has begun."""
+        """Fail a goal without a plan for it."""
         intention = self.new(request)
         self.fail_goal(intention, request, problem)
         self.settle(intention)

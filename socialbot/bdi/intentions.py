@@ -1,4 +1,4 @@
-"""Intentions: stacks of plans, why one is suspended, and why a goal failed."""
+"""Intentions as stacks of plans, the reasons for pauses, and the failures of goals."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     from socialbot.bdi.library import CompiledPlan, Trigger
 
 SUBGOAL, TAIL, EVENT, OPEN = 0, 1, 2, 4
-"""Kinds of requests: a goal, a goal as the last step, an event of the plan's own; ``OPEN`` is added for variables."""
+"""Kinds of requests: goal, goal as last step, internal event; the flag ``OPEN`` marks unbound variables."""
 
 DONE = object()
-"""Returned by a plan without anything left to do."""
+"""Result of a plan without remaining steps."""
 
 KEPT: Any = object()
-"""Stands for the plan of a frame that only keeps a goal with a time limit."""
+"""Plan of a frame that only keeps a goal with a time limit."""
 
 GENERATED_FILE = "<plan>"
-"""Prefix of the file names of generated code; a traceback shows no lines of a file that ends with ``>``."""
+"""Prefix of the file names of generated code; tracebacks omit the lines of files ending with ``>``."""
 
 END = object()
-"""Returned for a body without anything left to do."""
+"""Result of a body without remaining steps."""
 
 REASONS = {
     "action_failed": "an action said that it failed",
@@ -48,15 +48,15 @@ REASONS = {
     "ask_failed": "the answer to a question does not fit",
     "cancelled": "it was given up from outside",
 }
-"""Why goals fail. ``-g[error(E), error_msg(M)]`` binds E to one of these, as an atom, and M to a sentence."""
+"""Reasons of failures: ``-g[error(E), error_msg(M)]`` binds E to a key, as an atom, and M to a sentence."""
 
 
 class code(Annotation):  # noqa: N801 - written as AgentSpeak writes it
-    """The step that failed."""
+    """Annotation with the step that failed."""
 
 
 class Failed(PlanFailed):
-    """A failure with a reason, one of `REASONS`, and the annotations that it adds to the event."""
+    """Failure with a reason, one of `REASONS`, and annotations for the failure event."""
 
     def __init__(self, reason: str, message: str = "", annotations: tuple[Any, ...] = ()) -> None:
         super().__init__(message or REASONS.get(reason, reason))
@@ -66,9 +66,7 @@ class Failed(PlanFailed):
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a goal failed: the reason, a sentence, the step that failed, its record in the trace, the place in the text
-    of its plan.
-    """
+    """Failure of a goal: reason, message, failed step, trace record, and place in the text of the plan."""
 
     reason: str
     message: str
@@ -79,13 +77,13 @@ class Failure:
 
     @property
     def annotations(self) -> tuple[Any, ...]:
-        """The same as annotations of the failure event."""
+        """Annotations of the failure event."""
         given = (error(Atom(self.reason)), error_msg(self.message), code(self.step))
         return (*self.more, *given) if self.more else given
 
 
 def failure(problem: Exception, step: str, cause: Any) -> Failure:
-    """The failure that an exception in a step amounts to."""
+    """Failure for an exception in a step."""
     if isinstance(problem, Failed):
         return Failure(problem.reason, str(problem), step, cause, problem.annotations)
     if isinstance(problem, PlanFailed):
@@ -94,18 +92,17 @@ def failure(problem: Exception, step: str, cause: Any) -> Failure:
 
 
 Request = tuple[int, "Trigger", tuple[Any, ...], tuple[Any, ...], Any]
-"""What a body asks for: the kind, the trigger, arguments and annotations of the goal, and its record."""
+"""Request of a body: kind, trigger, arguments and annotations of the goal, and its record."""
 
 Body = Any
-"""The steps of a plan that are left to do: a generator."""
+"""Generator of the remaining steps of a plan."""
 
 Frame = tuple["Body | None", "Request | None", "CompiledPlan | None"]
-"""A plan being carried out: its steps, the goal that it serves, the plan. Without steps it only keeps a goal, whose
-plan ended with another goal, for the plans that handle its failure."""
+"""Active plan: its steps, its goal, and the plan. A frame without steps keeps a goal for its failure plans."""
 
 
 class Intention:
-    """What the agent is doing about one event or goal: the plan at the top serves the one below."""
+    """Stack of plans for one event or goal; each plan serves the one below it."""
 
     __slots__ = ("active", "atomic", "ended", "event", "frames", "number", "pause", "suspended")
 
@@ -120,7 +117,7 @@ class Intention:
         self.ended: Callable[[Failure | None], None] | None = None
 
     def goals(self) -> Iterator[Request]:
-        """The goals it pursues, the outermost first."""
+        """Goals of the plans, the outermost first."""
         for _, goal, _ in self.frames:
             if goal is not None:
                 yield goal
@@ -132,11 +129,11 @@ class Intention:
 
     @property
     def because(self) -> str:
-        """Why it waits, or nothing."""
+        """Reason of the current pause, or an empty string."""
         return "" if self.pause is None else str(self.pause)
 
     def stack(self, kinds: Mapping[str, type[Goal]] | None = None) -> tuple[Level, ...]:
-        """Its plans, the outermost first, with the step that each is at; ``kinds`` as for `goal_of`."""
+        """Plans with their current steps, the outermost first; ``kinds`` as for `goal_of`."""
         from socialbot.bdi.explain import stack_of
 
         return stack_of(self, kinds or {})
@@ -148,7 +145,7 @@ class Intention:
 
 @dataclass(frozen=True, slots=True)
 class TimedRequest:
-    """A request with a time limit."""
+    """Request with a time limit."""
 
     request: Request
     seconds: float
@@ -170,34 +167,34 @@ class Deadline:
             self.intentions.expire(self.intention, self.marker, self.seconds)
 
     def over(self) -> bool:
-        """Whether the goal has been achieved, or has failed."""
+        """Whether the goal has been achieved or has failed."""
         return not self.intention.active or all(goal is not self.marker for _, goal, _ in self.intention.frames)
 
 
 class Pause:
-    """Reason for which an intention waits. Subclasses override `begin` and `cancel`."""
+    """Pause of an intention; subclasses override `begin` and `cancel`."""
 
     intention: Intention | None = None
     interpreter: Interpreter
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
-        """Starts the wait, and arranges for its end."""
+        """Start the pause and arrange its end."""
         self.interpreter = interpreter
         self.intention = intention
 
     def cancel(self, then: Callable[[], None]) -> None:
-        """Cancels the wait, and calls ``then`` as soon as it has ended."""
+        """Cancel the pause; call ``then`` after its end."""
         self.intention = None
         then()
 
     def end(self, problem: Exception | None = None) -> None:
-        """Resumes the intention, or fails its step."""
+        """Resume the intention, or fail its step."""
         intention, self.intention = self.intention, None
         if intention is not None:
             self.interpreter.intentions.resume(intention, problem)
 
     def limit(self, seconds: float, problem: Exception) -> None:
-        """Fails the step if the wait has not ended after ``seconds``."""
+        """Fail the step after a pause of more than ``seconds``."""
 
         def expire() -> None:
             intention = self.intention
@@ -207,7 +204,7 @@ class Pause:
 
 
 class PauseTimer:
-    """Timer callback that is active as long as a pause lasts."""
+    """Timer callback that is only active during a pause."""
 
     __slots__ = ("action", "pause")
 
@@ -220,12 +217,11 @@ class PauseTimer:
             self.action()
 
     def over(self) -> bool:
-        """Whether the pause has ended."""
         return self.pause.intention is None
 
 
 class Sleep(Pause):
-    """It waits for a moment."""
+    """Pause for a duration."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -239,7 +235,7 @@ class Sleep(Pause):
 
 
 class EventPause(Pause):
-    """It waits for an event."""
+    """Pause until an event."""
 
     def __init__(self, key: str, args: tuple[Any, ...], notes: tuple[Any, ...], limit_s: float | None) -> None:
         self.key = key
@@ -255,7 +251,7 @@ class EventPause(Pause):
             self.limit(self.limit_s, Failed("wait_timeout", f"{self.key} did not come in {self.limit_s} s"))
 
     def hear(self, args: tuple[Any, ...], notes: tuple[Any, ...]) -> bool:
-        """Whether an event is the one that is waited for; binds its variables."""
+        """Whether an event matches; binds its variables."""
         trail: Trail = []
         if unify(self.args, args, trail) and annotations_match(self.notes, notes, trail):
             return True
@@ -271,7 +267,7 @@ class EventPause(Pause):
 
 
 class ConditionPause(Pause):
-    """It waits until a condition holds."""
+    """Pause until a condition holds."""
 
     def __init__(self, solve: Callable[[], Any], found: list[Any], limit_s: float | None) -> None:
         self.solve = solve
@@ -285,7 +281,6 @@ class ConditionPause(Pause):
             self.limit(self.limit_s, Failed("wait_timeout", f"the condition did not hold in {self.limit_s} s"))
 
     def check(self) -> bool:
-        """Whether the condition holds."""
         solution = self.solve()
         if solution is not None:
             self.found.append(solution)
@@ -301,7 +296,7 @@ class ConditionPause(Pause):
 
 
 class ForkPause(Pause):
-    """It waits for the branches that it was split into."""
+    """Pause until one branch, or every branch, has ended."""
 
     def __init__(self, bodies: tuple[Body, ...], cause: Any, *, every: bool) -> None:
         self.bodies = bodies
@@ -330,10 +325,10 @@ class ForkPause(Pause):
         self._drop(then)
 
     def _drop(self, then: Callable[[], None]) -> None:
-        """Drops the branches that are left, and calls ``then`` when the last one is gone."""
+        """Drop the remaining branches, then call ``then``."""
         dropping, self._then = self._then is not None, then
         if dropping:
-            return  # who asks last speaks for more than those before
+            return  # the last request has the widest scope
         left = list(self.branches)
         self.branches.clear()
         missing = len(left)
@@ -361,7 +356,7 @@ class ForkPause(Pause):
 
 @dataclass(frozen=True, slots=True)
 class MentalState:
-    """What an agent believes, desires and intends at one moment."""
+    """Snapshot of an agent's beliefs, desires and intentions."""
 
     beliefs: tuple[HeldBelief, ...]
     desires: tuple[Literal, ...]
@@ -369,7 +364,7 @@ class MentalState:
 
 
 def goal_of(request: Request, kinds: Mapping[str, type[Goal]]) -> Literal:
-    """The goal that a request asks for; ``kinds`` are the classes of goals by name."""
+    """Goal of a request; ``kinds`` are the classes of goals by name."""
     _, trigger, args, _, _ = request
     args = tuple(map(_shown, resolve(args)))
     key = trigger.key.lstrip("+-!?")
@@ -382,21 +377,21 @@ def _shown(term: Any) -> Any:
 
 
 def origin_of(plan: CompiledPlan | None) -> str:
-    """Where a plan was written, if known."""
+    """Source location of a plan, if known."""
     return "" if plan is None or plan is KEPT or plan.plan.origin is None else str(plan.plan.origin)
 
 
 def one_turn() -> Body:
-    """A body that only lets a turn pass."""
+    """Body that does nothing for one turn."""
     yield
 
 
 def asking_for(request: Request) -> Body:
-    """A body that only asks for a goal."""
+    """Body that only adopts a goal."""
     kind, *rest = request
     yield (kind | TAIL if not kind & EVENT else kind, *rest)  # type: ignore[misc]
 
 
 def asking_within(request: Request, seconds: float) -> Body:
-    """A body that only asks for a goal, with a time limit."""
+    """Body that only adopts a goal with a time limit."""
     yield TimedRequest(request, seconds)

@@ -1,4 +1,4 @@
-"""Interpreter of an agent, its reasoning cycle: in each turn one event, and one step of one intention."""
+"""Interpreter of an agent: the reasoning cycle. A turn handles one event and a step of one intention."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
 
 STEPS = 8
-"""Steps of an intention in one turn if no other one waits; then the clock is checked."""
+"""Maximum number of steps in a turn of the only runnable intention; then the clock is checked."""
 
 
 class entered(Reactor):  # noqa: N801 - written like a belief
-    """``+entered(Stage)``: the event that a stage has begun."""
+    """Event ``+entered(Stage)`` at the begin of a stage."""
 
 
 class Interpreter:
-    """Selects events, plans and intentions, and gives each its turn. Compiled plans receive it as ``ag``.
+    """Reasoning cycle: selects events, plans and intentions. Compiled plans receive it as ``ag``.
 
     Attributes:
         engine: The agent, as actions receive it.
         beliefs, intentions, library, messaging, timers, trace: The parts of the agent.
-        relations, triggers, ready: Those of the belief base, the library and the intention stack, for quick access.
+        relations, triggers, ready: Shortcuts to those of the belief base, the library and the intention stack.
         inbox: Items posted from any thread: beliefs to add, as tuples, and functions to call.
         events: Queue of events and goals.
-        others: The events that a plan for an event has to wait for. During the turn of an event these are none.
-        stage: The current stage of plans.
-        cause: The trace record of the internal action that is executed.
-        action: The trace record of the action that was executed last.
+        others: Queued events that take precedence over later steps of a plan; empty during the turn of an event.
+        stage: Current stage of plans.
+        cause: Trace record of the current internal action.
+        action: Trace record of the last action.
         signalled: Whether the wake-up of the engine was called since the last turn.
-        pool: The threads for blocking actions, made when one is needed.
-        random: The source of random numbers, made when one is needed.
+        pool: Threads for blocking actions, created on demand.
+        random: Random number generator, created on demand.
     """
 
     __slots__ = (
@@ -80,13 +80,13 @@ class Interpreter:
     # From any thread
 
     def post(self, item: Any) -> None:
-        """Queues a belief to add, or a function to call in the engine's thread."""
+        """Queue a belief to add, or a function to call in the engine's thread."""
         self.inbox.append(item)
         if self.engine.wake is not None and not self.signalled:
             self.signal()
 
     def signal(self) -> None:
-        """Wakes the host."""
+        """Call the wake-up of the engine."""
         self.signalled = True
         if self.engine.wake is not None:
             self.engine.wake()
@@ -94,7 +94,7 @@ class Interpreter:
     # Beliefs
 
     def admit(self, belief: Literal) -> tuple[Relation, Any, Any, str, None]:
-        """Checks a belief; returns its inbox item, which is kept for the next time. Callable from any thread."""
+        """Check a belief and return its inbox item, cached in the belief. Callable from any thread."""
         belief.check()
         kind, beliefs = belief.__class__, self.beliefs
         relation = beliefs.known.get((kind, len(belief.args)))
@@ -103,18 +103,18 @@ class Interpreter:
             if kind is not Structure and relation.kind is not kind:
                 beliefs.declare(kind)
             if kind is not Structure and not belief.negated and belief.posted is None:
-                # It pays for a class of new beliefs, not for a constant that agents share.
+                # Useful for a class of new beliefs, not for a constant shared by agents.
                 beliefs.know(kind, len(belief.args), relation)
         belief.posted = item = (relation, belief.args, belief.annotations + SELF, "", None)
         return item
 
     def forget(self, belief: Literal, cause: str) -> None:
-        """Removes the beliefs that match, with all their sources."""
+        """Remove the matching beliefs with all their sources."""
         args, notes = opened((belief.args, belief.annotations))
         self.beliefs.forget_all(self.beliefs.relation(belief.key), args, notes, cause)
 
     def sense(self, sensor: Sensor, percept: Any, cause: str, since: int | None) -> None:
-        """Updates the beliefs from a percept of a sensor."""
+        """Update the beliefs from a percept of a sensor."""
         if sensor.engine is self.engine and not sensor.running:
             return
         try:
@@ -134,10 +134,10 @@ class Interpreter:
     # The cycle
 
     def run_until_idle(self, budget: int = 10_000) -> bool:
-        """Runs turns until nothing is left to do now, at most ``budget``; returns whether something is left.
+        """Run turns while work is pending, at most ``budget``; return whether any remains.
 
-        In a turn the agent takes in what was posted, calls due timers, handles one event and makes a step of one
-        intention (more steps if no other one waits).
+        A turn processes posted items and due timers, handles one event, and executes a step of one intention. The only
+        runnable intention executes up to `STEPS` steps.
         """
         self.signalled = False
         inbox, events, ready, intentions, heap = self.inbox, self.events, self.ready, self.intentions, self.timers.heap
@@ -153,7 +153,7 @@ class Interpreter:
                     inbox.appendleft(item)
                     self.take_in()
                 else:
-                    # A single belief, as most percepts are, skips the queue.
+                    # A single belief (most percepts) skips the queue.
                     relation, args, notes, cause, since = item
                     if args in relation.facts or relation.care or self.trace.sink is not None:
                         self._take(item)
@@ -202,7 +202,7 @@ class Interpreter:
         return bool(inbox or events or ready)
 
     def take_in(self) -> None:
-        """Takes in everything that was posted."""
+        """Process all posted items."""
         inbox = self.inbox
         while inbox:
             self._take(inbox.popleft())
@@ -219,7 +219,7 @@ class Interpreter:
     # Steps of intentions
 
     def _advance(self, intention: Intention) -> None:
-        """Makes steps of an intention, until others want their turn."""
+        """Execute steps of an intention until other work is pending."""
         frames, intentions = intention.frames, self.intentions
         if intention.suspended or not intention.active:
             return
@@ -237,7 +237,7 @@ class Interpreter:
                 intentions.fail_goal(intention, goal, intentions.failure_of(plan, problem, goal))
                 body = frames[-1][0] if frames else None
             if not frames or frames[-1][0] is not body:
-                # The step has ended a goal of its own intention.
+                # The step ended a goal of its own intention.
                 result = None
             if result is END:
                 frames.pop()
@@ -265,13 +265,13 @@ class Interpreter:
                 return
             if intention.suspended or intention.pause is not None:
                 return
-            # A plan whose goal has ended goes on to the end of its step.
+            # A plan continues to the end of its step even if its goal has ended.
             if intentions.turn_may_end and (self.ready or self.events or self.inbox) and not intention.atomic:
                 break
         self.ready.append(intention)
 
     def _advance_atomic(self) -> bool:
-        """Makes steps of the atomic intention only; returns False if it waits."""
+        """Execute steps of the atomic intention only; return False if it waits."""
         for candidate in list(self.ready):
             if candidate is self.intentions.atomic or candidate.atomic:
                 self.ready.remove(candidate)
@@ -280,7 +280,7 @@ class Interpreter:
         return False
 
     def _wake_atomic(self) -> bool:
-        """Continues the atomic intention if its event or condition has come; the events themselves stay queued."""
+        """Continue the atomic intention if its event or condition has occurred; keep the events queued."""
         self.intentions.recheck()
         for trigger, args, notes, _ in list(self.events):
             if trigger.key in self.intentions.waiting:
@@ -292,7 +292,7 @@ class Interpreter:
     def select_plan(
         self, trigger: Trigger, args: Args, notes: Annotations, cause: Any, opened: bool
     ) -> tuple[CompiledPlan | None, Any]:
-        """The first applicable plan and its result; ``opened`` tells that the arguments have variables."""
+        """First applicable plan and its result; ``opened`` marks arguments with variables."""
         for plan in trigger.plans if opened else trigger.candidates(args):
             try:
                 result = (plan.run_open if opened else plan.run)(self, args, notes, cause)
@@ -306,7 +306,7 @@ class Interpreter:
         return None, None
 
     def solve(self, key: str, args: Args, notes: Annotations, trail: Trail) -> Iterator[None]:
-        """The solutions of a query: beliefs held, computed or inferred; bindings hold until the next one."""
+        """Yield the solutions of a query: beliefs held, computed or inferred; undo the bindings in between."""
         for _ in self.beliefs.relation(key).match(args, notes, trail):
             yield
         mark = len(trail)
@@ -335,7 +335,7 @@ class Interpreter:
         return list(found)
 
     def own_library(self) -> Library:
-        """The library, which from now on belongs to this agent alone; a shared one is copied."""
+        """Library of this agent alone; a shared library is copied first."""
         if self.library.users > 1:
             self.library.users -= 1
             self.library = self.library.copy()
@@ -345,13 +345,13 @@ class Interpreter:
         return self.library
 
     def enter(self, stage: str | None, *, cause: Any = "") -> None:
-        """Enters a stage, with the event ``entered(stage)``; plans of other stages are no longer selected."""
+        """Enter a stage, with the event ``entered(stage)``; plans of other stages no longer apply."""
         self.stage = stage
         self.beliefs.declare(entered)
         self.beliefs.add(self.beliefs.relation("entered/1"), (stage or "",), SELF, cause)
 
     def raise_event(self, event: Event, cause: Any) -> None:
-        """Queues an event or goal as if it had come from outside."""
+        """Queue an event or goal like an external one."""
         literal = event.literal
         trigger = self.triggers[event.key] if event.key.startswith("+!") else self.triggers.get(event.key)
         if trigger is not None:

@@ -1,4 +1,4 @@
-"""The plan library: plans found by the event they react to, rules and computed beliefs by what they conclude."""
+"""Plan library: plans by triggering event, inferences and computed beliefs by their conclusions."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from socialbot.bdi.steps import Step
 from socialbot.core.errors import RuleError
 
 Run = Callable[[Any, tuple[Any, ...], tuple[Any, ...], Any], Any]
-"""Tries a plan: interpreter, arguments and annotations of the event, its record. None means not applicable."""
+"""Tries a plan for the arguments and annotations of an event, and its record; None if it does not apply."""
 
 FEW = 2
-"""Up to this number, plans are tried one after the other; an index pays above it."""
+"""Maximum number of plans that are tried in sequence; more plans are indexed."""
 
 
 class CompiledPlan:
-    """A plan of a library with its generated code.
+    """Plan of a library with its generated code.
 
     Attributes:
         run: Tries the plan for an event without variables.
         run_open: Tries the plan for a goal with variables.
-        probe: Counts, for an event, the conditions that hold.
+        probe: Counts the conditions that hold for an event.
         lines: The steps by line of the generated code.
     """
 
@@ -37,20 +37,20 @@ class CompiledPlan:
         self.reset()
 
     def shown(self) -> tuple[str, str]:
-        """The texts of the plan and of its event in the trace."""
+        """Texts of the plan and of its event in the trace."""
         if self._shown is None:
             self._shown = (str(self.plan), str(self.plan.event))
         return self._shown
 
     def reset(self) -> None:
-        """Discards the code, because the library has changed; it is compiled again at its next use."""
+        """Discard the code after a change of the library; the next use compiles it again."""
         self.run: Run = self._run
         self.run_open: Run = self._run_open
         self.probe: Callable[..., None] = self._probe
         self.lines: dict[int, Step] = {}
 
     def compile(self, *, opened: bool = False, probe: bool = False) -> None:
-        """Compiles the code for events without variables, and also for goals with variables, and the probe."""
+        """Compile the code for events, optionally that for goals with variables, and the probe."""
         # Imported here, because the compiler is large.
         from socialbot.bdi.compiler.plans import compile_plan, compile_probe
 
@@ -78,7 +78,7 @@ class CompiledPlan:
         self.probe(interpreter, args, annotations, trail)
 
     def step_at(self, error: BaseException) -> Step | None:
-        """The step in whose code an exception was raised."""
+        """Step whose code raised an exception."""
         found = None
         trace = error.__traceback__
         while trace is not None:
@@ -89,7 +89,7 @@ class CompiledPlan:
 
 
 def record_behind(error: BaseException) -> Any:
-    """The record of the plan in whose code an exception came up, if it did in one."""
+    """Trace record of the plan whose code raised an exception, if any."""
     found = None
     trace = error.__traceback__
     while trace is not None:
@@ -100,7 +100,7 @@ def record_behind(error: BaseException) -> Any:
 
 
 class Trigger:
-    """The plans for one kind of event, indexed by the argument that tells them apart."""
+    """Plans for one kind of event, indexed by the most selective argument."""
 
     __slots__ = ("by", "goal", "key", "plans", "position", "rest")
 
@@ -115,12 +115,12 @@ class Trigger:
             self._index()
 
     def candidates(self, args: tuple[Any, ...]) -> tuple[CompiledPlan, ...]:
-        """The plans that may fit the arguments (without variables), in the order in which they are tried."""
+        """Plans that may match the arguments (without variables), in the order of trial."""
         position = self.position
         return self.plans if position is None else self.by.get(args[position], self.rest)
 
     def add(self, compiled: CompiledPlan, *, first: bool = False) -> None:
-        """Adds a plan behind those of the same priority, or before all."""
+        """Add a plan after those of the same priority, or before all others."""
         last = self.plans[-1].plan.priority if self.plans else compiled.plan.priority
         position, value = self.position, None
         if position is not None:
@@ -152,7 +152,7 @@ class Trigger:
 
 
 class Triggers(dict[str, Trigger]):
-    """Triggers by key, such as ``+!at/2``; one without plans is made when it is asked for."""
+    """Triggers by key, such as ``+!at/2``; a missing trigger is created."""
 
     def __missing__(self, key: str) -> Trigger:
         trigger = self[key] = Trigger(key)
@@ -160,7 +160,7 @@ class Triggers(dict[str, Trigger]):
 
 
 class Library:
-    """Plans, inferences and computed beliefs of one agent, or shared by several until one of them changes it."""
+    """Plans, inferences and computed beliefs of one agent; agents share a library until one changes it."""
 
     def __init__(self, *rules: Plan | Inference | list[Plan]) -> None:
         self.triggers = Triggers()
@@ -179,7 +179,6 @@ class Library:
                 yield compiled.plan
 
     def copy(self) -> Library:
-        """A library of its own with the same contents."""
         twin = Library()
         for plan in self:
             twin.add(plan)
@@ -192,7 +191,7 @@ class Library:
         return twin
 
     def add_rule(self, rule: Plan | Inference | list[Plan]) -> None:
-        """Adds an inference, a plan, or a list of plans."""
+        """Add an inference, a plan, or a list of plans."""
         if isinstance(rule, Inference):
             self.add_inference(rule)
         else:
@@ -200,7 +199,7 @@ class Library:
                 self.add(plan)
 
     def add(self, plan: Plan, *, first: bool = False) -> CompiledPlan:
-        """Adds a plan. Raises RuleError when its label is taken."""
+        """Add a plan. Raises RuleError for a duplicate label."""
         if plan.label is not None and plan.label in self._labels:
             raise RuleError(
                 f"the label {plan.label} is taken", where=str(plan.origin or plan), remedy="choose another label"
@@ -214,7 +213,7 @@ class Library:
         return compiled
 
     def remove(self, plan: Plan) -> bool:
-        """Removes a plan; False when it is not there."""
+        """Remove a plan; return whether it existed."""
         trigger = self.triggers.get(plan.event.key)
         kept = tuple(compiled for compiled in trigger.plans if compiled.plan is not plan) if trigger else ()
         if trigger is None or len(kept) == len(trigger.plans):
@@ -227,35 +226,33 @@ class Library:
         return True
 
     def labelled(self, label: str) -> Plan | None:
-        """The plan with this label."""
         compiled = self._labels.get(label)
         return compiled.plan if compiled else None
 
     def add_inference(self, inference: Inference) -> None:
-        """Adds a rule that beliefs follow from."""
         new = inference.head.key not in self.inferences
         self.inferences.setdefault(inference.head.key, []).append(CompiledInference(inference, self))
         if new:
             self.recompile()
 
     def declare(self, kind: type[Literal]) -> None:
-        """Makes the nature of a class of beliefs known, as singleton, reactor, computed; or a class of goals."""
+        """Register a class of beliefs or goals."""
         if issubclass(kind, Goal):
             self.goals[kind.functor] = kind
         elif issubclass(kind, Belief) and kind is not Structure:
             self.kinds[kind.functor] = kind
 
     def derives(self, key: str) -> bool:
-        """Whether beliefs of this key can follow from others or be computed."""
+        """Whether beliefs of this key can be inferred or computed."""
         return key in self.inferences or self.computes(key) is not None
 
     def computes(self, key: str) -> type[Computed] | None:
-        """The class that computes beliefs of this key."""
+        """Class that computes beliefs of this key."""
         kind = self.kinds.get(key.rpartition("/")[0])
         return kind if kind is not None and issubclass(kind, Computed) else None
 
     def compile(self) -> None:
-        """Compiles all plans and rules, for all kinds of events and for the trace."""
+        """Compile all plans and inferences, for all kinds of events and for the trace."""
         for trigger in list(self.triggers.values()):
             for compiled in trigger.plans:
                 compiled.compile(opened=trigger.goal and bool(compiled.plan.event.literal.args), probe=True)
@@ -264,7 +261,7 @@ class Library:
                 rule.compile()
 
     def recompile(self) -> None:
-        """Discards the code of every plan and rule."""
+        """Discard the code of every plan and inference."""
         for trigger in self.triggers.values():
             for compiled in trigger.plans:
                 compiled.reset()
@@ -274,7 +271,7 @@ class Library:
 
 
 def _told_apart(term: object) -> bool:
-    """Whether only an equal value can match. A literal with annotations is matched by one that has more of them."""
+    """Whether a term only matches equal values; literals with annotations match literals with more of them."""
     if isinstance(term, tuple):
         return all(map(_told_apart, term))
     if isinstance(term, Literal):
@@ -283,7 +280,7 @@ def _told_apart(term: object) -> bool:
 
 
 class CompiledInference:
-    """A rule in a library, with its code."""
+    """Inference of a library with its code."""
 
     __slots__ = ("inference", "library", "solve")
 
@@ -293,11 +290,9 @@ class CompiledInference:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the code."""
         self.solve: Callable[..., Iterator[None]] = self._solve
 
     def compile(self) -> None:
-        """Compiles the rule."""
         from socialbot.bdi.compiler.plans import compile_inference
 
         if self.solve == self._solve:

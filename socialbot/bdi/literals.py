@@ -1,4 +1,4 @@
-"""Literals: names with arguments and annotations, used for beliefs and goals; and the events that trigger plans."""
+"""Literals for beliefs and goals, and the events that trigger plans."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Change(enum.Enum):
-    """What can happen to a belief or goal; the values are AgentSpeak's signs."""
+    """Kind of a change of a belief or goal; the values are AgentSpeak's signs."""
 
     ADDED = "+"
     REMOVED = "-"
@@ -33,7 +33,7 @@ SIGNS = {Change.WANTED: "", Change.FAILED: "-", Change.ASKED: "?", Change.UNANSW
 
 @dataclass(eq=False, repr=False)
 class Event(Pattern):
-    """A change of a belief or goal: the head of a plan or, for beliefs, a step of its body."""
+    """Change of a belief or goal: the head of a plan or, for beliefs, a step of its body."""
 
     change: Change
     literal: Literal
@@ -44,7 +44,7 @@ class Event(Pattern):
 
     @property
     def key(self) -> str:
-        """By this the engine finds the plans that may react, as in ``+!at/2``."""
+        """Key of the trigger with the relevant plans, as in ``+!at/2``."""
         if self.change is Change.CHANGED:
             return f"{self.change.value}{self.literal.functor}/{len(self.literal.args) // 2}"
         return self.change.value + self.literal.key
@@ -68,7 +68,7 @@ class Event(Pattern):
 
 @dataclass(eq=False, repr=False)
 class HeldFor:
-    """A belief and how long it has to be held; ``+`` makes the event of it."""
+    """Belief with the minimum duration for which it is held; ``+`` makes an event of it."""
 
     belief: Belief
     seconds: Seconds
@@ -84,7 +84,7 @@ class HeldFor:
 
 @dataclass(eq=False, repr=False)
 class PlanHead:
-    """An event with a condition: half a plan, waiting for ``>> [steps]``."""
+    """Event with a condition: the left side of ``>> [steps]``."""
 
     event: Event
     condition: Conjunction
@@ -106,14 +106,14 @@ ANYTHING = Variable("_")
 T = TypeVar("T", bound="Literal")
 
 Seconds = float | Callable[[], float]
-"""A duration, or a function that tells it when the waiting begins."""
+"""Duration, or a function that returns it at the start of the wait."""
 
 
 _PLAIN = frozenset({str, int, float, bool, Atom, type(None)})
 
 
 class _Key:
-    """Computes the key of a literal when it is first asked for, and leaves it there."""
+    """Descriptor that computes the key of a literal on first access and caches it."""
 
     def __get__(self, item: Literal | None, owner: type[Literal]) -> str:
         if item is None:
@@ -124,7 +124,7 @@ class _Key:
 
 
 class Literal(Pattern):
-    """A name (functor) with arguments and annotations; ``negated`` is the strong negation of AgentSpeak."""
+    """Name (functor) with arguments and annotations; ``negated`` is the strong negation of AgentSpeak."""
 
     functor: str = "literal"
     annotations: tuple[object, ...] = ()
@@ -138,13 +138,13 @@ class Literal(Pattern):
         self.args = args
 
     key = _Key()
-    """Name and number of arguments, as in ``at/2``; literals with the same key can match."""
+    """Name and number of arguments, as in ``at/2``; only literals with the same key can match."""
 
     posted: Any = None
-    """What an engine has made of it, to be quicker when it comes again."""
+    """Inbox item cached by an engine."""
 
     def check(self) -> None:
-        """Raises RuleError if it has variables in it, or values that can change."""
+        """Raise RuleError for variables or mutable values."""
         if not self.annotations and all(arg.__class__ in _PLAIN for arg in self.args):
             return
         if not ground(self.args) or not ground(self.annotations):
@@ -155,11 +155,11 @@ class Literal(Pattern):
             raise RuleError(f"{self}: {problem}", remedy="give values that cannot change") from problem
 
     def names(self) -> set[str]:
-        """The variables among the arguments and annotations."""
+        """Names of the variables in the arguments and annotations."""
         return names_in(self.args) | names_in(self.annotations) if self.annotations else names_in(self.args)
 
     def with_(self: T, *, args: tuple[object, ...] | None = None, annotations: tuple[object, ...] | None = None) -> T:
-        """A copy with other arguments or annotations."""
+        """Copy with other arguments or annotations."""
         twin = copy.copy(self)
         twin.posted = None
         if args is not None:
@@ -173,7 +173,7 @@ class Literal(Pattern):
         added = annotations if isinstance(annotations, tuple) else (annotations,)
         return self.with_(annotations=(*self.annotations, *added))
 
-    __iter__ = None  # or else __getitem__ would make an endless sequence of it
+    __iter__ = None  # else __getitem__ would make it an endless iterable
 
     def __eq__(self, other: object) -> bool:
         return (
@@ -198,7 +198,7 @@ class Literal(Pattern):
 def literal(
     functor: str, args: tuple[object, ...] = (), annotations: tuple[object, ...] = (), *, negated: bool = False
 ) -> Structure:
-    """A literal that belongs to no class, as AgentSpeak has them."""
+    """Literal without a class, as in AgentSpeak."""
     made = Structure(*args)
     made.functor = functor
     if annotations:
@@ -209,22 +209,22 @@ def literal(
 
 
 def literal_from_key(key: str, args: tuple[object, ...], annotations: tuple[object, ...] = ()) -> Structure:
-    """The literal without a class of a key such as ``~at/2``."""
+    """Literal without a class, from a key such as ``~at/2``."""
     name = key.rpartition("/")[0]
     return literal(name.removeprefix("~"), args, annotations, negated=name.startswith("~"))
 
 
 class Belief(Literal, Condition):
-    """Something the agent holds true. Any number of beliefs of one name can be held."""
+    """Belief of the agent; several beliefs of one name can be held."""
 
     singleton: ClassVar[bool] = False
 
     def held_for(self, seconds: Seconds) -> HeldFor:
-        """The event that this has been believed, without a break, for ``seconds``."""
+        """Event that this belief has been held continuously for ``seconds``."""
         return HeldFor(self, seconds)
 
     def changed(self, *before: object) -> Event:
-        """The event that this took the place of another belief of the name, which had the arguments ``before``."""
+        """Event that this belief replaced another one of its name, with the arguments ``before``."""
         if len(before) != len(self.args) or not before:
             raise RuleError(f"{self} changes from {len(self.args)} arguments", remedy="give as many to changed()")
         return Event(Change.CHANGED, self.with_(args=(*self.args, *before)))
@@ -236,14 +236,14 @@ class Belief(Literal, Condition):
         return Event(Change.REMOVED, self)
 
     def __lshift__(self, condition: object) -> Inference:
-        """``near(X) << (at(X, D) & (D < 2))``: it is believed whenever the condition holds."""
+        """Inference ``near(X) << (at(X, D) & (D < 2))``: the belief follows from the condition."""
         from socialbot.bdi.plans import Inference
 
         return Inference(self, conjunction(condition))
 
 
 class Structure(Belief):
-    """A literal without a class of its own: from AgentSpeak, a message or a saved mind."""
+    """Literal without a class of its own: from AgentSpeak, a message or a saved mind."""
 
     def __str__(self) -> str:
         text = super().__str__()
@@ -253,39 +253,39 @@ class Structure(Belief):
 
 
 class SingletonBelief(Belief):
-    """A belief of which one at most is held: a new one takes the place of the old."""
+    """Belief that replaces any other belief of its name."""
 
     singleton = True
 
 
 class Reactor(Belief):
-    """An event only: plans react to ``+r``, but it is never held."""
+    """Event-only belief: it triggers the plans for ``+r``, but is never held."""
 
 
 class Computed(Belief):
-    """A belief that is computed when it is asked for, never held: override `solutions`."""
+    """Belief that is computed by queries and never held: override `solutions`."""
 
     def solutions(self, *args: Any, **kwargs: Any) -> bool | Iterable[tuple[object, ...]]:
-        """Whether it holds for ``args``, or all tuples of arguments for which it does.
+        """Whether the belief holds for ``args``, or all tuples of arguments for which it holds.
 
-        ``ANYTHING`` stands for an argument that is asked for.
+        ``ANYTHING`` marks an unknown argument.
         """
         raise RuleError(f"{self.functor} is never computed", remedy="override solutions()")
 
 
 class Goal(Literal):
-    """Something the agent wants to achieve. As the head of a rule: how; in a body: do it now."""
+    """Achievement goal: the head of a plan, or a step that pursues it at once."""
 
     limit_s: object = None
 
     def within(self: T, seconds: object) -> T:
-        """The same goal, which fails (``timeout``) when it is not achieved in ``seconds``."""
+        """Copy of the goal that fails (``timeout``) if it is not achieved in ``seconds``."""
         twin: Any = copy.copy(self)
         twin.limit_s = seconds
         return twin
 
     def __neg__(self) -> Event:
-        """The event that the goal has failed."""
+        """Event of the failure of this goal."""
         return Event(Change.FAILED, self)
 
     def __truediv__(self, condition: object) -> PlanHead:
@@ -296,28 +296,28 @@ class Goal(Literal):
 
 
 class Annotation(Literal):
-    """A remark on a belief, goal or event, such as ``source(S)``; it goes in brackets."""
+    """Annotation of a belief, goal or event, written in brackets, such as ``source(S)``."""
 
 
 class source(Annotation):  # noqa: N801 - written as AgentSpeak writes it
-    """Who says so: ``self``, ``percept`` or the name of an agent."""
+    """Source of a belief or goal: ``self``, ``percept`` or the name of an agent."""
 
 
 class error(Annotation):  # noqa: N801
-    """Why a goal failed, as an `Atom` (see `socialbot.bdi.intentions`)."""
+    """Reason of a failure, as an `Atom` (see `socialbot.bdi.intentions`)."""
 
 
 class error_msg(Annotation):  # noqa: N801
-    """Why a goal failed, in words."""
+    """Message of a failure."""
 
 
 SELF = (source(Atom("self")),)
 PERCEPT = (source(Atom("percept")),)
-"""The annotations of what the agent concluded itself, and of what its sensors told it."""
+"""Annotations of the agent's own conclusions and of percepts."""
 
 
 def ground(term: object) -> bool:
-    """Whether a term has no variables in it."""
+    """Whether a term has no variables."""
     if isinstance(term, tuple):
         return all(map(ground, term))
     if isinstance(term, Literal):

@@ -1,6 +1,6 @@
-"""Mail: what the speech acts of agents do to those who hear them.
+"""Messages between agents, and the effect of each performative on the receiver.
 
-Contents are terms; only plans may be told as text. What an agent is told is believed with ``source(Sender)``.
+Contents are terms; only plans may be sent as text. The receiver adds told beliefs with ``source(Sender)``.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ PERFORMATIVES = {
     "untellHow": "the receiver loses a plan of the sender",
     "signal": "the receiver has the event that a belief is added, but does not believe it",
 }
-"""What can be said, and what follows."""
+"""Performatives and their effects."""
 
 TIMEOUT = Atom("timeout")
-"""The answer that did not come in time."""
+"""Answer to a question after its time limit."""
 
 
 Reply = Callable[["Engine", Any], None]
@@ -47,8 +47,8 @@ class Messaging:
     """Messages of one agent to and from the other agents of its society.
 
     Attributes:
-        society: The agents that it can reach; None for a single agent.
-        accepts: Function of sender, performative and content that tells whether a message is taken.
+        society: The other agents; None for a single agent.
+        accepts: Function of sender, performative and content; returns whether the agent accepts a message.
     """
 
     __slots__ = ("_engine", "accepts", "society")
@@ -68,21 +68,21 @@ class Messaging:
         answer: Any = None,
         limit_s: float | None = None,
     ) -> Pause | None:
-        """Sends a message to one agent, or to several.
+        """Send a message to one agent, or to several.
 
         Args:
             receiver: A name, an atom, or a tuple of them.
             performative: One of `PERFORMATIVES`.
-            content: A term, without variables where the performative needs that.
-            cause: The trace record that led to it.
+            content: A term, without variables if the performative requires it.
+            cause: The trace record of the cause.
             answer: The term that has to match the answer to a question.
             limit_s: The time after which a missing answer is ``timeout``.
 
         Returns:
-            The pause until the answer has come, if there is an ``answer``.
+            The pause until the answer, if ``answer`` is given.
 
         Raises:
-            Failed: The message is not valid, or there is no such agent.
+            Failed: The message is not valid, or the agent does not exist.
         """
         act, content = str(performative), _content(str(performative), content)
         receivers = [self._find(each) for each in each_of(receiver)]
@@ -98,7 +98,7 @@ class Messaging:
         return asking
 
     def broadcast(self, performative: str | Atom, content: Any, cause: Any = "") -> None:
-        """Sends a message to all other agents. Raises Failed if it is not valid."""
+        """Send a message to all other agents. Raises Failed if it is not valid."""
         act, content = str(performative), _content(str(performative), content)
         trace = self._engine.trace
         if trace.sink is not None:
@@ -108,7 +108,7 @@ class Messaging:
                 self._deliver(agent, act, content, cause, None)
 
     def tell(self, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
-        """Tells another agent a belief, given by its key and arguments."""
+        """Send a belief, given by its key and arguments, to another agent."""
         if self.society is None:
             self.send(receiver, "tell", literal_from_key(key, args), cause)
             return
@@ -120,7 +120,7 @@ class Messaging:
     def receive(
         self, sender: Engine, performative: str, content: Any, cause: Any = "", reply: Reply | None = None
     ) -> None:
-        """Handles a message, in the thread of this agent. A refused question gets the answer false."""
+        """Handle a message in the thread of this agent; answer a refused question with false."""
         agent = self._engine
         name = sender.name if sender is not agent else "self"
         if self.accepts is not None and not self.accepts(name, performative, content):
@@ -139,7 +139,7 @@ class Messaging:
         _RECEIVERS[performative](agent, sender, content, said_by, cause, reply)
 
     def _deliver(self, receiver: Engine, act: str, content: Any, cause: Any, reply: Reply | None) -> None:
-        # Each agent gets variables of its own.
+        # Agents share no variables.
         deliver(self._engine, receiver, act, detached(content), cause, reply)
 
     def _find(self, receiver: Any) -> Engine:
@@ -153,11 +153,11 @@ class Messaging:
 
 
 def deliver(sender: Engine, receiver: Engine, act: str, content: Any, cause: Any, reply: Reply | None = None) -> None:
-    """Posts a message to an agent."""
+    """Post a message to an agent."""
     receiver.call(functools.partial(receiver.messaging.receive, sender, act, content, cause, reply))
 
 
-# What each performative does
+# Handlers of performatives
 
 
 def _tell(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
@@ -264,7 +264,7 @@ _RECEIVERS: dict[str, Callable[..., None]] = {
 
 
 def _answer(agent: Engine, sender: Engine, query: Literal, found: Any, cause: Any, reply: Reply | None) -> None:
-    """Answers a question: whoever waits gets the answer, others are told it, or that it is not so."""
+    """Answer a question through ``reply``, or else by a message: tell the solution, or untell the query."""
     if reply is not None:
         said_by = (source(Atom(agent.name)),)
         if found is None:
@@ -281,7 +281,7 @@ def _answer(agent: Engine, sender: Engine, query: Literal, found: Any, cause: An
 
 
 class AnswerPause(Pause):
-    """It waits for the answer to a question."""
+    """Pause until the answer to a question."""
 
     def __init__(self, answer: Any, asked: list[Engine], several: bool, limit_s: float | None) -> None:
         self.answer = answer
@@ -299,7 +299,7 @@ class AnswerPause(Pause):
             interpreter.timers.after(self.limit_s, PauseTimer(self, self._late))
 
     def hear(self, replier: Engine, answer: Any) -> None:
-        """Takes an answer, in the thread of whoever gives it."""
+        """Accept an answer, from the thread of the replying agent."""
         self.interpreter.post(lambda: self._take(replier.name, answer))
 
     def _take(self, name: str, answer: Any) -> None:
@@ -327,7 +327,7 @@ class AnswerPause(Pause):
 
 
 def _content(act: str, content: Any) -> Any:
-    """What is said, if it can be. Raises Failed otherwise."""
+    """Check the content of a message. Raises Failed if it is not valid."""
     content = resolve(content)
     if act not in PERFORMATIVES:
         raise wrong(".send", Atom(act), f"one of {', '.join(PERFORMATIVES)}")
@@ -348,14 +348,14 @@ def _content(act: str, content: Any) -> Any:
 
 
 def _notes(what: Literal, said_by: tuple[object, ...]) -> tuple[object, ...]:
-    """The annotations of something with those that tell who said it instead of the sources in it."""
+    """Annotations with the sources replaced by the sender."""
     if not what.annotations:
         return said_by
     return (*(note for note in what.annotations if not is_source(note)), *said_by)
 
 
 def _closed(term: Any) -> Any:
-    """A term with the name ``_`` for variables, for an event."""
+    """Copy of a term with ``_`` in place of variables, for an event."""
     term = resolve(term)
     if closed(term) and not isinstance(term, Event):
         return term

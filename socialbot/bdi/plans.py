@@ -1,6 +1,6 @@
-"""Plans: ``event / condition >> [steps]``. When the event comes and the condition holds, do the steps.
+"""Plans: ``event / condition >> [steps]``, with the steps for an event under a condition.
 
-Both front ends make them: the operators of this package, and AgentSpeak text.
+Both the operators of this package and AgentSpeak text create plans.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from socialbot.core.errors import RuleError
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a plan was written: the text's name and the line, from 1."""
+    """Source location of a plan: the name of the text and the line, from 1."""
 
     file: str
     line: int
@@ -40,12 +40,11 @@ class Origin:
 
 @dataclass(eq=False, repr=False)
 class Plan:
-    """When ``event`` happens and ``condition`` holds, the agent intends to do ``body``, step by step.
+    """Plan for ``event``: its steps are ``body``, executed if ``condition`` holds.
 
-    Of the plans that fit, the one with the highest ``priority`` is chosen, among equals the first. A plan
-    with a ``stage`` is considered in that stage only. While an ``atomic`` plan is carried out the agent does
-    nothing else. ``annotations`` are those of the label that mean nothing to the engine; ``text`` is how it was
-    written, if it was AgentSpeak.
+    Among the applicable plans the engine selects the first one with the highest ``priority``. A plan with a ``stage``
+    only applies in that stage. An ``atomic`` plan excludes other intentions until its end. ``annotations`` are those of
+    the label without a meaning to the engine; ``text`` is its AgentSpeak source, if any.
     """
 
     event: Event
@@ -60,7 +59,7 @@ class Plan:
     text: str | None = None
 
     def check(self) -> Plan:
-        """The plan itself. Raises RuleError when it could never run."""
+        """Return the plan. Raises RuleError for a plan that can never run."""
         if isinstance(self.event.literal, Reactor) and self.event.change is not Change.ADDED:
             raise RuleError(
                 f"{self.event} never happens: a Reactor is an event only",
@@ -75,7 +74,7 @@ class Plan:
         return self
 
     def classes(self) -> Iterator[type[Literal]]:
-        """The classes of the beliefs and goals that the event and the condition speak of."""
+        """Classes of the beliefs and goals in the event and the condition."""
         yield from _classes(self.event.literal)
         yield from _classes(self.condition)
 
@@ -88,7 +87,7 @@ class Plan:
 
 @dataclass(eq=False, repr=False)
 class Inference:
-    """``head`` is believed whenever ``condition`` holds (AgentSpeak: ``head :- condition``)."""
+    """Inference of ``head`` from ``condition`` (AgentSpeak: ``head :- condition``)."""
 
     head: Literal
     condition: Conjunction
@@ -100,27 +99,27 @@ class Inference:
 
 
 def atomic(*plans: Plan | list[Plan]) -> list[Plan]:
-    """Makes plans atomic: while one of them is carried out, the agent does nothing else."""
+    """Make plans atomic: they exclude other intentions until their end."""
     return [replace(plan, atomic=True) for plan in flat(plans)]
 
 
 def priority(rank: int, *plans: Plan | list[Plan]) -> list[Plan]:
-    """Gives plans a priority; those with a higher one are considered first."""
+    """Set the priority of plans; higher values are tried first."""
     return [replace(plan, priority=rank) for plan in flat(plans)]
 
 
 def stage(name: str, *plans: Plan | list[Plan]) -> list[Plan]:
-    """Scopes plans to a stage, which the step `enter` or `Engine.enter` begins."""
+    """Limit plans to a stage; the step `enter` or `Engine.enter` begins it."""
     return [replace(plan, stage=name) for plan in flat(plans)]
 
 
 def labelled(label: str, plan: Plan) -> Plan:
-    """Gives a plan a label, by which it can be removed and asked about."""
+    """Set the label of a plan, its name for removal and explanations."""
     return replace(plan, label=label)
 
 
 def flat(items: Iterable[object]) -> Iterator[Plan]:
-    """The plans in a list of plans and lists of plans. Raises RuleError for anything else."""
+    """Flatten nested lists of plans. Raises RuleError for other items."""
     for item in items:
         if isinstance(item, Plan):
             yield item
@@ -142,7 +141,7 @@ def _classes(part: object) -> Iterator[type[Literal]]:
 
 
 class _Checker:
-    """Sees to it that no variable is used before it can have a value."""
+    """Check that each variable has a value at its use."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -151,7 +150,7 @@ class _Checker:
         self.body(plan.body, self.condition(plan.condition, plan.event.literal.names() - {"_"}))
 
     def condition(self, condition: Condition, bound: set[str]) -> set[str]:
-        """The variables that have a value when the condition, checked from left to right, has held."""
+        """Variables with a value after the condition, checked from left to right."""
         if isinstance(condition, Conjunction):
             for term in condition.terms:
                 bound = self.condition(term, bound)
@@ -172,10 +171,10 @@ class _Checker:
         return bound
 
     def pattern(self, terms: tuple[object, ...], bound: set[str], where: str) -> set[str]:
-        """The variables that have a value when terms, compared from left to right, have matched."""
+        """Variables with a value after matching terms from left to right."""
         for term in terms:
             if isinstance(term, (Expression, Call)):
-                # The functions of AgentSpeak take queries, whose variables are their own.
+                # AgentSpeak functions take queries with variables of their own.
                 if isinstance(term, Expression):
                     self.bound(names_in(term) - bound, where)
             elif isinstance(term, Variable):
@@ -233,7 +232,7 @@ class _Checker:
         return bound
 
     def values(self, terms: tuple[object, ...], where: str) -> None:
-        """Refuses conditions among what has to be values."""
+        """Reject conditions in place of values."""
         for term in terms:
             if isinstance(term, (Comparison, Conjunction, Disjunction, Negation)):
                 raise RuleError(

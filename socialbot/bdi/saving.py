@@ -1,15 +1,12 @@
-"""Saving and restoring a mind, so that an agent goes on where it was when its process is started anew.
+"""Save and restore the mind of an agent across restarts of its process.
 
-What is saved: beliefs with their annotations and since when they are held, the goals and events that intentions are
-about, events nobody has looked at yet, what plans are still to hear of a belief being held long enough, the stage,
-the random numbers to come, and the number of the next trace record.
+Saved are beliefs with their annotations and times, goals and events of intentions, queued events, pending ``held_for``
+timers, the stage, the state of the random numbers, and the number of the next trace record.
 
-What an intention was about is begun from its start: a goal is adopted anew (the outermost one that is still pursued),
-an event is raised anew. So steps that were done before are done at least once, and perhaps again. Limits of time and
-``wait`` begin anew as well. Not saved: the plans (the program adds them), sensors, percepts no sensor has looked at,
-and whatever else waits in timers or threads. Time goes on where it was: give the new engine a clock that does, as the
-wall clock, or ``ManualClock(data["time"])``. Where its clock is behind, as after it was set back, all times are moved
-back with it, so that nothing waits for a time that has been.
+Restored intentions start again: the outermost pursued goal is adopted, or the event is raised, once more. Executed
+steps may therefore run twice, and time limits and ``wait`` start again. Not saved are plans (the program adds them),
+sensors, queued percepts, and other timers and threads. The new engine needs a continuous clock, such as the wall clock
+or ``ManualClock(data["time"])``. If its clock is behind, all saved times are shifted back by the difference.
 """
 
 from __future__ import annotations
@@ -41,11 +38,11 @@ if TYPE_CHECKING:
 SCHEMA, VERSION = "socialbot/mind", 1
 
 HELD = "held "
-"""What the keys of the events of being held long enough begin with."""
+"""Key prefix of ``held_for`` events."""
 
 
 class MindError(SocialbotError):
-    """A mind that cannot be saved, or restored."""
+    """Error while saving or restoring a mind."""
 
     exit_code = 3
 
@@ -54,10 +51,10 @@ class MindError(SocialbotError):
 
 
 def save(engine: Engine) -> dict[str, Any]:
-    """The mind of an agent, in a form that JSON can express. Call it in the engine's thread (see `Engine.call`).
+    """Return the mind of an agent as JSON data. Call it in the engine's thread (see `Engine.call`).
 
-    What was posted and what is due is taken in first. Raises MindError for a belief or goal with a value in it that
-    is no number, string, list, atom or literal.
+    Posted items and due timers are processed first. Raises MindError for a belief or goal with a value other than
+    numbers, strings, lists, atoms and literals.
     """
     engine.interpreter.take_in()
     engine.timers.run_due()
@@ -84,12 +81,12 @@ def save(engine: Engine) -> dict[str, Any]:
 
 
 def write(engine: Engine, path: str | PathLike[str]) -> None:
-    """Saves the mind to a file, which at any time is either the old one or the new one, whole."""
+    """Save the mind to a file, replaced atomically."""
     write_data(save(engine), path)
 
 
 def write_data(data: dict[str, Any], path: str | PathLike[str]) -> None:
-    """Writes what `save` has given to a file, as `write` does; in any thread."""
+    """Write the result of `save` to a file, replaced atomically; callable from any thread."""
     target = Path(path)
     text = json.dumps(data, ensure_ascii=False)
     try:
@@ -110,8 +107,8 @@ def write_data(data: dict[str, Any], path: str | PathLike[str]) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Makes sure that a renamed file keeps its name when the power fails."""
-    with contextlib.suppress(OSError):  # not every system can do it
+    """Make a rename durable against power failures."""
+    with contextlib.suppress(OSError):  # unsupported on some systems
         handle = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(handle)
@@ -121,13 +118,13 @@ def _sync_folder(folder: Path) -> None:
 
 def _random_state(engine: Engine) -> list[Any] | None:
     if engine.interpreter.random is None:
-        return None  # none was drawn yet
+        return None  # not used yet
     version, numbers, gauss = engine.interpreter.random.getstate()
     return [version, list(numbers), gauss]
 
 
 def _next_record(engine: Engine) -> int:
-    return int(engine.trace.numbers.__reduce__()[1][0])  # the only way to look at it without using it up
+    return int(engine.trace.numbers.__reduce__()[1][0])  # reads the counter without advancing it
 
 
 def _belief(relation: Relation, args: tuple[Any, ...]) -> dict[str, Any]:
@@ -143,7 +140,7 @@ def _belief(relation: Relation, args: tuple[Any, ...]) -> dict[str, Any]:
 
 
 def _request_of(intention: Intention) -> Request | None:
-    """What an intention is about now: the outermost goal that is still pursued, or the event. None for a branch."""
+    """Outermost pursued goal of an intention, or its event; None for a branch."""
     if intention.event is None or not intention.frames:
         return intention.event
     body, goal, _ = intention.frames[0]
@@ -180,7 +177,6 @@ def _plan_id(plan: CompiledPlan) -> str:
 
 
 def _hold_timers(engine: Engine) -> list[dict[str, Any]]:
-    """Which plans are still to hear of which beliefs, and when."""
     found = []
     for due, _, timer in sorted(engine.timers.heap, key=lambda timer: timer[:2]):
         if isinstance(timer, HoldTimer) and not timer.over():
@@ -263,7 +259,7 @@ class _Mind:
 
 
 def read(path: str | PathLike[str]) -> dict[str, Any]:
-    """What `write` has saved. Raises MindError for what is no such file, or a damaged one."""
+    """Read a file of `write`. Raises MindError for other or damaged files."""
     try:
         data = json.loads(Path(path).read_text("utf-8"))
         _check(data)
@@ -277,11 +273,10 @@ def read(path: str | PathLike[str]) -> dict[str, Any]:
 
 
 def restore(engine: Engine, data: dict[str, Any]) -> None:
-    """Makes the mind that was saved that of this agent, which has the plans already. Call it in the engine's thread.
+    """Replace the mind of an agent by a saved one. Call it in the engine's thread, after adding the plans.
 
-    What it believed and intended until now, such as the beliefs and goals that its program begins with, is gone. Who
-    watches beliefs is told of all that end, then of all that begin.
-    What came due in the meantime happens at once. Raises MindError, with nothing changed, for data that are damaged.
+    The current beliefs and intentions are removed. Watchers receive all removed beliefs, then all restored ones.
+    Overdue timers run at once. Raises MindError for damaged data, without any change.
     """
     mind, beliefs = _decode_mind(engine, data), engine.beliefs
     gone = [(relation, args) for relation in beliefs.relations.values() if relation.watchers for args in relation.facts]
@@ -305,7 +300,7 @@ def restore(engine: Engine, data: dict[str, Any]) -> None:
 
 
 def _clear(engine: Engine) -> None:
-    """Removes everything, except posted calls for the engine's thread, such as the start of a sensor."""
+    """Remove the mind, but keep other posted calls for the engine's thread, such as the start of a sensor."""
     for intention in engine.intentions:
         engine.intentions.drop(intention)
     inbox = engine.interpreter.inbox
@@ -321,7 +316,7 @@ def _clear(engine: Engine) -> None:
 
 
 def _set_hold_timers(engine: Engine, mind: _Mind) -> None:
-    """Starts the timers of plans for beliefs that are held long enough: the saved ones, and those of new plans."""
+    """Start the saved ``held_for`` timers, and those of new plans."""
     plans: dict[tuple[str, str], CompiledPlan] = {}
     for plan in _held_plans(engine):
         key = plan.plan.event.literal.key
@@ -375,7 +370,7 @@ def _check(data: Any) -> None:
 
 
 def _decode_mind(engine: Engine, data: Any) -> _Mind:
-    """Everything that was saved, checked, before anything is changed."""
+    """Decode and check all data before any change."""
     _check(data)
     try:
         ahead = max(0, _typed(data["time"], int) - engine.clock.now())

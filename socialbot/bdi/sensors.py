@@ -1,4 +1,4 @@
-"""Sensors turn what comes in from the world into beliefs. Subclass `Sensor` and override `Sensor.sense`."""
+"""Sensors derive beliefs from percepts: subclass `Sensor` and override `Sensor.sense`."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
 
 Sensed = Belief | Event | Iterable[Belief | Event] | None
-"""What a sensor may return: nothing, one belief (to hold it), one change, or several of them."""
+"""Result of a sensor: nothing, one belief (to add it), one change, or several of them."""
 
 
 class Sensor:
-    """Looks at the world for the agent.
+    """Sensor of an agent.
 
-    A pushed sensor gets each percept through `push` or `Engine.perceive`; one with a ``period_s`` is asked that
-    often, with None; with ``once`` it ends with the first percept that tells something. `sense` runs in the engine's
-    thread, and its exceptions never stop the agent. Everything else here may be called from any thread.
+    `push` and `Engine.perceive` pass percepts to a sensor; a sensor with a ``period_s`` is polled with None. With
+    ``once`` the first percept that yields beliefs stops the sensor. `sense` runs in the engine's thread, and its
+    exceptions never stop the agent. Any thread may call the other methods.
     """
 
     period_s: float | None = None
@@ -32,11 +32,11 @@ class Sensor:
     _rung = False
 
     def sense(self, percept: Any) -> Sensed:
-        """The beliefs that follow from ``percept``."""
+        """Return the beliefs for ``percept``."""
         raise RuleError(f"the sensor {type(self).__name__} senses nothing", remedy="override sense()")
 
     def attach(self, engine: Engine) -> None:
-        """Makes it a sensor of ``engine``, and starts it."""
+        """Assign the sensor to ``engine`` and start it."""
         if self.period_s is not None and not self.period_s > 0:
             where = type(self).__name__
             raise RuleError(f"a period of {self.period_s} s", where=where, remedy="give more than 0 s, or None")
@@ -48,33 +48,32 @@ class Sensor:
         self.start()
 
     def start(self) -> None:
-        """Begins, or begins again. One with a period is asked at once, and then in each period."""
+        """Start or restart the sensor; with a period, poll it now and in each period."""
         if not self.running:
             self.running = True
             self._ring()
 
     def suspend(self) -> None:
-        """Senses nothing until `resume`: it is not asked, and what is pushed meanwhile is lost."""
+        """Suspend the sensor until `resume`: no polling, and pushed percepts are discarded."""
         if self.running:
             self.running = False
             self._ring()
 
     def resume(self) -> None:
-        """Goes on after `suspend`."""
         self.start()
 
     def stop(self) -> None:
-        """Ends; `start` begins it anew."""
+        """Stop the sensor; `start` restarts it."""
         self.suspend()
 
     def push(self, percept: Any, *, cause: str = "", since: int | None = None) -> None:
-        """Shows it a percept. Raises RuleError when it belongs to no engine."""
+        """Pass a percept to the engine. Raises RuleError for a sensor without an engine."""
         if self.engine is None:
             raise RuleError(f"the sensor {type(self).__name__} has no engine", remedy="call engine.add_sensor(sensor)")
         self.engine.perceive(self, percept, cause=cause, since=since)
 
     def _ring(self) -> None:
-        """Has the engine's thread set or clear the timer."""
+        """Reset the timer in the engine's thread."""
         if self.engine is not None and self.period_s is not None and not self._rung:
             self._rung = True
             self.engine.call(self._reset)
@@ -89,7 +88,7 @@ class Sensor:
             self._tick()
 
     def _tick(self) -> None:
-        """Asks a sensor with a period, and sees to it that it is asked again."""
+        """Poll the sensor and set the next timer."""
         assert self.engine is not None
         assert self.period_s is not None
         self._ticking = None
@@ -100,23 +99,23 @@ class Sensor:
 
 
 class ThreadSensor(Sensor):
-    """A sensor that waits for the world in a thread of its own: override `read`, and `sense` for what it returned.
+    """Sensor with a blocking `read` in a thread of its own; override `read`, and `sense` for its results.
 
-    The thread begins with `start` and ends with `suspend` or `stop`, as soon as `read` has returned; ``ending`` is
-    set then, for a `read` that can look at it.
+    `start` starts the thread. After `suspend` or `stop` it ends when `read` returns; a long `read` can check
+    ``ending``.
     """
 
     retry_s: float = 1.0
-    """So long it rests after `read` has raised, before it tries again."""
+    """Delay before the next `read` after an exception."""
 
     ending: threading.Event
 
     def read(self) -> Any:
-        """Waits for a percept and returns it; None is no percept. EOFError says that there will be no more."""
+        """Block until a percept and return it, or None for no percept; raise EOFError after the last one."""
         raise EOFError(f"the sensor {type(self).__name__} reads nothing: override read()")
 
     def start(self) -> None:
-        """Starts a thread for it, unless there is one."""
+        """Start the thread, if none is running."""
         if not self.running:
             super().start()
             self.ending = threading.Event()
@@ -125,7 +124,7 @@ class ThreadSensor(Sensor):
             ).start()  # fmt: skip
 
     def suspend(self) -> None:
-        """Tells the thread to end."""
+        """Request the thread to end."""
         if self.running:
             self.ending.set()
         super().suspend()
@@ -151,7 +150,7 @@ class ThreadSensor(Sensor):
 
 
 def changes(sensed: Sensed) -> list[Event]:
-    """What a sensor returned, as changes of beliefs. Raises RuleError for anything else."""
+    """Convert the result of a sensor to changes of beliefs. Raises RuleError for other values."""
     if sensed is None:
         return []
     items = [sensed] if isinstance(sensed, (Belief, Event)) else list(sensed)

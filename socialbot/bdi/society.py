@@ -1,7 +1,6 @@
-"""A society: agents in one process that can speak to each other.
+"""Societies: communicating agents in one process.
 
-All of them reason in the thread that runs the society, each when it has something to do; anything may be posted to
-them from any thread.
+The thread that runs the society executes all agents with pending work; any thread may post items to them.
 """
 
 from __future__ import annotations
@@ -25,17 +24,17 @@ if TYPE_CHECKING:
     from socialbot.bdi.timers import Wakeup
 
 TURNS = 4
-"""So many turns an agent reasons before the next one may."""
+"""Number of turns of an agent before the next agent runs."""
 
 VISITS = 16
-"""So often agents have their turns before a society looks whether it is to stop."""
+"""Number of agent visits between checks for `Society.stop`."""
 
 LISTENING = "+message/3"
-"""The event of a message, which only some agents want to hear of."""
+"""Trigger of message events; agents without plans for it receive beliefs on a faster path."""
 
 
 class Society:
-    """Agents by name. ``wake`` is called, from any thread, when something was posted to one of them."""
+    """Agents by name. Any thread may call ``wake``, after an item was posted to an agent."""
 
     def __init__(self, clock: Clock, *, wake: Callable[[], object] | None = None) -> None:
         self.clock = clock
@@ -50,7 +49,7 @@ class Society:
         self.stopping = False
 
     def add(self, agent: Engine | str) -> Engine:
-        """Adds an agent, or makes one of a name. Raises RuleError when the name is taken."""
+        """Add an agent, or create one by name. Raises RuleError for a duplicate name."""
         if isinstance(agent, str):
             agent = Engine(agent, self.clock)
         if agent.name in self.agents:
@@ -65,14 +64,14 @@ class Society:
         return agent
 
     def remove(self, name: str) -> Engine | None:
-        """Takes an agent out; what is told to it from now on fails."""
+        """Remove an agent; later messages to it fail."""
         agent = self.agents.pop(name, None)
         if agent is not None:
             agent.messaging.society = agent.wake = None
         return agent
 
     def find(self, receiver: Any) -> Engine:
-        """The agent with a name, an atom or a string. Raises Failed when there is none."""
+        """Find an agent by name (an atom or a string). Raises Failed for an unknown name."""
         name = receiver.name if receiver.__class__ is Atom else receiver
         agent = self.agents.get(name) if isinstance(name, str) else None
         if agent is None:
@@ -80,7 +79,7 @@ class Society:
         return agent
 
     def tell(self, sender: Engine, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
-        """Tells agents (an atom, a string or several of them) a belief. Raises Failed when there is no such agent."""
+        """Send a belief to agents, given as atom, string or tuple. Raises Failed for an unknown agent."""
         if receiver.__class__ is Atom:
             receiver = receiver.name
         agent = self.agents.get(receiver) if receiver.__class__ is str else None
@@ -99,15 +98,13 @@ class Society:
             self._ready.append(agent)
 
     def source_of(self, name: str) -> tuple[object, ...]:
-        """The annotations of what an agent says."""
+        """Annotations of the messages of an agent."""
         return self._sources.setdefault(name, (source(Atom(name)),))
 
     # Running
 
     def run_until_idle(self, budget: int = 1_000_000, turns: int = TURNS) -> bool:
-        """Lets agents reason until none has anything to do now, or each in turn has had ``turns`` turns ``budget``
-        times; True when something is left.
-        """
+        """Run ready agents for ``turns`` turns each, at most ``budget`` visits; return whether work remains."""
         ready, timers = self._ready, self._timers
         while budget > 0:
             if timers and timers[0][0] <= self.clock.now():
@@ -126,12 +123,13 @@ class Society:
         return bool(ready)
 
     def next_wakeup(self) -> int | None:
-        """When (ns) a timer of an agent is due next; None when none is."""
+        """Time (ns) of the next timer of an agent; None without timers."""
         return self._timers[0][0] if self._timers else None
 
     def run(self, *, linger: bool = True, seconds: float | None = None) -> None:
-        """Runs until `stop`, for ``seconds`` at most, asleep while there is nothing to do. The clock has to run by
-        itself. Unless it lingers, it ends when nothing is left to do, now and later, but what comes from outside.
+        """Run until `stop`, at most ``seconds``, and sleep while no work is pending.
+
+        The clock must advance by itself. With ``linger=False`` it returns once no work and no timers remain.
         """
         from socialbot.bdi.timers import Wakeup
 
@@ -160,7 +158,7 @@ class Society:
             self.stopping = False
 
     def stop(self) -> None:
-        """Ends `run`, from any thread."""
+        """End `run`, from any thread."""
         self.stopping = True
         self._ring_bell()
 
@@ -176,7 +174,7 @@ class Society:
             self.wake()
 
     def _ring(self) -> None:
-        """Lets agents reason whose timers are due."""
+        """Queue the agents with due timers."""
         timers, now = self._timers, self.clock.now()
         while timers and timers[0][0] <= now:
             due, _, agent = heapq.heappop(timers)

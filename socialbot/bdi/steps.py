@@ -1,4 +1,4 @@
-"""Speech acts: what agents say to each other."""
+"""Steps of plan bodies: actions, goals, belief changes, messages and control structures."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ from socialbot.core.errors import RuleError
 
 
 class send(Action):  # noqa: N801 - reads as a step of a plan
-    """Says something to another agent: ``send(to, belief)`` tells it, ``send(to, goal, "achieve")`` asks for it.
+    """Message to another agent: ``send(to, belief)`` tells a belief, ``send(to, goal, "achieve")`` delegates a goal.
 
     The third argument is the performative (see `socialbot.bdi.messaging.PERFORMATIVES`).
     """
 
     def execute(self, receiver: Any, content: Any, performative: str = "tell") -> Any:
-        """Sends the message; it has this action as its cause."""
         return self.engine.messaging.send(receiver, performative, content, self.id)
 
 
 class message(Reactor):  # noqa: N801 - written like a belief
-    """``+message(Sender, Performative, Content)``: the event that something was said to the agent, whatever follows."""
+    """Event ``+message(Sender, Performative, Content)`` of every message to the agent."""
 
 
 class Step:
-    """The base of steps."""
+    """Base class of steps."""
 
     def __repr__(self) -> str:
         return str(self)
@@ -36,9 +35,9 @@ class Step:
 
 @dataclass(eq=False, repr=False)
 class Do(Step):
-    """An action: an `Action`, or a literal that names a registered or (``.print``) an internal one.
+    """Action: an `Action`, or a literal for a registered or internal one (``.print``).
 
-    With a limit it fails (``timeout``) when it has not ended in so many seconds.
+    It fails (``timeout``) after ``limit_s`` seconds, if given.
     """
 
     action: Literal
@@ -50,10 +49,9 @@ class Do(Step):
 
 @dataclass(eq=False, repr=False)
 class Achieve(Step):
-    """A goal, or a variable that stands for one.
+    """Goal, or a variable with a goal as its value; it fails (``timeout``) after ``limit_s`` seconds, if given.
 
-    ``apart`` adopts it in an intention of its own (``!!g``) and does not wait. With a limit it fails (``timeout``)
-    when it is not achieved in so many seconds.
+    ``apart`` adopts it in a new intention (``!!g``) without waiting for it.
     """
 
     goal: Literal | Variable
@@ -67,7 +65,7 @@ class Achieve(Step):
 
 @dataclass(eq=False, repr=False)
 class Ask(Step):
-    """``?q``: binds variables from what is believed, or else by a plan for ``+?q``."""
+    """Test goal ``?q``: binds variables by beliefs, or else by a plan for ``+?q``."""
 
     query: Condition | Variable
 
@@ -77,8 +75,9 @@ class Ask(Step):
 
 @dataclass(eq=False, repr=False)
 class Update(Step):
-    """A change of what the agent itself concluded, as in Jason: ``+`` adds, ``-`` removes the first match, ``-+`` does
-    both. A plan for the event is carried out before the next step; after ``++`` and ``--`` in an intention of its own.
+    """Change of a belief with the source ``self``: ``+`` adds, ``-`` removes the first match, ``-+`` replaces.
+
+    A plan for the event runs before the next step; after ``++`` and ``--`` it runs in a new intention.
     """
 
     sign: str
@@ -90,7 +89,7 @@ class Update(Step):
 
 @dataclass(eq=False, repr=False)
 class Forget(Step):
-    """Removes every belief that matches, whoever said it."""
+    """Removal of every matching belief, with all its sources."""
 
     literal: Literal
 
@@ -100,7 +99,7 @@ class Forget(Step):
 
 @dataclass(eq=False, repr=False)
 class Constrain(Step):
-    """A comparison or unification that has to hold, as ``X = Y + 1``."""
+    """Comparison or unification that must hold, such as ``X = Y + 1``."""
 
     condition: Condition
 
@@ -110,7 +109,7 @@ class Constrain(Step):
 
 @dataclass(eq=False, repr=False)
 class Enter(Step):
-    """Enters a stage: plans of other stages are no longer chosen."""
+    """Begin of a stage; plans of other stages no longer apply."""
 
     stage: str
 
@@ -120,7 +119,7 @@ class Enter(Step):
 
 @dataclass(eq=False, repr=False)
 class Await(Step):
-    """Rests until an event comes or a condition holds; fails (``timeout``) after ``limit_s``."""
+    """Pause until an event or a condition; fails (``timeout``) after ``limit_s``."""
 
     what: Event | Condition
     limit_s: object = None
@@ -131,12 +130,12 @@ class Await(Step):
 
 
 class Nested(Step):
-    """A step that has bodies in it."""
+    """Step with nested bodies."""
 
 
 @dataclass(eq=False, repr=False)
 class If(Nested):
-    """Does ``then`` when the condition holds, else ``otherwise``."""
+    """Conditional step: ``then`` if the condition holds, else ``otherwise``."""
 
     condition: Condition
     then: tuple[Step, ...]
@@ -149,7 +148,7 @@ class If(Nested):
 
 @dataclass(eq=False, repr=False)
 class While(Nested):
-    """Does the body again and again as long as the condition holds."""
+    """Loop over the body while the condition holds."""
 
     condition: Condition
     body: tuple[Step, ...]
@@ -160,7 +159,7 @@ class While(Nested):
 
 @dataclass(eq=False, repr=False)
 class For(Nested):
-    """Does the body for every solution that the condition has at the beginning."""
+    """Loop over the initial solutions of the condition."""
 
     condition: Condition
     body: tuple[Step, ...]
@@ -171,7 +170,7 @@ class For(Nested):
 
 @dataclass(eq=False, repr=False)
 class Fork(Nested):
-    """Does several bodies side by side and goes on when all have ended (``every``), or the first one has."""
+    """Parallel bodies; it ends when all of them (``every``), or the first one, have ended."""
 
     branches: tuple[tuple[Step, ...], ...]
     every: bool
@@ -181,64 +180,64 @@ class Fork(Nested):
 
 
 def when(condition: object, then: Iterable[object], otherwise: Iterable[object] = ()) -> If:
-    """The step ``If``: ``when(X > 3, [speak("many")], [speak("few")])``."""
+    """Conditional step `If`: ``when(X > 3, [speak("many")], [speak("few")])``."""
     return If(conjunction(condition), body_of(then), body_of(otherwise))
 
 
 def as_long_as(condition: object, body: Iterable[object]) -> While:
-    """The step ``While``."""
+    """Loop step `While`."""
     return While(conjunction(condition), body_of(body))
 
 
 def for_each(condition: object, body: Iterable[object]) -> For:
-    """The step ``For``."""
+    """Loop step `For`."""
     return For(conjunction(condition), body_of(body))
 
 
 def together(*branches: Iterable[object]) -> Fork:
-    """Does several bodies side by side, until all have ended; fails when one does."""
+    """Execute bodies in parallel until all have ended; fail with the first failure."""
     return Fork(tuple(map(body_of, branches)), every=True)
 
 
 def first_of(*branches: Iterable[object]) -> Fork:
-    """Does several bodies side by side, until one has ended; the others are dropped."""
+    """Execute bodies in parallel until one has ended; drop the others."""
     return Fork(tuple(map(body_of, branches)), every=False)
 
 
 def wait_for(what: object, limit_s: object = None) -> Await:
-    """Rests until an event such as ``+b(X)``, or a condition, comes true."""
+    """Pause until an event such as ``+b(X)``, or until a condition holds."""
     return Await(what if isinstance(what, Event) else conjunction(what), limit_s)
 
 
 def enter(stage: str) -> Enter:
-    """Enters a stage (see `stage`)."""
+    """Enter a stage (see `stage`)."""
     return Enter(stage)
 
 
 def test(condition: object) -> Constrain:
-    """A condition as a step; the goal fails when it does not hold. Its variables have values afterwards."""
+    """Condition as a step: it binds its variables, or fails the goal."""
     return Constrain(conjunction(condition))
 
 
 def ask(query: Condition) -> Ask:
-    """Binds variables from what is believed; when nothing matches, a plan for the question is tried."""
+    """Bind variables by beliefs; without a match, by a plan for the test goal."""
     return Ask(query)
 
 
 def apart(goal: Goal) -> Achieve:
-    """Adopts a goal in an intention of its own, without waiting for it."""
+    """Adopt a goal in a new intention, without waiting for it."""
     return Achieve(goal, apart=True, limit_s=goal.limit_s)
 
 
 def body_of(items: Iterable[object]) -> tuple[Step, ...]:
-    """The steps that a list of actions, goals, +beliefs and -beliefs stands for. Raises RuleError for anything else."""
+    """Convert a list of actions, goals, +beliefs and -beliefs to steps. Raises RuleError for other items."""
     if not isinstance(items, Iterable) or isinstance(items, (str, Literal)):
         raise RuleError(f"{items} is no list of steps", remedy=f"write >> [{items}]")
     return tuple(map(step_of, items))
 
 
 def step_of(item: object) -> Step:
-    """One step. Raises RuleError for what is none."""
+    """Convert an item to a step. Raises RuleError for other items."""
     if isinstance(item, Step):
         return item
     if isinstance(item, Action):

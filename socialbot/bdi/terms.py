@@ -1,7 +1,7 @@
-"""Terms: the values that beliefs, goals and actions speak of, and what stands for a value until a plan runs.
+"""Terms: values of beliefs, goals and actions, and the variables and expressions of plans.
 
-A value is a number, a string, an `Atom`, a tuple (a list, in AgentSpeak), a `Literal` without variables or
-any other hashable Python object. In a plan, variables and what is computed from them may take its place.
+Values are numbers, strings, atoms, tuples (AgentSpeak lists), literals without variables, and other hashable objects.
+Plans may use variables and expressions instead of values.
 
 >>> X, Y = variables("X Y")
 >>> str(X + 1 > Y)
@@ -18,14 +18,14 @@ from typing import Any, ClassVar
 from socialbot.core.errors import RuleError
 
 COMPARISONS = frozenset({">", ">=", "<", "<=", "==", "!=", "=", "=.."})
-"""``==`` and ``!=`` compare values, ``=`` unifies, ``=..`` takes a literal apart."""
+"""``==`` and ``!=`` compare values, ``=`` unifies, ``=..`` decomposes a literal."""
 
 OPERATORS = frozenset({"+", "-", "*", "/", "//", "%", "**", "div", "mod"})
-"""``//`` and ``%`` round down, as in Python; ``div`` and ``mod`` towards zero, as in AgentSpeak."""
+"""``//`` and ``%`` round down, as in Python; ``div`` and ``mod`` round towards zero, as in AgentSpeak."""
 
 
 class Atom:
-    """A symbol, such as ``yes`` in AgentSpeak; it is not equal to the string of the same letters."""
+    """Symbol, such as ``yes`` in AgentSpeak; it differs from the equally named string."""
 
     __slots__ = ("name",)
     name: str
@@ -71,18 +71,18 @@ class Atom:
 
 
 class Pattern:
-    """Anything that may have variables in it."""
+    """Base class of expressions with variables."""
 
     def __repr__(self) -> str:
         return str(self)
 
     def names(self) -> set[str]:
-        """The variables in it."""
+        """Names of the variables."""
         raise NotImplementedError
 
 
 def _arithmetic(symbol: str) -> tuple[Callable[[Term, object], Expression], Callable[[Term, object], Expression]]:
-    """The operator methods of a term, as the left and as the right operand."""
+    """Operator methods of a term, as left and as right operand."""
     return (lambda term, other: Expression(symbol, term, other)), (lambda term, other: Expression(symbol, other, term))
 
 
@@ -91,7 +91,7 @@ def _comparison(symbol: str) -> Callable[[Term, object], Comparison]:
 
 
 class Term(Pattern):
-    """What stands for a value that is known only when a plan runs."""
+    """Expression for a value that is unknown until a plan runs."""
 
     __add__, __radd__ = _arithmetic("+")
     __sub__, __rsub__ = _arithmetic("-")
@@ -111,7 +111,7 @@ class Term(Pattern):
 
 
 class Variable(Term):
-    """A logical variable; ``Variable("_")`` matches anything and binds nothing."""
+    """Logical variable; ``Variable("_")`` matches anything and binds nothing."""
 
     def __init__(self, name: str) -> None:
         if not name.isidentifier():
@@ -128,7 +128,7 @@ class Variable(Term):
 
 
 class Expression(Term):
-    """Arithmetic on two terms; ``symbol`` is one of `OPERATORS`."""
+    """Arithmetic expression of two terms; ``symbol`` is one of `OPERATORS`."""
 
     def __init__(self, symbol: str, left: object, right: object) -> None:
         assert symbol in OPERATORS, symbol
@@ -146,7 +146,7 @@ class Expression(Term):
 
 
 class Call(Term):
-    """A function of AgentSpeak in arithmetic, such as ``math.max(X, 3)`` or ``.length(L)``."""
+    """AgentSpeak function in arithmetic, such as ``math.max(X, 3)`` or ``.length(L)``."""
 
     def __init__(self, function: str, *args: object) -> None:
         self.function = function
@@ -162,7 +162,7 @@ class Call(Term):
 
 
 class Cons(Term):
-    """A list of which the first ``items`` and the ``tail`` are told apart: ``[H1, H2 | T]``."""
+    """List pattern of the first ``items`` and the ``tail``: ``[H1, H2 | T]``."""
 
     def __init__(self, items: tuple[object, ...], tail: object) -> None:
         self.items = items
@@ -178,7 +178,7 @@ class Cons(Term):
 
 
 class Condition(Pattern):
-    """The base of conditions, among them beliefs: something matching is believed."""
+    """Base class of conditions; a belief as a condition holds if a matching belief is held."""
 
     def __and__(self, other: object) -> Conjunction:
         return conjunction(self, other)
@@ -204,7 +204,7 @@ class Condition(Pattern):
 
 
 class Comparison(Condition):
-    """Two terms compared, a condition; ``symbol`` is one of `COMPARISONS`."""
+    """Comparison of two terms; ``symbol`` is one of `COMPARISONS`."""
 
     def __init__(self, symbol: str, left: object, right: object) -> None:
         assert symbol in COMPARISONS, symbol
@@ -230,12 +230,12 @@ class Comparison(Condition):
 
 
 def variables(names: str) -> tuple[Variable, ...]:
-    """Makes variables from their names, separated by blanks."""
+    """Create variables from their names, separated by blanks."""
     return tuple(Variable(name) for name in names.split())
 
 
 def names_in(term: object) -> set[str]:
-    """The variables in a term or in a tuple of terms."""
+    """Names of the variables in a term or in a tuple of terms."""
     if isinstance(term, tuple):
         found: set[str] = set()
         for item in term:
@@ -245,7 +245,7 @@ def names_in(term: object) -> set[str]:
 
 
 def order(term: object) -> tuple[object, ...]:
-    """A key to sort any terms by: numbers, strings, lists, atoms and literals, the shorter ones first, and the rest."""
+    """Sort key of any term: numbers, strings, lists, atoms and literals (by arity), then other objects."""
     if isinstance(term, (int, float)):
         return (0, term)
     if isinstance(term, str):
@@ -261,7 +261,7 @@ def order(term: object) -> tuple[object, ...]:
 
 
 def show(term: object) -> str:
-    """A term as a person would write it: strings in double quotes, lists in brackets."""
+    """Text of a term in AgentSpeak notation: strings in double quotes, lists in brackets."""
     if isinstance(term, str):
         return '"' + term.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n") + '"'
     if isinstance(term, tuple):
@@ -275,7 +275,7 @@ def _part(term: object) -> str:
 
 @dataclass(eq=False, repr=False)
 class Negation(Condition):
-    """The condition that another one has no solution."""
+    """Negation as failure: it holds if the inner condition has no solution."""
 
     condition: Condition
 
@@ -288,7 +288,7 @@ class Negation(Condition):
 
 
 class FunctionCondition(Condition):
-    """A Python function as a condition; its parameters are named like the variables it looks at."""
+    """Python function as a condition; its parameters are named like the variables it takes."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function
@@ -304,7 +304,7 @@ class FunctionCondition(Condition):
 
 @dataclass(eq=False, repr=False)
 class Truth(Condition):
-    """``true`` and ``false``."""
+    """Constant condition ``true`` or ``false``."""
 
     value: bool
 
@@ -317,7 +317,7 @@ class Truth(Condition):
 
 @dataclass(eq=False, repr=False)
 class Conjunction(Condition):
-    """Conditions that must hold together, tried from left to right."""
+    """Conditions that must all hold, tried from left to right."""
 
     terms: tuple[Condition, ...]
 
@@ -348,11 +348,11 @@ class Disjunction(Condition):
 
 
 NOTHING = Conjunction(())
-"""The condition that always holds."""
+"""Empty condition, which always holds."""
 
 
 def conjunction(*parts: object) -> Conjunction:
-    """Joins conditions. Raises RuleError for something that cannot be one."""
+    """Join conditions. Raises RuleError for other objects."""
     terms: list[Condition] = []
     for part in parts:
         if isinstance(part, Conjunction):

@@ -12,15 +12,16 @@ from socialbot.bdi.trace import TraceWriter
 from socialbot.core.clock import Clock, nanoseconds
 
 FEW_TIMERS = 64
-"""A smaller heap is not searched for expired timers."""
+"""Heap size below which expired timers are not removed."""
 
 _ONE = (1).to_bytes(8, "little")
 
 
 class Timers:
-    """Callbacks by due time. A callback with a method ``over`` is removed early once that returns True.
+    """Callbacks by due time. A callback is removed early once its optional method ``over`` returns True.
 
-    The methods are for the engine's thread. An action driven by these timers behaves the same in every simulated run.
+    Only the engine's thread may call the methods. Actions driven by these timers behave the same in every simulated
+    run.
     """
 
     __slots__ = ("_most", "_sequence", "_trace", "heap", "now")
@@ -33,28 +34,27 @@ class Timers:
         self._sequence = itertools.count()
 
     def at(self, time: int, callback: Callable[[], object]) -> None:
-        """Calls ``callback`` at ``time`` (ns)."""
+        """Call ``callback`` at ``time`` (ns)."""
         heapq.heappush(self.heap, (time, next(self._sequence), callback))
         if len(self.heap) > self._most:
             self.remove(lambda found: (over := getattr(found, "over", None)) is not None and over())
             self._most = max(FEW_TIMERS, 2 * len(self.heap))
 
     def after(self, seconds: float, callback: Callable[[], object]) -> None:
-        """Calls ``callback`` in ``seconds``."""
+        """Call ``callback`` in ``seconds``."""
         self.at(self.now() + nanoseconds(seconds), callback)
 
     def cancel(self, callback: Callable[[], object]) -> None:
-        """Removes the timers of this callback."""
+        """Remove the timers of a callback."""
         self.remove(lambda found: found is callback)
 
     def remove(self, unwanted: Callable[[Callable[[], object]], bool]) -> None:
-        """Removes the timers with an ``unwanted`` callback."""
         # The interpreter keeps a reference to this list.
         self.heap[:] = [timer for timer in self.heap if not unwanted(timer[2])]
         heapq.heapify(self.heap)
 
     def run_due(self) -> None:
-        """Calls the callbacks that are due; their exceptions go on the trace."""
+        """Call the due callbacks; their exceptions are written to the trace."""
         heap, now = self.heap, self.now()
         while heap and heap[0][0] <= now:
             callback = heapq.heappop(heap)[2]
@@ -65,9 +65,9 @@ class Timers:
 
 
 class Wakeup:
-    """Event that wakes one waiting thread: a counter in the kernel, twice as fast as a lock.
+    """Event that wakes one waiting thread, twice as fast as a lock.
 
-    Several calls of `ring` without a waiting thread count as one.
+    Repeated calls of `ring` without a waiting thread count as one.
     """
 
     def __init__(self) -> None:
@@ -80,7 +80,7 @@ class Wakeup:
         self._poll.register(self._reader, select.POLLIN)
 
     def ring(self) -> None:
-        """Wakes the waiting thread, or the next one that waits; callable from any thread."""
+        """Wake the current or next waiting thread; callable from any thread."""
         # Only the system call: the caller still holds the interpreter lock that the woken thread needs.
         try:  # noqa: SIM105
             os.write(self._writer, _ONE)
@@ -88,7 +88,7 @@ class Wakeup:
             pass  # The pipe is full, so a wake-up is pending already.
 
     def wait(self, seconds: float | None = None) -> None:
-        """Sleeps until `ring`, at most ``seconds``."""
+        """Wait for `ring`, at most ``seconds``."""
         if seconds is None or self._poll.poll(max(0.0, seconds * 1000)):
             os.read(self._reader, 65536)
 

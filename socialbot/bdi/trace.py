@@ -1,4 +1,4 @@
-"""The trace: small records of what the agent believed, wanted and did, each with what caused it."""
+"""Trace of an agent: causally linked records of its beliefs, goals, plans and actions."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ KINDS = {
     "failure": "an action, a goal or a sensor failed; detail: reason, message, rejected",
     "dropped": "an intention ended because nothing handles the failure, or it was given up",
 }
-"""The kinds of records and what each says."""
+"""Kinds of records and their meanings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One step of reasoning at ``time`` (ns). ``cause`` is the id of the record, or percept, it follows from."""
+    """Trace record at ``time`` (ns); ``cause`` is the id of the record or percept that caused it."""
 
     id: str
     time: int
@@ -48,11 +48,11 @@ class Record:
 
 
 Sink = Callable[[Record], None]
-"""Takes the records in order. One that raises never stops the agent; it is told in the log, once."""
+"""Receives the records in order. The first exception of a sink is logged; no exception stops the agent."""
 
 
 def log() -> Logger:
-    """The logger ``socialbot.bdi``; ``logging`` is imported late because it is slow and rarely needed."""
+    """Return the logger ``socialbot.bdi``; the slow import of ``logging`` happens on demand."""
     import logging
 
     return logging.getLogger("socialbot.bdi")
@@ -74,7 +74,7 @@ class TraceWriter:
         self._broken = False
 
     def record(self, kind: str, what: str, cause: Any, **detail: object) -> str:
-        """Writes a record; returns its id."""
+        """Write a record; return its id."""
         record_id = f"{self.name}-{next(self.numbers)}"
         if self.sink is not None:
             try:
@@ -86,12 +86,12 @@ class TraceWriter:
         return record_id
 
     def record_failure(self, what: str, cause: Any, problem: Exception) -> str:
-        """Logs an exception of user code and writes a record of it; returns its id."""
+        """Log an exception of user code and write a record of it; return its id."""
         log().warning("%s: %s: %s", self.name, what, problem)
         return self.record("failure", what, cause, reason=type(problem).__name__, message=str(problem))
 
     def explain(self, record: str) -> list[Record]:
-        """The chain of records that led to one, such as an action, back to the percept; the sink must be a `Trace`."""
+        """Return the causes of a record, from the record back to the percept. The sink must be a `Trace`."""
         chain = getattr(self.sink, "explain", None)
         if chain is None:
             raise RuleError("no trace is kept", where=self.name, remedy="give the engine sink=Trace()")
@@ -99,7 +99,7 @@ class TraceWriter:
 
 
 class Trace:
-    """A sink that keeps the last ``limit`` records and knows what led to each.
+    """Sink that keeps the last ``limit`` records and explains their causes.
 
     >>> trace = Trace()
     >>> trace(Record("a-1", 0, "belief", "rain()", "frame-7"))
@@ -135,7 +135,7 @@ class Trace:
         return record_id in self._by_id
 
     def find(self, kind: str | None = None, what: str | None = None) -> list[Record]:
-        """The records of a kind, and those that speak of ``what``: a name, or all of the text. The oldest first."""
+        """Records of a kind and, with ``what``, those with this name or text; the oldest first."""
         return [
             record
             for record in self._order
@@ -144,10 +144,7 @@ class Trace:
         ]
 
     def explain(self, record_id: str) -> list[Record]:
-        """A record, what caused it, what caused that and so on; the cause of the last one is no record, or forgotten.
-
-        Raises RuleError when there is no such record.
-        """
+        """Return a record and its chain of causes, as far as the trace has them. Raises RuleError for an unknown id."""
         record = self._by_id.get(record_id)
         if record is None:
             raise RuleError(f"there is no record {record_id}", remedy="give the id of one, which the trace still keeps")
@@ -159,10 +156,10 @@ class Trace:
 
 
 class JsonLines:
-    """A sink that writes each record to a file, as one JSON object in a line of its own.
+    """Sink that writes each record to a file as one line of JSON.
 
-    A line is handed to the system before the agent goes on: when the process crashes the last one is lost at most.
-    ``file`` is a path, which is written anew unless ``append``, or a file that is open.
+    Each line is flushed at once: a crash of the process loses at most the last one. ``file`` is an open file or a path;
+    ``append`` keeps the previous content.
     """
 
     def __init__(self, file: str | PathLike[str] | IO[str], *, append: bool = False) -> None:
@@ -189,7 +186,7 @@ class JsonLines:
         self._file.flush()
 
     def close(self) -> None:
-        """Closes the file, if it was opened here."""
+        """Close the file, if it was given as a path."""
         if self._own:
             self._file.close()
 
@@ -201,7 +198,7 @@ class JsonLines:
 
 
 def read_trace(file: str | PathLike[str], limit: int = 100_000) -> Trace:
-    """The trace that `JsonLines` wrote; a last line that was cut off is left out. Raises RuleError for another file."""
+    """Read a trace of `JsonLines`, without a truncated last line. Raises RuleError for other files."""
     import json
 
     trace = Trace(limit)
@@ -218,7 +215,7 @@ def read_trace(file: str | PathLike[str], limit: int = 100_000) -> Trace:
 
 
 class Tee:
-    """A sink that hands each record on to several; one that raises keeps none of the others from getting it."""
+    """Sink that passes each record to several sinks, even if one of them raises."""
 
     def __init__(self, *sinks: Sink) -> None:
         self.sinks = sinks
@@ -228,13 +225,13 @@ class Tee:
         for sink in self.sinks:
             try:
                 sink(record)
-            except Exception as error:  # noqa: BLE001 - the others come first; then it is raised
+            except Exception as error:  # noqa: BLE001 - raised after the other sinks
                 problem = error
         if problem is not None:
             raise problem
 
     def __getattr__(self, name: str) -> Any:
-        # What the first `Trace` among them knows, such as `explain`.
+        # Methods of the first sink that has them, such as `Trace.explain`.
         if not name.startswith("_") and name != "sinks":
             for sink in self.sinks:
                 if hasattr(sink, name):
@@ -243,12 +240,12 @@ class Tee:
 
 
 def tee(*sinks: Sink) -> Tee:
-    """A sink that hands each record on to several."""
+    """Create a sink that passes each record to several sinks."""
     return Tee(*sinks)
 
 
 def sentence(record: Record) -> str:
-    """What a record says, in a few words."""
+    """Describe a record in a few words."""
     detail = record.detail
     match record.kind:
         case "belief" if detail.get("source") not in (None, "", "self"):
@@ -280,12 +277,12 @@ SENTENCES = {
     "message": "it said: {}",
     "achieved": "it achieved {}",
 }
-"""What records of a kind say, where ``{}`` is what they are about and ``{reason}`` a detail; ``{reason:: }`` is
-one with ``: `` before it, and nothing when there is none. Who makes other kinds of records may add to it."""
+"""Templates by kind of record: ``{}`` is its text, ``{reason}`` a detail, and ``{reason:: }`` a detail after ``: ``,
+empty without a value. Other packages may add their kinds of records."""
 
 
 def as_text(chain: Iterable[Record]) -> str:
-    """What `Trace.explain` found, in sentences. Times are seconds from the first record of the chain."""
+    """Format the result of `Trace.explain` as sentences, with times (s) since the first record of the chain."""
     records = list(chain)
     if not records:
         return ""
@@ -302,7 +299,7 @@ def as_text(chain: Iterable[Record]) -> str:
 
 
 class _Detail(str):
-    """A detail whose format is what comes before it."""
+    """Detail whose format specification is its prefix."""
 
     def __format__(self, before: str) -> str:
         return f"{before}{self!s}" if self else ""

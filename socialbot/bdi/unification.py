@@ -1,4 +1,4 @@
-"""Unification at run time, for what the compiler cannot settle: variables that have no value yet."""
+"""Run-time unification of terms with unbound variables."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from socialbot.bdi.literals import Literal
 from socialbot.bdi.terms import Cons
 
 Trail = list["Var"]
-"""The variables bound since a choice, so that it can be taken back."""
+"""Variables bound since a choice point, for backtracking."""
 
 
 class Var:
-    """A variable at run time; unbound as long as ``value`` is the variable itself."""
+    """Run-time variable; while it is unbound, ``value`` is the variable itself."""
 
     __slots__ = ("name", "value")
 
@@ -29,7 +29,7 @@ class Var:
 
 
 def resolve(term: Any) -> Any:
-    """The term with the values of its variables in their places."""
+    """Substitute the values of the variables in a term."""
     kind = term.__class__
     if kind is Var:
         return term if term.value is term else resolve(term.value)
@@ -49,7 +49,7 @@ def resolve(term: Any) -> Any:
 
 
 def closed(term: Any) -> bool:
-    """Whether the term has no variable in it."""
+    """Whether the term has no unbound variables."""
     kind = term.__class__
     if kind is Var:
         return term.value is not term and closed(term.value)
@@ -63,7 +63,7 @@ def closed(term: Any) -> bool:
 
 
 def cons(items: tuple[Any, ...], tail: Any) -> Any:
-    """The list of ``items`` before ``tail``: a tuple if that is known. Raises TypeError for a tail that is no list."""
+    """Join ``items`` and ``tail`` to a list, a tuple if the tail is known. Raises TypeError for other tails."""
     if tail.__class__ is tuple:
         return items + tail
     if tail.__class__ is Cons:
@@ -74,7 +74,7 @@ def cons(items: tuple[Any, ...], tail: Any) -> Any:
 
 
 def unify(left: Any, right: Any, trail: Trail) -> bool:
-    """Makes two terms equal by binding variables, noted in ``trail``; what was bound stays so when it returns False."""
+    """Unify two terms; bindings are added to ``trail`` and remain after a failure."""
     while left.__class__ is Var and left.value is not left:
         left = left.value
     while right.__class__ is Var and right.value is not right:
@@ -121,7 +121,7 @@ def _unify_lists(left: Any, right: Any, trail: Trail) -> bool:
 
 
 def annotations_match(pattern: Iterable[Any], held: tuple[Any, ...], trail: Trail) -> bool:
-    """Whether each annotation of the pattern is among those held; the first way to bind their variables is taken."""
+    """Whether each annotation of the pattern matches a held one; binds variables to the first match."""
     for note in pattern:
         for candidate in held:
             mark = len(trail)
@@ -134,14 +134,14 @@ def annotations_match(pattern: Iterable[Any], held: tuple[Any, ...], trail: Trai
 
 
 def undo(trail: Trail, mark: int) -> None:
-    """Takes back the bindings noted since ``mark``."""
+    """Undo the bindings since ``mark``."""
     while len(trail) > mark:
         var = trail.pop()
         var.value = var
 
 
 def free(term: Any) -> None:
-    """Takes back whatever was bound in a term none of whose variables had a value."""
+    """Undo all bindings in a term of initially unbound variables."""
     if term.__class__ is Var:
         term.value = term
     elif term.__class__ is tuple:
