@@ -1,1 +1,1 @@
-"""Clock, errors, messages, YAML and paths: what every other package builds on."""
+"""Clock, errors, messages, YAML and paths: the base of all other packages."""

@@ -1,4 +1,4 @@
-"""Log files of limited size: one that keeps the newest lines, and logs that are rotated."""
+"""Log files of limited size: a log with the newest lines, and rotation of external logs."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from pathlib import Path
 from typing import BinaryIO
 
 PARTS = 4
-"""Of so many parts, with the one that is written, the oldest is given up when there is no room left."""
+"""Maximum number of parts, including the current one."""
 
 
 def nothing() -> Iterable[bytes]:
-    """No lines."""
+    """Return no lines."""
     return ()
 
 
 class BoundedLog:
-    """Appends lines to the new file ``path``; each is in the file before `write` returns.
+    """Size-limited log file that keeps the newest lines; `write` flushes each line.
 
-    With ``room`` (bytes) the file is set aside as PATH.1, PATH.2 and so on, the newest with the highest number, each
-    time that it has a fourth of that, and the oldest of these are removed. Each part begins with the lines ``opening``,
-    for what is told only once. Raises FileExistsError and other OSErrors.
+    With ``room`` (bytes), each full quarter of it becomes PATH.1, PATH.2 and so on; the oldest part is removed. Each
+    part begins with the lines of ``opening``. Raises FileExistsError and other OSErrors.
     """
 
     def __init__(self, path: Path, room: int | None = None, opening: Callable[[], Iterable[bytes]] = nothing) -> None:
@@ -35,19 +34,18 @@ class BoundedLog:
         self._file: BinaryIO = path.open("xb")
 
     def write(self, line: bytes) -> None:
-        """Appends ``line``, which has no end of line."""
+        """Append ``line``, which has no newline."""
         if self._longest is not None and self._file.tell() >= self._longest:
             self._begin_part()
         self._file.write(line + b"\n")
         self._file.flush()
 
     def close(self) -> None:
-        """Ends it."""
         self._file.close()
 
     @property
     def size(self) -> int:
-        """So many bytes it has, in all parts."""
+        """Total size of all parts in bytes."""
         return sum(part.stat().st_size for part in parts(self._path))
 
     def _begin_part(self) -> None:
@@ -61,13 +59,13 @@ class BoundedLog:
 
 
 def parts(path: Path) -> list[Path]:
-    """The files that the journal ``path`` is in, the oldest first."""
+    """Return the parts of the log ``path``, oldest first."""
     aside = {_number(part): part for part in path.parent.glob(f"{path.name}.*")}
     return [*(part for number, part in sorted(aside.items()) if number), path]
 
 
 def is_whole(path: Path) -> bool:
-    """Whether the journal ``path`` still has its beginning."""
+    """Check whether the log ``path`` still has its first part."""
     return len(parts(path)) == 1 or _part(path, 1).exists()
 
 
@@ -76,24 +74,23 @@ def _part(path: Path, number: int) -> Path:
 
 
 def _number(part: Path) -> int:
-    """The number of a part that was set aside; 0 for what is none."""
+    """Return the number of an older part; 0 for any other file."""
     digits = part.suffix[1:]
     return int(digits) if digits.isascii() and digits.isdigit() else 0
 
 
 @dataclass(frozen=True)
 class Rotation:
-    """A log may grow to ``longest`` bytes; ``kept`` older parts of it are kept. Of the logs of ROS itself, ``most``."""
+    """Limits for log rotation: ``longest`` in bytes, ``kept`` older parts, ``most`` log files of ROS itself."""
 
     longest: int = 5_000_000
     kept: int = 3
     most: int = 50
 
     def rotate(self, log: Path) -> bool:
-        """Rotates ``log`` if it is too long; says whether it was.
+        """Rotate ``log`` if it is too long; return whether it was.
 
-        It stays the same file, as a process writes to it, which has to do so by appending. What it writes between the
-        copy and the cut is lost.
+        The file is truncated in place, so its writer must append. Lines written between copy and truncation are lost.
         """
         try:
             if log.stat().st_size <= self.longest:
@@ -110,7 +107,7 @@ class Rotation:
         return True
 
     def rotate_all(self, logs: Sequence[Path], ros_folder: Path) -> None:
-        """Rotates ``logs``, and those that ROS writes itself, a new one for each process that is started."""
+        """Rotate ``logs`` and the logs of ROS, which creates one per process."""
         for log in logs:
             self.rotate(log)
         by_age = sorted(ros_folder.glob("*.log"), key=lambda log: log.stat().st_mtime)

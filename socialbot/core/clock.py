@@ -1,4 +1,4 @@
-"""Time is given, never taken: everything that needs the time asks one of these clocks."""
+"""Clocks: all components read the time from one of these, never from the system."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ steady_ns: Callable[[], int] = (
     if hasattr(time, "CLOCK_BOOTTIME")
     else time.monotonic_ns
 )
-"""Nanoseconds by a clock that nobody can set; on Linux it goes on while the computer sleeps."""
+"""Monotonic clock in nanoseconds; on Linux it includes time in suspend."""
 
 SECOND = 1_000_000_000
 """Nanoseconds in a second; stamps are integer nanoseconds, durations in the API float seconds."""
 
 
 class Clock(Protocol):
-    """Anything that tells the time."""
+    """Interface of a clock."""
 
     def now(self) -> int:
-        """Nanoseconds since the epoch of this clock."""
+        """Return nanoseconds since the epoch of this clock."""
         ...
 
 
 EPOCH_VARIABLE = "SOCIALBOT_EPOCH"
-"""By it a process tells those that it starts what to count the time of day from (ns): so all of them tell the same."""
+"""Epoch in ns that a process passes to its child processes, so that all their clocks agree."""
 
 
 class WallClock:
-    """The time of day: asked of the computer once, and counted from there on.
+    """Time of day that advances steadily from one reading of the system clock.
 
-    So it goes on evenly when somebody, or NTP, sets the computer's clock meanwhile: timers fire when they should, and
-    what was believed for a minute was believed for a minute. What the computer has slept through has passed.
+    Adjustments of the system clock, by NTP for example, affect neither timers nor the age of beliefs. Time in suspend
+    counts.
     """
 
     def __init__(self) -> None:
@@ -44,17 +44,17 @@ class WallClock:
         self._epoch = int(os.environ.setdefault(EPOCH_VARIABLE, str(began)))
 
     def now(self) -> int:
-        """Nanoseconds since 1970."""
+        """Return nanoseconds since 1970."""
         return self._epoch + steady_ns()
 
     @property
     def behind_s(self) -> float:
-        """By how much (s) the computer's clock was set forward since."""
+        """Offset (s) of the system clock from this clock."""
         return (time.time_ns() - self.now()) / SECOND
 
 
 class ForwardClock:
-    """Another clock, which may be set: when it goes back, as where a bag is played in a loop, this one goes on."""
+    """Monotonic view of a clock that may jump back, such as that of a bag played in a loop."""
 
     def __init__(self, now: Callable[[], int]) -> None:
         self._source = now
@@ -63,7 +63,6 @@ class ForwardClock:
         self._looking = threading.Lock()
 
     def now(self) -> int:
-        """Nanoseconds, never fewer than before."""
         with self._looking:
             told = self._source()
             self._ahead = max(self._ahead, self._last - told)
@@ -72,28 +71,27 @@ class ForwardClock:
 
 
 class ManualClock:
-    """A clock that stands still until told otherwise: simulated time, bags and tests."""
+    """Clock with manual control for simulated time, bags and tests."""
 
     def __init__(self, now: int = 0) -> None:
         self._now = now
 
     def now(self) -> int:
-        """The time that it was set to (ns)."""
         return self._now
 
     def set(self, now: int) -> None:
-        """Moves to ``now`` (ns). Raises ValueError when that lies in the past."""
+        """Set the time to ``now`` (ns). Raises ValueError for a time in the past."""
         if now < self._now:
             raise ValueError(f"time cannot go back from {self._now} to {now} ns")
         self._now = now
 
     def advance(self, seconds: float) -> None:
-        """Moves on by ``seconds``."""
+        """Advance the time by ``seconds``."""
         self.set(self._now + nanoseconds(seconds))
 
 
 def nanoseconds(seconds: float) -> int:
-    """Seconds as integer nanoseconds, rounded. Raises TypeError for what is no number."""
+    """Convert seconds to integer nanoseconds, rounded. Raises TypeError for any non-number."""
     if not isinstance(seconds, (int, float)):
         raise TypeError(f"expected seconds as a number, got {seconds!r}")
     return round(seconds * SECOND)

@@ -1,7 +1,7 @@
-"""Every error a user can meet: what happened, where, and what to do about it.
+"""Errors for users: what is wrong, where, and how to fix it.
 
-The command line prints one of these as a single message and ends with its
-``exit_code``; a traceback is reserved for defects of socialbot itself.
+The command line prints such an error as one message and exits with its
+``exit_code``. Only defects of socialbot itself cause a traceback.
 
 | code | meaning |
 |---|---|
@@ -28,7 +28,7 @@ __all__ = [
 
 
 class SocialbotError(Exception):
-    """What went wrong, where it did, and the remedy; the base of all errors meant for users."""
+    """Base class of all errors for users: problem, location and remedy."""
 
     exit_code = 1
 
@@ -39,7 +39,7 @@ class SocialbotError(Exception):
         self.remedy = remedy
 
     def __reduce__(self) -> tuple[object, ...]:
-        # An exception is made anew from its arguments by position; these are given by name.
+        # Unpickling passes arguments by position, but these are keywords.
         return _made_again, (type(self), self.args), self.__dict__
 
     def __str__(self) -> str:
@@ -52,79 +52,79 @@ def _made_again(kind: type[SocialbotError], args: tuple[object, ...]) -> Socialb
 
 
 class BagError(SocialbotError):
-    """A bag, video or image folder that cannot be read or written."""
+    """Unreadable or unwritable bag, video or image folder."""
 
     exit_code = 3
 
 
 class ImageError(SocialbotError):
-    """One image that cannot be converted: unknown encoding, wrong size, damaged JPEG."""
+    """Image that cannot be converted: unknown encoding, wrong size or damaged JPEG."""
 
     exit_code = 3
 
 
 class TruthError(SocialbotError):
-    """A ground truth file that does not fit its schema."""
+    """Ground truth file that does not match its schema."""
 
     exit_code = 3
 
 
 class RunError(SocialbotError):
-    """A folder that holds no run, or something in a run that is not there."""
+    """Folder without a run, or a missing item in a run."""
 
     exit_code = 3
 
 
 class MessageError(SocialbotError):
-    """A message on the wire that does not fit its schema; it is refused and counted."""
+    """Received message that does not match its schema; it is rejected and counted."""
 
     exit_code = 3
 
 
 class GraphError(SocialbotError):
-    """A graph with unknown nodes, ports, topics or types, or one that does not fit together."""
+    """Graph with inconsistent or unknown nodes, ports, topics or types."""
 
     exit_code = 4
 
 
 class ParameterError(SocialbotError):
-    """A parameter that does not exist, has the wrong type or is out of range."""
+    """Parameter that is unknown, has the wrong type or is out of range."""
 
     exit_code = 4
 
 
 class RuleError(SocialbotError):
-    """A rule, belief, goal or action of an agent that is put together wrongly."""
+    """Invalid rule, belief, goal or action of an agent."""
 
     exit_code = 4
 
 
 class PlanningError(SocialbotError):
-    """A domain, problem, plan, or a file of beliefs, desires or rules that cannot be used."""
+    """Invalid domain, problem, plan, or file of beliefs, desires or rules."""
 
     exit_code = 4
 
 
 class InstallationError(SocialbotError):
-    """A part that is not installed."""
+    """Missing part of the installation."""
 
     exit_code = 5
 
 
 class NodeError(SocialbotError):
-    """A node that failed while the graph was running."""
+    """Node that failed while the graph was running."""
 
     exit_code = 6
 
 
 class DeviceError(SocialbotError):
-    """A camera or sound device that is missing or has vanished."""
+    """Missing or disconnected camera or sound device."""
 
     exit_code = 7
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """A remedy for the unknown ``word``: the closest of the ``known`` names, and all of them."""
+    """Return a remedy for the unknown ``word``: the closest of the ``known`` names, and all of them."""
     names = sorted(known)
     close = difflib.get_close_matches(word, names, n=1)
     listed = f"known: {', '.join(names) or 'none'}"

@@ -1,4 +1,4 @@
-"""Lazy re-exports of a package: names that are imported from its modules on first use."""
+"""Lazy re-exports of a package, imported from its modules on first use."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from importlib import import_module
 
 
 def lazy_exports(package: str, modules: Mapping[str, str]) -> Callable[[str], object]:
-    """A module-level ``__getattr__`` for ``package``.
+    """Return a module-level ``__getattr__`` for ``package``.
 
     Args:
         package: ``__name__`` of the package.
-        modules: The names that each module provides, separated by spaces.
+        modules: Exported names of each module, separated by spaces.
     """
     homes = {name: module for module, names in modules.items() for name in names.split()}
 

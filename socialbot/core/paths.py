@@ -1,6 +1,6 @@
-"""File paths that come from parameters, graphs or messages: they stay in folders that the user has chosen.
+"""Confinement of file paths from parameters, graphs and messages to allowed folders.
 
-These are the working directory, and what ``SOCIALBOT_FOLDERS`` lists besides (separated as in PATH).
+These are the working directory and the folders in ``SOCIALBOT_FOLDERS`` (separated as in PATH).
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ FOLDERS_VARIABLE = "SOCIALBOT_FOLDERS"
 
 
 def within(path: str | Path, folders: Sequence[Path], *, where: str) -> Path:
-    """``path``, which is taken relative to the first of ``folders``, in full, and inside one of them.
+    """Resolve ``path`` relative to the first of ``folders``, including links, and check that one of them contains it.
 
-    Links are followed first, so none leads out. Raises ParameterError for one that is outside; ``where`` names the
-    parameter.
+    Raises ParameterError for a path outside; ``where`` names the parameter.
     """
     try:
         found = (folders[0] / path).resolve()
@@ -35,20 +34,20 @@ def within(path: str | Path, folders: Sequence[Path], *, where: str) -> Path:
 
 
 def in_workspace(path: str | Path, *, where: str) -> Path:
-    """``path`` in full, taken relative to the working directory. Raises ParameterError as `within` does."""
+    """Resolve ``path`` relative to the working directory. Raises ParameterError as `within` does."""
     return within(path, workspace(), where=where)
 
 
 def workspace(environment: MutableMapping[str, str] = os.environ) -> tuple[Path, ...]:
-    """The folders in which nodes may keep files: the working directory, then those that are allowed besides."""
+    """Return the folders for files of nodes: the working directory and the allowed folders."""
     listed = environment.get(FOLDERS_VARIABLE, "").split(os.pathsep)
     return (Path.cwd(), *(Path(folder) for folder in listed if folder))
 
 
 def allow(folder: Path, environment: MutableMapping[str, str] = os.environ) -> None:
-    """Lets nodes of this process, and of those that it starts, keep files in ``folder``, as the user has asked for.
+    """Allow nodes in this process and its child processes to use files in ``folder``, or a single file.
 
-    It may be a single file. One with a colon in its name cannot be told to others, and is not allowed.
+    A path that contains the separator of PATH is ignored.
     """
     full = folder.expanduser().resolve()
     if os.pathsep not in str(full) and not any(full.is_relative_to(each.resolve()) for each in workspace(environment)):

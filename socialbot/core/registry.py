@@ -33,15 +33,15 @@ from socialbot.core.errors import GraphError
 from socialbot.core.messages import BUILT_IN_MESSAGES, Message, Structured, TraceRecord
 
 ENTRY_POINTS = "socialbot.agents"
-"""Entry point group; also the package whose subpackages are searched for an attribute ``AGENT``."""
+"""Entry point group; also the package that is searched for subpackages with an attribute ``AGENT``."""
 
 _ROOMS = ("socialbot.vision", "socialbot.speech")
-"""Packages with nodes that belong to no agent; each has an attribute ``AGENT``, too."""
+"""Packages with shared nodes; each has an attribute ``AGENT``, too."""
 
 
 @dataclass(frozen=True)
 class AgentPackage:
-    """Everything that a package of agents adds to socialbot.
+    """Contributions of one agent package to socialbot.
 
     Args:
         name: Unique name of the package.
@@ -56,8 +56,7 @@ class AgentPackage:
         phrases: Reference to a mapping of action names to sentences, such as ``{"a_open_door": "opens {1}"}``. See
             also `socialbot.graph.node.Node.phrases`.
         world_view: Reference to a function ``(graph) -> WorldView | None``.
-        event_log: Reference to a function ``(graph) -> EventLog | None``, for agents that publish no trace of
-            decisions.
+        event_log: Reference to a function ``(graph) -> EventLog | None``, for agents without a trace of decisions.
         completion: Reference to a function ``(graph) -> CompletionCheck | None``.
         terminal_view: Reference to a function ``(graph, console) -> TerminalView | None``; ``console`` is a
             `rich.console.Console`.
@@ -81,12 +80,12 @@ class AgentPackage:
     demos: Mapping[str, str] = field(default_factory=dict)
 
     def is_used_by(self, types: Iterable[type]) -> bool:
-        """Whether one of the classes, or a base class of one, is defined in this package."""
+        """Check whether this package defines one of the classes or a base class of one."""
         return any(f"{base.__module__}.".startswith(f"{self.module}.") for one in types for base in one.__mro__)
 
 
 class WorldView(Protocol):
-    """The world of a run, collected from its messages: drawings, figures and results."""
+    """World state of a run, collected from its messages: drawings, figures and results."""
 
     file: str
     """File name for the drawing of the final state, such as ``floor.svg``."""
@@ -104,34 +103,34 @@ class WorldView(Protocol):
         ...
 
     def picture(self, stamp: int, title: str = "") -> str:
-        """The state at ``stamp`` (ns) as SVG."""
+        """Draw the state at ``stamp`` (ns) as SVG."""
         ...
 
     def film(self, start: int) -> dict[str, Any]:
-        """The animation from ``start`` (ns): ``picture`` (SVG with named groups), ``crane`` and tracks."""
+        """Return the animation from ``start`` (ns): ``picture`` (SVG with named groups), ``crane`` and tracks."""
         ...
 
     def figures(self, start: int, end: int) -> list[tuple[str, str]]:
-        """Key figures of the run from ``start`` to ``end`` (ns): pairs of value and label."""
+        """Return key figures of the run from ``start`` to ``end`` (ns): pairs of value and label."""
         ...
 
     def results(self, start: int, end: int) -> dict[str, Any]:
-        """The result of the run as plain data, for results.json."""
+        """Return the result of the run as plain data, for results.json."""
         ...
 
     def summary(self, start: int, end: int) -> list[str]:
-        """The result of the run as lines for the terminal."""
+        """Return the result of the run as lines for the terminal."""
         ...
 
 
 class EventLog(Protocol):
-    """Derives trace records from the messages of agents that publish no trace of decisions."""
+    """Derives trace records from the messages of agents without a trace of decisions."""
 
     kinds: tuple[type[Message], ...]
-    """Message classes that it reads."""
+    """Message classes of interest."""
 
     def take(self, message: Message) -> Iterable[TraceRecord]:
-        """The records that follow from ``message``."""
+        """Return the trace records derived from ``message``."""
         ...
 
 
@@ -139,11 +138,11 @@ class CompletionCheck(Protocol):
     """Decides from the messages of a simulated run whether it is complete."""
 
     def observe(self, message: Message) -> None:
-        """Take a message of the run."""
+        """Process a message of the run."""
         ...
 
     def are_over(self, now: int) -> bool:
-        """Whether nothing is left to do at ``now`` (ns)."""
+        """Check whether all work is done at ``now`` (ns)."""
         ...
 
 
@@ -151,7 +150,7 @@ class TerminalView(Protocol):
     """Prints the world of a run to the terminal."""
 
     def show(self, message: Message) -> None:
-        """Take a message of the run, or a derived trace record, and print what changed."""
+        """Process a message of the run, or a derived trace record, and print the changes."""
         ...
 
     def finish(self) -> None:
@@ -165,14 +164,14 @@ class _Graph(Protocol):
 
 
 def resolve(reference: str) -> Any:
-    """The object that ``module:attribute`` names."""
+    """Import the object of a reference ``module:attribute``."""
     module, _, attribute = reference.partition(":")
     return getattr(importlib.import_module(module), attribute)
 
 
 @functools.cache
 def built_in_packages() -> tuple[AgentPackage, ...]:
-    """The packages that are part of socialbot."""
+    """Return the packages that are part of socialbot."""
     folders = pkgutil.iter_modules(importlib.import_module(ENTRY_POINTS).__path__, f"{ENTRY_POINTS}.")
     names = [*_ROOMS, *sorted(each.name for each in folders if each.ispkg)]
     modules = map(importlib.import_module, names)
@@ -181,9 +180,9 @@ def built_in_packages() -> tuple[AgentPackage, ...]:
 
 @functools.cache
 def agent_packages() -> tuple[AgentPackage, ...]:
-    """All packages: those of socialbot, then those of other distributions, by entry point.
+    """Return all packages: those of socialbot, then those of other distributions, by entry point.
 
-    The first package of a name counts. Raises GraphError when an entry point cannot be loaded or names no
+    The first package of a name counts. Raises GraphError for an entry point that cannot be loaded or names no
     `AgentPackage`.
     """
     found = {package.name: package for package in built_in_packages()}
@@ -204,31 +203,31 @@ def agent_packages() -> tuple[AgentPackage, ...]:
 
 
 def packages_of(graph: _Graph) -> Iterator[AgentPackage]:
-    """The packages whose node classes ``graph`` uses."""
+    """Yield the packages with node classes in ``graph``."""
     types = [node.type for node in graph.placements]
     only_built_in = all(each.__module__.startswith("socialbot.") for each in types)
-    # Reading the entry points of all distributions takes about 10 ms.
+    # The scan of all entry points takes about 10 ms.
     packages = built_in_packages() if only_built_in else agent_packages()
     return (package for package in packages if package.is_used_by(types))
 
 
 def node_types() -> dict[str, str]:
-    """All node types by their short name: ``module:Class``."""
+    """Return all node types: short name to ``module:Class``."""
     return dict(sorted(pair for package in reversed(agent_packages()) for pair in package.nodes.items()))
 
 
 def node_reference(name: str) -> str | None:
-    """The ``module:Class`` of the node type called ``name``; None if no package has it."""
+    """Return the ``module:Class`` of the node type ``name``; None if it is unknown."""
     return _lookup("nodes", name, lambda package: package.nodes[name])
 
 
 def graph_names() -> list[str]:
-    """The names of all graphs."""
+    """Return the names of all graphs."""
     return sorted(name for package in agent_packages() for name in package.graphs)
 
 
 def graph_text(name: str) -> str | None:
-    """The YAML text of the graph called ``name``; None if no package has it."""
+    """Return the YAML text of the graph ``name``; None if it is unknown."""
     return _lookup(
         "graphs",
         name,
@@ -246,21 +245,21 @@ def _lookup(field_name: str, key: str, read: Callable[[AgentPackage], str]) -> s
 
 @functools.cache
 def message_types(*, built_in: bool = False) -> tuple[type[Structured], ...]:
-    """All structured message classes; with ``built_in`` only those of socialbot, which socialbot_msgs has too."""
+    """Return all structured message classes; ``built_in`` limits them to those in socialbot_msgs."""
     packages = built_in_packages() if built_in else agent_packages()
     listed = (kind for package in packages for reference in package.messages for kind in resolve(reference))
     return tuple(dict.fromkeys((*BUILT_IN_MESSAGES, *listed)))
 
 
 def recorded_types(graph: _Graph) -> tuple[type[Message], ...]:
-    """Message classes that a bag of ``graph`` needs for a replay, as its packages declare."""
+    """Return the message classes that a bag of ``graph`` needs for a replay."""
     return tuple(
         kind for package in packages_of(graph) for reference in package.recorded for kind in resolve(reference)
     )
 
 
 def phrases_of(graph: _Graph | None) -> dict[str, str]:
-    """Sentences for the actions of the agents of ``graph``, by action name; of all packages where it is unknown."""
+    """Return sentences by action name for the agents of ``graph``; those of all packages without a graph."""
     packages = agent_packages() if graph is None else packages_of(graph)
     phrases = {key: text for package in packages if package.phrases for key, text in resolve(package.phrases).items()}
     for node in graph.placements if graph is not None else ():
@@ -269,22 +268,22 @@ def phrases_of(graph: _Graph | None) -> dict[str, str]:
 
 
 def world_view_of(graph: _Graph) -> WorldView | None:
-    """The view of the world of ``graph``; None if no package has one. Raises ParameterError."""
+    """Create the world view of ``graph``; None if no package has one. Raises ParameterError."""
     return _first(graph, "world_view")
 
 
 def event_log_of(graph: _Graph) -> EventLog | None:
-    """The log that derives trace records from the messages of ``graph``; None if no package has one."""
+    """Create the event log of ``graph``; None if no package has one."""
     return _first(graph, "event_log")
 
 
 def completion_of(graph: _Graph) -> CompletionCheck | None:
-    """The check for the end of a simulated run of ``graph``; None if no package has one."""
+    """Create the completion check for simulated runs of ``graph``; None if no package has one."""
     return _first(graph, "completion")
 
 
 def terminal_view_of(graph: _Graph, console: Any) -> TerminalView | None:
-    """The terminal view of ``graph`` on a rich ``console``; None if no package has one."""
+    """Create the terminal view of ``graph`` on a rich ``console``; None if no package has one."""
     return _first(graph, "terminal_view", console)
 
 

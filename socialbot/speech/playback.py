@@ -21,18 +21,17 @@ log = logging.getLogger("socialbot.speech.playback")
 OnEnd = Callable[[str | None], None]
 
 _PERIOD_MS = 50
-_TAIL_S = 0.2  # Silence after each sound, longer than the device buffers, so that its end is played.
-_PATIENCE_S = 1.0  # A device that takes no samples for this long has failed.
+_TAIL_S = 0.2  # Silence after each sound, longer than the device buffers.
+_PATIENCE_S = 1.0  # Longest time in which a working device requests no samples.
 
 
 class AudioPlayer(Protocol):
     """Interface for the playback of one sound at a time."""
 
     def play(self, sound: Sound, on_end: OnEnd) -> None:
-        """Start playing ``sound``, without waiting; a sound that is still playing is stopped.
+        """Start to play ``sound``, without waiting and without exceptions. This stops a previous sound.
 
-        At its end ``on_end`` is called from another thread with None or an error message. It must not call the player.
-        This method never raises.
+        At the end another thread calls ``on_end`` with None or an error message. The callback must not call the player.
         """
         ...
 
@@ -42,7 +41,7 @@ class AudioPlayer(Protocol):
 
 
 class DevicePlayer:
-    """A `AudioPlayer` that opens the default device of ``backend`` for each sound."""
+    """An `AudioPlayer` that opens the default device of ``backend`` for each sound."""
 
     def __init__(self, backend: miniaudio.Backend) -> None:
         self.backend = backend
@@ -50,7 +49,6 @@ class DevicePlayer:
         self._source: _Source | None = None
 
     def play(self, sound: Sound, on_end: OnEnd) -> None:
-        """Start a sound; see `AudioPlayer.play`."""
         self.stop()
         self._source = _Source(sound)
         self._thread = threading.Thread(
@@ -59,7 +57,6 @@ class DevicePlayer:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop playback."""
         if self._source is not None and self._thread is not None:
             self._source.cut_off()
             self._thread.join(_PATIENCE_S)
@@ -73,11 +70,11 @@ class DevicePlayer:
             on_end(error)
 
     def _play(self, source: _Source) -> str | None:
-        """Play ``source`` to its end; returns an error message or None."""
+        """Play ``source`` to its end; return an error message or None."""
         with open_device(self.backend, source.sample_rate) as device:
             device.start(source.frames())
             left = -1
-            # The stop callback of miniaudio comes too early; closing the device in it may hang.
+            # The stop callback of miniaudio comes too early, and a device closed in it may hang.
             while not source.over.wait(_PATIENCE_S):
                 if source.left == left:
                     return "the sound device takes no more sound"
@@ -86,7 +83,7 @@ class DevicePlayer:
 
 
 class _Source:
-    """Sample source for a device; ``over`` is set at its end or when it is stopped."""
+    """Sample source for a device; ``over`` is set at its end or by `cut_off`."""
 
     def __init__(self, sound: Sound) -> None:
         self.sample_rate = sound.sample_rate
@@ -96,12 +93,11 @@ class _Source:
         self.left = self._samples.size
 
     def cut_off(self) -> None:
-        """Stop before the end."""
         self.cut = True
         self.over.set()
 
     def frames(self) -> Generator[bytes, int, None]:
-        """A started generator, as miniaudio requires; it is sent the number of frames to yield."""
+        """Return a started generator, as miniaudio requires; send() takes the number of frames."""
         frames = self._frames()
         next(frames)
         return frames
@@ -117,7 +113,7 @@ class _Source:
 
 
 def open_device(backend: miniaudio.Backend, sample_rate: int) -> miniaudio.PlaybackDevice:
-    """The default device for mono int16 sound. Raises miniaudio.MiniaudioError when there is none."""
+    """Open the default device for mono int16 sound. Raises miniaudio.MiniaudioError if there is none."""
     import miniaudio
 
     return miniaudio.PlaybackDevice(
@@ -131,7 +127,7 @@ def open_device(backend: miniaudio.Backend, sample_rate: int) -> miniaudio.Playb
 
 
 def find_player(backends: Sequence[miniaudio.Backend] = ()) -> AudioPlayer | None:
-    """A player on the first of ``backends`` (default: those of this system) with a device that opens, or None."""
+    """Return a player on the first working one of ``backends`` (default: those of this system), or None."""
     try:
         import miniaudio  # noqa: F401 - availability check
     except (ImportError, OSError) as error:
@@ -159,6 +155,6 @@ def _usual_backends() -> list[miniaudio.Backend]:
         return [Backend.COREAUDIO]
     if sys.platform == "win32":
         return [Backend.WASAPI, Backend.DSOUND]
-    # Without a card ALSA writes a page of errors to stderr.
+    # Without a sound card ALSA prints a page of errors to stderr.
     card = any(Path("/dev/snd").glob("pcm*p"))
     return [Backend.PULSEAUDIO, *([Backend.ALSA] if card else []), Backend.JACK]

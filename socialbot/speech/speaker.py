@@ -103,7 +103,6 @@ class Speaker(Node):
             )
 
     def stop(self) -> None:
-        """Stop playback and clear the queue."""
         if self._player is not None:
             self._player.stop()
         for waiting in self._waiting:
@@ -112,7 +111,7 @@ class Speaker(Node):
         self._sounding = None
 
     def find_voice(self) -> SpeechVoice:
-        """The synthesizer; override it for another one.
+        """Return the synthesizer; subclasses may override it.
 
         Raises:
             InstallationError: A package is missing.
@@ -121,11 +120,11 @@ class Speaker(Node):
         return Synthesizer(self.voice, self.rate_wpm, self.pitch)
 
     def find_player(self) -> AudioPlayer | None:
-        """The player; override it for other loudspeakers."""
+        """Return the player; subclasses may override it."""
         return find_player()
 
     def on_parameter(self, name: str) -> None:
-        """Change the voice. Raises ParameterError for an unknown one, which leaves the current voice."""
+        """Change the voice. Raises ParameterError for an unknown one, which keeps the current voice."""
         if self._voice is not None and name in ("voice", "rate_wpm", "pitch"):
             self._voice = self.find_voice()
 
@@ -148,7 +147,6 @@ class Speaker(Node):
 
     @say
     def on_say(self, utterance: Utterance) -> None:
-        """Speak an utterance now or queue it."""
         if self._sounding is None:
             self._speak(utterance)
         else:
@@ -201,7 +199,7 @@ class Speaker(Node):
         return self._voice.say(text).at_volume(self.volume)
 
     def _ended_elsewhere(self, utterance: Utterance, error: str | None) -> None:
-        """Callback from the thread of the player."""
+        """Handle the end of a sound, in the thread of the player."""
         self.context.call_soon(partial(self._ended, utterance, error))
 
     def _ended(self, utterance: Utterance, error: str | None) -> None:

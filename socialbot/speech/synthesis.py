@@ -45,7 +45,6 @@ class Sound:
 
     @property
     def duration_s(self) -> float:
-        """Duration of the sound."""
         return self.samples.size / self.sample_rate
 
     def at_volume(self, volume: float) -> Sound:
@@ -119,7 +118,7 @@ class Synthesizer:
 
 
 def _plain(text: str) -> str:
-    """Replace control characters, which espeak-ng takes for commands."""
+    """Remove control characters, which espeak-ng interprets as commands."""
     return "".join(character if character.isprintable() else " " for character in text)
 
 
@@ -130,10 +129,10 @@ def _check(name: str, value: int, low: int, high: int) -> None:
 
 @contextlib.contextmanager
 def _espeak() -> Iterator[tuple[ctypes.CDLL, int]]:
-    """Load the library; yields it and its sample rate in Hz.
+    """Load the library; yield it and its sample rate in Hz.
 
-    espeak-ng keeps phases and pitch flutter in static variables that no function resets, so a sentence would depend on
-    the one before. Unloading the library resets them in 3 ms. It is not re-entrant, hence the lock.
+    espeak-ng keeps phases and pitch flutter in static variables that no function resets, so each sentence would depend
+    on the previous one. Unloading the library resets them in 3 ms. A lock protects it, since it is not re-entrant.
     """
     with _LOCK:
         library, data_path = _load()
@@ -199,7 +198,7 @@ def _set_voice(library: ctypes.CDLL, voice: str) -> None:
 
 
 def _voices(library: ctypes.CDLL) -> list[str]:
-    """Voice names of espeak-ng; some of its languages are missing."""
+    """Return the voice names of espeak-ng; some of its languages are missing."""
     voices = library.espeak_ListVoices(None)
     found: list[str] = []
     while voices[len(found)]:
