@@ -21,7 +21,7 @@ Args = tuple[Any, ...]
 Annotations = tuple[Any, ...]
 
 Fact = tuple[int, Annotations, Any]
-"""A held belief: its begin (ns), its annotations (sources and others), and the trace record of its begin."""
+"""Held belief: its begin (ns), its annotations (sources and others), and the trace record of its begin."""
 
 Watcher = Callable[[Args, bool, Any], object]
 """Callback with the arguments of a belief, whether it is held now, and the record of the change."""

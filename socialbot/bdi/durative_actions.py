@@ -191,7 +191,7 @@ class _LongRun(Running):
 
 
 class ThreadAction(Action):
-    """Action with a blocking ``execute``, run in a thread; its results count as those of other actions.
+    """Action with a blocking ``execute``, run in a thread; return values and exceptions count as usual.
 
     ``cancelling`` is set to request a stop; the action has stopped once ``execute`` returns. It may only use the
     thread-safe methods of the engine.
@@ -298,8 +298,7 @@ class Pool:
 class CoroutineRun(Running):
     """Execution of an ``async def`` in the asyncio loop shared by all agents of the process.
 
-    ``task.cancel()`` stops it. With one loop agents need no threads of their own, and coroutines can share connections
-    and locks.
+    ``task.cancel()`` stops it. One loop saves a thread for each agent and lets coroutines share connections and locks.
     """
 
     def __init__(self, coroutine: Coroutine[Any, Any, Any], cause: Any) -> None:

@@ -108,7 +108,7 @@ class IntentionStack:
         self.settle(intention)
 
     def hand_over(self, body: Body) -> Body:
-        """Mark the body of a plan whose first steps were executed in place, because other events are queued."""
+        """Mark the body of a plan whose first steps were executed in place, because other work is pending."""
         self._begun = body
         return body
 
