@@ -1,4 +1,4 @@
-"""Callback queue of a node: messages, calls and timers, taken one at a time by the thread of the node."""
+"""Callback queue of a node: messages, calls and timers for its thread."""
 
 from __future__ import annotations
 
@@ -18,23 +18,21 @@ from socialbot.graph.health import HealthMonitor
 from socialbot.graph.node import Delivery, Input
 
 MAX_WAITING = 16
-"""The maximum number of waiting messages of a stream; the oldest are dropped."""
+"""Maximum number of waiting messages per stream; older ones are dropped."""
 
 OVERTAKEN_S = 1.0
-"""A message of a stream that is older than the newest by at most this arrived out of order. One that is older by more
-shows that time started again."""
+"""Maximum age difference of messages that arrived out of order. A larger one means that time was reset."""
 
 GRACE_S = 0.05
-"""Real time that an input gets after its deadline. Messages may still be on their way when the machine was busy, or
-when simulated time runs ahead of them."""
+"""Real time to wait after the deadline of an input, for messages in transit."""
 
 CALLS_AVERAGED = 8
-"""The number of calls for the average cost of a message; a single slow call makes no node slow."""
+"""Number of calls in the average cost of a message."""
 
 
 @dataclass(eq=False)
 class InputQueue:
-    """Messages that wait at one input, and counts of the others."""
+    """Waiting messages of one input, and message counts."""
 
     port: Input[Any]
     waiting: deque[Message] = field(default_factory=deque)
@@ -46,7 +44,7 @@ class InputQueue:
     latest: int = 0
 
     def put(self, message: Message) -> None:
-        """Append a message, unless it belongs to a stream and arrived out of order."""
+        """Append a message; skip stream messages that arrived out of order."""
         later_s = (message.stamp - self.latest) / SECOND if self.received else 0.0
         if self.received:
             self.spacings_s.append(later_s)
@@ -62,33 +60,30 @@ class InputQueue:
             self._keep(MAX_WAITING)
 
     def take(self) -> Message:
-        """Remove and return the message to handle next.
+        """Remove and return the next message.
 
-        That is the newest one of a stream that is faster than the node. A node that is fast enough, but was busy once,
-        catches up and loses nothing.
+        A stream faster than the node skips to its newest message. After one delay the node catches up without loss.
         """
         if self._slow:
             self._keep(1)
         return self.waiting.popleft()
 
     def pause(self, now: int) -> float:
-        """The time (s) to wait for a newer message; 0 to take a waiting one. ``now`` is in ns.
+        """Time (s) to wait for a newer message at ``now`` (ns); 0 to take a waiting one.
 
-        If the newest message is nearly as old as the spacing of the stream, the next one is on its way. A node that
-        cannot handle all messages should handle that one.
+        A slow node waits if the newest message is nearly as old as the spacing of the stream: the next one is due.
         """
         age = (now - self.waiting[-1].stamp) / SECOND
         due = 0.9 * self.spacing_s < age < 2 * self.spacing_s
         return 2 * self.spacing_s - age if self._slow and due else 0.0
 
     def record_cost(self, seconds: float) -> None:
-        """Update the average cost of a message."""
         self.handled += 1
         self.cost_s += (seconds - self.cost_s) / min(self.handled, CALLS_AVERAGED)
 
     @property
     def spacing_s(self) -> float:
-        """The usual time between two messages: a median, which ignores pauses and jumps of the stamps."""
+        """Median time between two messages. A median ignores pauses and jumps of the stamps."""
         return median(self.spacings_s) if self.spacings_s else 0.0
 
     @property
@@ -102,13 +97,12 @@ class InputQueue:
 
 
 class PendingTimer:
-    """A timer that has not fired yet."""
+    """A pending timer."""
 
     def __init__(self, callback: Callable[[], None]) -> None:
         self.callback: Callable[[], None] | None = callback
 
     def cancel(self) -> None:
-        """Cancel the timer."""
         self.callback = None
 
 
@@ -117,7 +111,7 @@ class CallbackQueue:
 
     Args:
         now: Returns the time of the node (ns).
-        simulated: Whether that time is simulated; then its owner calls `time_changed`.
+        simulated: Whether that time is simulated. Its owner then calls `time_changed`.
     """
 
     def __init__(self, now: Callable[[], int], *, simulated: bool) -> None:
@@ -136,7 +130,7 @@ class CallbackQueue:
         self._overdue: float | None = None  # when (monotonic, s) an input passed its deadline
 
     def monitor_inputs(self, health: HealthMonitor) -> None:
-        """From now on also return calls of ``health.look`` for inputs that pass their deadline, or recover."""
+        """Let `take` also return ``health.look`` when an input passes its deadline or recovers."""
         with self._changed:
             self._health = health
             self._changed.notify()
@@ -148,11 +142,9 @@ class CallbackQueue:
 
     @property
     def closed(self) -> bool:
-        """Whether `close` was called."""
         return self._closed
 
     def put(self, port: Input[Any], message: Message) -> None:
-        """Add a message for ``port``."""
         with self._changed:
             if self._health is not None:
                 self._health.came(port, message)
@@ -163,7 +155,7 @@ class CallbackQueue:
             self._changed.notify()
 
     def call_soon(self, callback: Callable[[], None]) -> None:
-        """Add a call that precedes all messages."""
+        """Add a call with priority over messages."""
         with self._changed:
             self._calls.append(callback)
             self._changed.notify()
@@ -174,20 +166,20 @@ class CallbackQueue:
             self._expected += 1
 
     def call_expected(self, callback: Callable[[], None]) -> None:
-        """Add an announced call, as `call_soon` does."""
+        """Add an announced call."""
         with self._changed:
             self._expected -= 1
             self._calls.append(callback)
             self._changed.notify()
 
     def call_when_idle(self, callback: Callable[[], None]) -> None:
-        """Set the call for when nothing else waits or is expected. It replaces an earlier one."""
+        """Set the call for an empty queue without expected calls. It replaces an earlier one."""
         with self._changed:
             self._when_idle = callback
             self._changed.notify()
 
     def call_at(self, time: int, callback: Callable[[], None]) -> PendingTimer:
-        """Add a call at ``time`` (ns), by the clock of the node."""
+        """Add a call at the node time ``time`` (ns)."""
         timer = PendingTimer(callback)
         with self._changed:
             heapq.heappush(self._timers, (time, next(self._sequence), timer))
@@ -195,7 +187,7 @@ class CallbackQueue:
         return timer
 
     def time_changed(self) -> None:
-        """Check the timers again."""
+        """Check the timers after a change of the simulated time."""
         with self._changed:
             self._changed.notify()
 
@@ -206,7 +198,7 @@ class CallbackQueue:
             self._changed.notify()
 
     def take(self) -> Callable[[], None] | tuple[InputQueue, Message] | None:
-        """Wait for the next callback or message, and remove it; None when the queue is closed."""
+        """Wait for the next callback or message, and remove it. Return None when the queue is closed."""
         with self._changed:
             while not self._closed:
                 if self._calls:
@@ -235,7 +227,7 @@ class CallbackQueue:
             return None
 
     def _until_deadline(self) -> float | None:
-        """The time (s) until an input passes its deadline or recovers; None if that needs another event."""
+        """Time (s) until an input passes its deadline or recovers; None without such a time."""
         if self._health is None:
             return None
         if self._health.returned:

@@ -1,4 +1,4 @@
-"""ROS diagnostics: the statistics of each node on /diagnostics, once a second."""
+"""ROS diagnostics: statistics of each node on /diagnostics, once a second."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
 SEAL = "seal"
-"""The key of the value with the sealed copy of name and values."""
+"""Key of the sealed copy of name and values."""
 
 UNCONNECTED = "unconnected"
-"""The key of the topics that a node lacks a peer on; empty when it is connected."""
+"""Key of the topics without a peer; empty if the node is connected."""
 
 MACHINE_VARIABLE = "SOCIALBOT_MACHINE"
-"""The name of this machine in a deployment; the default is its host name."""
+"""Variable with the name of this machine in a deployment; default: the host name."""
 
 RESTARTS_VARIABLE = "SOCIALBOT_RESTARTS"
-"""The number of restarts of this process, set by its supervisor."""
+"""Variable with the number of restarts, set by the supervisor."""
 
 LAST_ERROR_VARIABLE = "SOCIALBOT_LAST_ERROR"
-"""The error that ended the previous process, set by its supervisor."""
+"""Variable with the error of the previous process, set by the supervisor."""
 
 TICK_S = 0.1
 TICKS_PER_REPORT = 10
@@ -46,19 +46,19 @@ PERCENTILE_WINDOW = 600
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 
 OnStatus = Callable[[str, dict[str, str]], None]
-"""Takes the name of a node and the values of its status."""
+"""Receives the name of a node and the values of its status."""
 
 log = logging.getLogger("socialbot.diagnostics")
 _DECODER = msgspec.json.Decoder(tuple[str, dict[str, str]])
 
 
 def is_power_of_ten(count: int) -> bool:
-    """Whether ``count`` is 1, 10, 100, ...: how often a repeated failure is logged."""
+    """Whether ``count`` is 1, 10, 100, ...; repeated failures are logged at these counts."""
     return str(count).strip("0") == "1"
 
 
 class DiagnosticsPublisher:
-    """Publishes the statuses of nodes through the rclpy node ``ros``, sealed where keys are set."""
+    """Publish node statuses through the rclpy node ``ros``, sealed if keys are set."""
 
     def __init__(self, ros: Any) -> None:
         self._ros = ros
@@ -67,7 +67,6 @@ class DiagnosticsPublisher:
         self._publisher = ros.create_publisher(self._array, DIAGNOSTICS_TOPIC, 10)
 
     def publish(self, statuses: list[Any]) -> None:
-        """Publish DiagnosticStatus messages."""
         for status in statuses:
             self._seal(status)
         array = self._array(status=statuses)
@@ -85,9 +84,9 @@ class DiagnosticsPublisher:
 
 
 class DiagnosticsSubscriber:
-    """Calls ``on_status`` with each valid status, in the thread that spins ``ros``.
+    """Subscriber that calls ``on_status`` with each valid status, in the thread that spins ``ros``.
 
-    Invalid statuses are counted in ``refused`` and logged. Where keys are set, statuses of other programs are ignored.
+    ``refused`` counts invalid statuses, which are also logged. If keys are set, statuses of other programs are ignored.
     """
 
     def __init__(self, ros: Any, on_status: OnStatus) -> None:
@@ -111,7 +110,7 @@ class DiagnosticsSubscriber:
                     self._on_status(*verified)
 
     def _verify(self, status: Any) -> tuple[str, dict[str, str]] | None:
-        """Name and values of ``status``; None for an unsealed driver. Raises MessageError for a forged status."""
+        """Name and values of ``status``; None for an unsealed driver. Raises MessageError if it is forged."""
         values = values_of(status)
         seal = values.pop(SEAL, "")
         if self._opener is None:
@@ -126,12 +125,12 @@ class DiagnosticsSubscriber:
 
 
 def is_socialbot_status(values: Mapping[str, str]) -> bool:
-    """Whether a node of socialbot, or a forger, published ``values``. Drivers publish other keys."""
+    """Whether ``values`` are from socialbot or forged. Drivers publish other keys."""
     return "state" in values and "machine" in values
 
 
 def values_of(status: Any) -> dict[str, str]:
-    """The values of a DiagnosticStatus by key."""
+    """Values of a DiagnosticStatus by key."""
     return {pair.key: pair.value for pair in status.values}
 
 
@@ -141,10 +140,10 @@ def _key_value(key: str, value: object) -> Any:
 
 @dataclass(frozen=True)
 class Connection:
-    """One endpoint of a topic: the expected number of peers, and a function that counts them.
+    """Endpoint of a topic, with its expected number of peers and a function that counts them.
 
-    Each endpoint counts its own peers. Two endpoints that other processes have discovered may not have discovered each
-    other yet, and messages that are published before are lost.
+    Each endpoint counts its own peers: two endpoints may be visible to others before they discover each other, and
+    earlier messages are lost.
     """
 
     topic: str
@@ -154,19 +153,19 @@ class Connection:
 
 
 def publisher_connection(graph: Graph, topic: str, publisher: Any) -> Connection:
-    """The connection of an rclpy publisher to the subscribers in ``graph``."""
+    """Connection of an rclpy publisher to its subscribers in ``graph``."""
     subscribers = sum(topic == name for node in graph.placements for name, _ in node.subscriptions)
     return Connection(topic, subscribers, publisher.get_subscription_count, publisher)
 
 
 def subscription_connection(graph: Graph, topic: str, subscription: Any) -> Connection:
-    """The connection of an rclpy subscription to the publishers in ``graph``."""
+    """Connection of an rclpy subscription to its publishers in ``graph``."""
     publishers = sum(topic == name for node in graph.placements for name, _ in node.publications)
     return Connection(topic, publishers, subscription.get_publisher_count, subscription)
 
 
 def unconnected(connections: Iterable[Connection]) -> str:
-    """The topics that lack a peer, separated by commas."""
+    """Topics without a peer, separated by commas."""
     return ", ".join(one.topic for one in connections if one.count() < one.wanted)
 
 
@@ -176,9 +175,9 @@ def _last_values() -> deque[float]:
 
 @dataclass
 class NodeStatistics:
-    """Counts of one node since its start, and the durations (s) and message ages (s) of its last calls.
+    """Call counts of one node since its start, and its last durations (s) and message ages (s).
 
-    The age of a message is the time from its stamp to the end of its callback, by the clock of the node.
+    The age of a message is measured from its stamp to the end of its callback, by the clock of the node.
     """
 
     calls: int = 0
@@ -190,28 +189,26 @@ class NodeStatistics:
     durations: deque[float] = field(default_factory=_last_values)
     ages: deque[float] = field(default_factory=_last_values)
     longest_publication: float = 0.0
-    """The longest time (s) in a publish call since the last report."""
+    """Longest publish call (s) since the last report."""
     longest_block: float = 0.0
-    """The longest time (s) of that without being scheduled or runnable."""
+    """Longest time (s) in such a call neither running nor runnable."""
 
     @property
     def refused(self) -> int:
-        """The number of refused messages."""
         return self.refusals.total()
 
     def count_call(self, seconds: float) -> None:
-        """Count a callback and its duration."""
         self.calls += 1
         self.durations.append(seconds)
 
     def count_publication(self, seconds: float, blocked: float) -> None:
-        """Count a published message, with the duration (s) of the call and the part of it spent blocked."""
+        """Count a published message with the duration (s) and the blocked time (s) of its call."""
         self.published += 1
         self.longest_publication = max(self.longest_publication, seconds)
         self.longest_block = max(self.longest_block, blocked)
 
     def take_longest_publication(self) -> tuple[float, float]:
-        """The longest publication and block (s) since the last call of this method."""
+        """Return and reset the longest publication and block (s)."""
         longest = self.longest_publication, self.longest_block
         self.longest_publication = self.longest_block = 0.0
         return longest
@@ -219,7 +216,7 @@ class NodeStatistics:
 
 @dataclass(frozen=True)
 class DurationStats:
-    """Mean and percentiles of durations (s); 0 without any."""
+    """Mean and percentiles of durations (s), or zeros."""
 
     mean: float = 0.0
     p50: float = 0.0
@@ -227,7 +224,6 @@ class DurationStats:
 
     @staticmethod
     def of(durations: Collection[float]) -> DurationStats:
-        """The statistics of ``durations``."""
         ordered = sorted(durations)
         if not ordered:
             return DurationStats()
@@ -237,7 +233,7 @@ class DurationStats:
 
 @dataclass(frozen=True)
 class ResourceUsage:
-    """Counters at a time (s): calls, published messages, processor seconds."""
+    """Counters at a time (s): calls, published messages, CPU seconds."""
 
     time: float = 0.0
     calls: int = 0
@@ -255,7 +251,7 @@ class ResourceUsage:
 
 
 class DiagnosticsReporter:
-    """Publishes the statistics of one node once a second, and at once when its connections change."""
+    """Publish the statistics of one node once a second, and whenever its connections change."""
 
     def __init__(
         self,
@@ -346,7 +342,7 @@ def _dead_status(name: str, values: Mapping[str, str]) -> Any:
 
 
 def restarts() -> int:
-    """The number of restarts of this process by its supervisor."""
+    """Number of restarts of this process."""
     return int(os.environ.get(RESTARTS_VARIABLE) or 0)
 
 
@@ -361,7 +357,7 @@ def _cpu_s() -> float:
 
 
 def process_costs() -> dict[str, float]:
-    """Processor seconds, memory and peak memory (MB) of this process."""
+    """CPU seconds, memory and peak memory (MB) of this process."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     with open("/proc/self/statm", encoding="ascii") as statm:
         rss = int(statm.read().split()[1]) * PAGE_MB

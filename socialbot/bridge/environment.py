@@ -1,4 +1,4 @@
-"""Environment of ROS: DDS profile, discovery range, logs, keys, rclpy contexts and stale shared memory."""
+"""ROS environment: DDS profile, discovery range, logs, keys, rclpy contexts and stale shared memory."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
 log = logging.getLogger("socialbot.security")
 
 PROFILE = Path(__file__).with_name("dds_profile.xml")
-"""The Fast DDS profile for nodes of one machine: not reachable from others, shared memory large enough for images."""
+"""Fast DDS profile for one machine, with shared memory for images and without network access."""
 
 WIFI_PROFILE = Path(__file__).with_name("dds_wifi.xml")
-"""The Fast DDS profile for nodes that communicate with other machines."""
+"""Fast DDS profile for several machines."""
 
 HIGHEST_DOMAIN = 232
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 KEYS_VARIABLE = "SOCIALBOT_KEYS"
-"""The folder of keys, and the name of the own key if there are several: FOLDER or FOLDER:NAME."""
+"""Variable with the key folder, and the name of the own key if there are several: FOLDER or FOLDER:NAME."""
 
 DATAGRAM_VARIABLE = "SOCIALBOT_DATAGRAM_BYTES"
-"""The maximum datagram size, read by the Wi-Fi profile."""
+"""Variable with the maximum datagram size in the Wi-Fi profile."""
 PACKET_BYTES, UNBOUNDED_BYTES = 1400, 2**32 - 1
 
 _UDP_READER = """<data_reader profile_name="{topic}">
@@ -50,7 +50,7 @@ _UDP_READER = """<data_reader profile_name="{topic}">
 
 @dataclass(frozen=True)
 class Across:
-    """How nodes discover those of other machines: by their addresses, or by a discovery server (address:port)."""
+    """Discovery of other machines: by their addresses, or by a discovery server (address:port)."""
 
     peers: tuple[str, ...] = ()
     server: str = ""
@@ -64,16 +64,16 @@ def prepare(
     across: Across | None = None,
     raw_pictures: bool = False,
 ) -> None:
-    """Set the variables of ROS and DDS that are unset or empty. Call it before rclpy starts.
+    """Set the unset or empty variables of ROS and DDS. Call it before rclpy starts.
 
-    A DDS profile of the user's own is kept.
+    A custom DDS profile is kept.
 
     Args:
         environment: The variables to change.
         log_folder: Overrides ROS_LOG_DIR.
         domain: Overrides ROS_DOMAIN_ID.
         across: Opens the graph to other machines, with datagrams of one packet.
-        raw_pictures: With ``across``: allow larger datagrams, for processes with raw images on their own machine.
+        raw_pictures: Allow larger datagrams with ``across``, for processes that exchange raw images on one machine.
     """
     if across:
         environment[DATAGRAM_VARIABLE] = str(UNBOUNDED_BYTES if raw_pictures else PACKET_BYTES)
@@ -96,11 +96,10 @@ def prepare(
 
 
 def read_by_udp(topics: Iterable[str], file: Path, environment: MutableMapping[str, str] = os.environ) -> None:
-    """Make subscriptions of this process to ``topics`` use UDP, by a DDS profile that is written to ``file``.
+    """Receive ``topics`` by UDP in this process; writes a DDS profile to ``file``.
 
-    A process that is killed while others write into its shared memory blocks them for a second. UDP never blocks.
-    Images are worth that risk, other messages are not. Only the profile `PROFILE` is changed. Call this after `prepare`
-    and before rclpy starts.
+    If a process is killed while others write into its shared memory, they block for a second; UDP never blocks. Only
+    images are worth that risk. Custom profiles are kept. Call this after `prepare` and before rclpy starts.
     """
     if environment.get(PROFILE_VARIABLE) != str(PROFILE):
         return
@@ -111,7 +110,7 @@ def read_by_udp(topics: Iterable[str], file: Path, environment: MutableMapping[s
 
 
 def reach(environment: MutableMapping[str, str] = os.environ) -> str:
-    """The settings that make this process reachable from other machines; empty if there are none."""
+    """Variables that open this process to other machines; empty if none are set."""
     discovery = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST"
     open_by = [] if discovery.upper() in ("LOCALHOST", "OFF") else [f"ROS_AUTOMATIC_DISCOVERY_RANGE={discovery}"]
     open_by += [name for name in ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER") if environment.get(name)]
@@ -124,7 +123,7 @@ def has_keys(environment: MutableMapping[str, str] = os.environ) -> bool:
 
 
 def warn_if_open(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Log a warning when the graph is reachable from the network and has no keys."""
+    """Warn about a graph that is open to the network without keys."""
     if (way := reach(environment)) and not has_keys(environment):
         log.warning("open to the network (%s) without keys: anybody there can command it; see docs/security.md", way)
 
@@ -141,7 +140,7 @@ def check_domain(environment: MutableMapping[str, str] = os.environ) -> None:
 
 
 def require_ros() -> None:
-    """Raise InstallationError without ROS 2 for this Python, and GraphError for an invalid domain."""
+    """Raise InstallationError if ROS 2 is missing for this Python, and GraphError for an invalid domain."""
     check_domain()
     if importlib.util.find_spec("rclpy") is None:
         raise InstallationError(
@@ -156,7 +155,7 @@ SPIN_TIMEOUT_S = 0.5
 
 @contextmanager
 def ros_context(args: list[str] | None = None) -> Iterator[Context]:
-    """An rclpy context that leaves signals to the caller. Raises ParameterError for ``args`` that ROS rejects."""
+    """Open an rclpy context without signal handlers. Raises ParameterError for invalid ROS ``args``."""
     require_ros()
     import rclpy
     from rclpy.context import Context
@@ -182,7 +181,7 @@ def ros_context(args: list[str] | None = None) -> Iterator[Context]:
 
 @contextmanager
 def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
-    """An rclpy node in a context of its own, spun by a thread. Raises ParameterError for ``args`` that ROS rejects."""
+    """Open an rclpy node in its own context, spun by a thread. Raises ParameterError for invalid ROS ``args``."""
     with ros_context(args) as context:
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
@@ -214,7 +213,7 @@ def _spin(executor: SingleThreadedExecutor, ended: threading.Event) -> None:
 
 
 def split_ros_args(arguments: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Split off the arguments for ROS: from each ``--ros-args`` to ``--`` or the end. Returns (ours, ROS)."""
+    """Split off ROS arguments: from each ``--ros-args`` to ``--`` or the end. Returns (ours, ROS)."""
     ours: list[str] = []
     ros: list[str] = []
     for argument in arguments:
@@ -226,15 +225,14 @@ def split_ros_args(arguments: Iterable[str]) -> tuple[list[str], list[str]]:
 SHARED = Path("/dev/shm")
 
 YOUNG_S = 3.0
-"""The age below which a segment may not be locked yet."""
+"""Minimum age (s) of a stale segment; a younger one may not be locked yet."""
 
 _LOCK = re.compile(r"fastrtps_[\da-z]{16}_el")
-"""Locks of segments, not of ports. A new process may be taking over a port right now. If it is refused because another
-process tests the lock, it receives by UDP only, and so no images."""
+"""Locks of segments only. Testing the lock of a port could make a new process refuse it, and receive no images."""
 
 
 def stale_locks(folder: Path = SHARED) -> Iterator[Path]:
-    """The lock files in ``folder`` of segments that no process holds."""
+    """Yield the lock files of unused segments in ``folder``."""
     youngest = time.time() - YOUNG_S
     for path in sorted(folder.glob("fastrtps_*_el")):
         with contextlib.suppress(OSError):  # deleted meanwhile, or owned by another user
@@ -243,7 +241,7 @@ def stale_locks(folder: Path = SHARED) -> Iterator[Path]:
 
 
 def is_free(path: Path) -> bool:
-    """Whether no process holds the lock file ``path``. The test holds the lock for a moment."""
+    """Whether no process holds the lock file ``path``. The test holds it for a moment."""
     try:
         with path.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -253,7 +251,7 @@ def is_free(path: Path) -> bool:
 
 
 def remove_stale(folder: Path = SHARED) -> int:
-    """Remove the shared-memory segments of ended processes; returns their number."""
+    """Remove the shared-memory segments of ended processes, and return their number."""
     removed = 0
     for lock in stale_locks(folder):
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""Observe a running graph from outside: its messages, node statistics and connections."""
+"""Observe a running graph: its messages, node statistics and connections."""
 
 from __future__ import annotations
 
@@ -32,31 +32,31 @@ log = logging.getLogger("socialbot.observer")
 POLL_S = 0.02
 DISCOVERY_S = 0.8
 STATUS_PERIOD_S = 2.5
-"""The time within which every live node publishes a status."""
+"""Maximum time between two statuses of a live node."""
 
 
 class LatestStatistics:
-    """The latest statistics of each node of ``graph``, from /diagnostics."""
+    """Latest statistics of each node of ``graph``, from /diagnostics."""
 
     def __init__(self, graph: Graph) -> None:
         self._names = {placement.name for placement in graph.placements}
         self.latest: dict[str, dict[str, str]] = {}
 
     def note(self, name: str, values: dict[str, str]) -> None:
-        """Store the statistics of one node; other programs on /diagnostics are ignored."""
+        """Store the statistics of one node; ignore other programs."""
         if name in self._names:
             self.latest[name] = values
 
 
 @dataclass(frozen=True)
 class GraphObserver:
-    """An rclpy node that observes a graph, and its subscriptions by topic."""
+    """Observing rclpy node, and its subscriptions by topic."""
 
     ros: Any
     subscriptions: Mapping[str, Any]
 
     def connections(self, graph: Graph) -> list[Connection]:
-        """The connections of this observer to ``graph``."""
+        """Connections of this observer to ``graph``."""
         return [subscription_connection(graph, topic, one) for topic, one in self.subscriptions.items()]
 
 
@@ -69,14 +69,14 @@ def observe_graph(
     *,
     latched: Collection[str] = (),
 ) -> Iterator[GraphObserver]:
-    """Observe a graph from one thread until the block is left.
+    """Observe a graph from one thread inside the block.
 
     Args:
         topics: The topics to subscribe to, with their message types.
         observe: Called with topic and message.
         on_status: Called with the name and the statistics of a node.
         form: The message form of the graph.
-        latched: The topics whose last message is wanted even if it is older than the observer.
+        latched: The topics whose last message is also received if older than the observer.
 
     Raises:
         InstallationError: ROS, or the message package for this form, is not installed.
@@ -117,7 +117,7 @@ def await_graph(
     timeout_s: float,
     ended: Callable[[], bool] = lambda: False,
 ) -> list[str]:
-    """Wait until all nodes of ``graph``, and the ``own`` connections of the caller, are connected.
+    """Wait until all nodes of ``graph``, and the ``own`` connections, are connected.
 
     Returns:
         The missing connections at the timeout, or when ``ended``: such as "head: /head/command".
@@ -139,18 +139,18 @@ def await_graph(
 
 
 def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = None) -> None:
-    """Check that no nodes with the names of ``graph`` run in this ROS domain: the two graphs would be mixed.
+    """Check that no other node in this ROS domain has a name from ``graph``.
 
-    A killed node stays discovered for a while, so a name counts as taken only if it is published on /diagnostics.
-    Where keys are set, that status must have a valid seal: strangers cannot keep a graph from starting.
+    A killed node stays discovered for a while, so only names on /diagnostics count. If keys are set, their status needs
+    a valid seal, so that an intruder cannot block the start.
 
     Args:
         ros: A spinning rclpy node.
         graph: The graph to start.
-        only: The names of the nodes to start, if not all.
+        only: The nodes to start; default: all.
 
     Raises:
-        NodeError: A name is taken.
+        NodeError: A name is in use.
     """
     names = {placement.name for placement in graph.placements if only is None or placement.name in only}
     alive: set[str] = set()

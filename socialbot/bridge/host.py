@@ -1,7 +1,7 @@
-"""Host of one node in rclpy: topics, parameters, time, lifecycle and a thread of its own.
+"""Host of one node in rclpy: topics, parameters, time, lifecycle and thread.
 
-The executor thread only receives. The node works in its own thread, so a slow node never delays parameters or time, and
-always gets the newest message of a stream.
+The executor thread only receives messages. A slow node runs in its own thread, so it delays neither parameters nor
+time, and always gets the newest message of a stream.
 """
 
 from __future__ import annotations
@@ -60,16 +60,16 @@ AUTOSTART = "autostart"
 AUTOSTART_DOC = "whether the node configures and activates itself"
 
 HEARTBEAT_S = 0.5
-"""The period of the state reports to a supervisor."""
+"""Period of the state reports to a supervisor."""
 
 DDS_HOLD_S = 1.0
-"""The time for which a topic stays on DDS after its last outside subscriber, so that no message overtakes another."""
+"""Time to keep a topic on DDS after its last outside subscriber, so that messages stay in order."""
 
 STEADY = SteadyClock(clock_type=ClockType.STEADY_TIME)
 
 
 def node_clock(ros: RosNode, *, simulated: bool) -> Clock:
-    """Wall time, or the time of /clock. Neither goes back when it is set."""
+    """Wall clock, or the time of /clock. Neither goes back when the system time is set."""
     if not simulated:
         return WallClock()
     source = ros.get_clock()
@@ -77,22 +77,22 @@ def node_clock(ros: RosNode, *, simulated: bool) -> Clock:
 
 
 class SupervisorLink(Protocol):
-    """The connection to the process that supervises this one."""
+    """Connection to the supervisor of this process."""
 
     def send(self, node: str, word: str, /) -> None:
-        """Report the state of a node; callable from any thread, never blocks."""
+        """Report the state of a node, from any thread and without blocking."""
         ...
 
     def wait(self) -> tuple[str, str] | None:
-        """Wait for a command: a node and its wanted state. None when the supervisor is gone."""
+        """Wait for a command: a node and its target state. None when the supervisor is gone."""
         ...
 
 
 class IntraProcess:
-    """Hands messages between the nodes of one process over as objects, without DDS.
+    """In-process delivery of messages as objects, without DDS.
 
-    A message takes this way when all subscribers of its topic are active nodes of this process. Otherwise it is
-    published over DDS, for all of them. Latched topics always use DDS, which keeps the last message.
+    It applies if all subscribers of a topic are active nodes of this process. Otherwise, and for latched topics, DDS
+    delivers to all of them.
     """
 
     def __init__(self) -> None:
@@ -104,12 +104,11 @@ class IntraProcess:
         self._targets[topic].append((host, port))
 
     def remove(self, host: NodeHost) -> None:
-        """Remove the subscriptions of ``host``."""
         for topic, targets in self._targets.items():
             self._targets[topic] = [target for target in targets if target[0] is not host]
 
     def deliver(self, publisher: Publisher, message: Message) -> bool:
-        """Hand ``message`` to all subscribers; False if it has to be published over DDS."""
+        """Deliver ``message`` to all subscribers; return False if DDS has to deliver it."""
         topic = publisher.topic_name
         targets = self._targets.get(topic, ())
         threads = [(host.active_thread, port) for host, port in targets if isinstance(message, port.message_type)]
@@ -130,17 +129,16 @@ class IntraProcess:
 
 
 class NodeHost:
-    """Hosts a node of a graph as a ROS 2 lifecycle node.
+    """Host of a node as a ROS 2 lifecycle node.
 
-    The node is built when it is configured, starts when it is activated, and stops when it is deactivated. The next
-    activation builds a new one.
+    Configuration builds the node, activation starts it, and deactivation stops it. The next activation builds another.
 
     Args:
         graph: The graph.
-        config: The node of it to host.
+        config: The node to host.
         ros_context: The rclpy context.
         sim_time: Whether the time comes from /clock.
-        supervisor: Decides when the node is activated, and receives its state.
+        supervisor: Commands activation, and receives the state.
         intra_process: The other nodes of this process.
     """
 
@@ -211,13 +209,12 @@ class NodeHost:
 
     @property
     def active_thread(self) -> NodeThread | None:
-        """The thread of the node while it is active."""
+        """Thread of the node while it is active."""
         thread = self._thread
         return thread if thread is not None and thread.started else None
 
     @property
     def failure(self) -> SocialbotError | None:
-        """The error that kept the node from starting, if any."""
         return self._error or (None if self._thread is None else self._thread.failure)
 
     @property
@@ -226,7 +223,7 @@ class NodeHost:
         return self.failure is not None or self._ros.state == FINALIZED
 
     def start(self) -> None:
-        """Configure and activate the node, unless a supervisor or a lifecycle tool does that."""
+        """Configure and activate the node, unless a supervisor or lifecycle tool does."""
         if self._supervisor is not None:
             self.transition_to(INACTIVE)
             self._beat()
@@ -234,7 +231,7 @@ class NodeHost:
             self.transition_to(ACTIVE)
 
     def transition_to(self, state: str) -> None:
-        """Bring the node to a lifecycle state. If that fails, `failure` is set."""
+        """Bring the node to a lifecycle state; set `failure` on error."""
         if not self._ros.transition_to(state) and self._ros.error is not None:
             self._error = start_failure(self.name, self._ros.error)
 
@@ -265,7 +262,7 @@ class NodeHost:
             self._intra_process.add(name, self, port)
 
     def activate(self) -> None:
-        """Start the node, with the latched messages and those that arrived while it was inactive."""
+        """Start the node with the latched messages and those received while inactive."""
         thread = self._thread or self._build()
         for port, message in (*self._latched.items(), *self._early):
             thread.queue.put(port, message)
@@ -273,7 +270,6 @@ class NodeHost:
         thread.start()
 
     def deactivate(self) -> None:
-        """Stop the node."""
         if self._thread is not None:
             self._thread.stop()
         self._forget_thread()
@@ -350,7 +346,7 @@ class NodeHost:
             self._thread.queue.call_when_idle(functools.partial(self._publish_kept, self._clock.now()))
 
     def _publish_kept(self, time: int) -> None:
-        """Report to the simulation clock that this node has done its work up to ``time`` (ns)."""
+        """Report to the simulation clock that the work up to ``time`` (ns) is done."""
         header = Header(frame_id=self.name)
         header.stamp.sec, header.stamp.nanosec = divmod(time, SECOND)
         self._kept_publisher.publish(header)

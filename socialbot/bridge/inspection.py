@@ -1,4 +1,4 @@
-"""The ROS side of the inspector: commands to agents, and live images."""
+"""ROS side of the inspector: commands to agents, and live images."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ _KEY_MISMATCHES = {
     "unsealed": "the inspector has a key and the graph has none",
     "unknown sender": "the inspector does not know the key of the graph",
 }
-"""The reason for which health messages are refused, and what it says about the keys."""
+"""Explanation of key mismatches by the refusal reason of health messages."""
 
 
 class CommandClient:
-    """Sends commands to agents and waits for their answers.
+    """Send commands to agents and wait for their answers.
 
     Args:
         ros: A spinning rclpy node.
         form: The message form of the graph.
 
     Attributes:
-        shut: Why commands cannot work: the keys of the graph and of this process do not fit. Empty if they do.
+        shut: The mismatch of the keys of the graph and of this process, which blocks commands; empty without one.
     """
 
     def __init__(self, ros: Any, form: WireForm = "json") -> None:
@@ -119,15 +119,15 @@ def _set_result(future: asyncio.Future[AgentAnswer], answer: AgentAnswer) -> Non
 
 MAX_RATE_HZ = 10.0
 UNWATCHED_S = 3.0
-"""The time without requests after which the subscription ends."""
+"""Time without requests that ends the subscription."""
 
 FIRST_IMAGE_TIMEOUT_S = 1.0
 MAX_IMAGES = 600
-"""The number of stored images: one minute."""
+"""Number of stored images: one minute."""
 
 
 class LiveImages:
-    """Images on ``topic`` as JPEG, subscribed to through the spinning node ``ros`` while they are requested."""
+    """JPEG images of ``topic``. The spinning node ``ros`` subscribes to it while images are requested."""
 
     def __init__(self, ros: Any, topic: str, kind: type[Image] | type[CompressedImage]) -> None:
         self._ros = ros
@@ -142,7 +142,7 @@ class LiveImages:
         ros.create_timer(1.0, self._unsubscribe_if_unwatched)
 
     def at(self, stamp: int) -> Picture | None:
-        """The newest stored image not later than ``stamp`` (ns)."""
+        """Newest stored image not later than ``stamp`` (ns)."""
         with self._changed:
             self._requested_at = time.monotonic()
             if self._subscription is None:
@@ -180,7 +180,7 @@ class LiveImages:
 
 
 def live_image_topic(graph: Graph) -> tuple[str, type[Image] | type[CompressedImage]] | None:
-    """An image topic of ``graph``: one of its own nodes if possible, and compressed if possible."""
+    """Image topic of ``graph``: preferably of one of its own nodes, and compressed."""
     published = {topic for placement in graph.placements for topic, _ in placement.publications}
     found: list[tuple[str, type[Image] | type[CompressedImage]]] = []
     for topic, kind in graph.topics().items():

@@ -1,6 +1,6 @@
-"""A ROS 2 lifecycle node whose transitions call steps, and the parameters of its socialbot node.
+"""ROS 2 lifecycle node with a callback per transition, and the parameters of its socialbot node.
 
-Lifecycle tools see the five services and the event of a managed node (https://design.ros2.org, managed nodes).
+It has the five services and the event of a managed node (https://design.ros2.org, managed nodes).
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from socialbot.graph.node import Node, NodeConfig, Parameter, check_parameters
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = "unconfigured", "inactive", "active", "finalized"
 
 SET_PARAMETER_TIMEOUT_S = 7.0
-"""The time a node has to accept a new value; right after its start it may be waiting for its connections."""
+"""Timeout to apply a parameter; a starting node may be waiting for its connections."""
 
 UNBOUNDED = 1e308
 UNBOUNDED_INTEGER = 2**62
 
 
 class TransitionSteps(Protocol):
-    """The work of each transition. An exception makes the transition fail."""
+    """Callbacks of the transitions. An exception makes the transition fail."""
 
     def configure(self) -> None: ...
 
@@ -42,7 +42,7 @@ class TransitionSteps(Protocol):
 
 
 class LifecycleHost(LifecycleNode):
-    """Runs ``steps`` for transitions in the executor's thread: requested by services, or by `transition_to`.
+    """Lifecycle node that runs ``steps`` in the executor thread, on requests of services or `transition_to`.
 
     Without ``services`` only this process can request transitions. ``error`` is the exception of the last failed step.
     """
@@ -64,7 +64,7 @@ class LifecycleHost(LifecycleNode):
             return FINALIZED
 
     def transition_to(self, state: str) -> bool:
-        """Take the transitions that lead to ``inactive``, ``active`` or ``finalized``; whether that succeeded."""
+        """Take the transitions to ``inactive``, ``active`` or ``finalized``; return whether they succeeded."""
         if state == FINALIZED and self.state != FINALIZED:
             self.trigger_shutdown()
         if state in (INACTIVE, ACTIVE) and self.state == UNCONFIGURED:
@@ -76,28 +76,23 @@ class LifecycleHost(LifecycleNode):
         return self.state == state
 
     def destroy_node(self) -> None:
-        """Remove the node from the ROS graph. rclpy alone leaves the state machine, which keeps it there."""
+        """Remove the node from the ROS graph; rclpy alone leaves its state machine there."""
         super().destroy_node()
         self._state_machine.destroy_when_not_in_use()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Run the step."""
         return self._run(self._steps.configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Run the step."""
         return self._run(self._steps.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Run the step."""
         return self._run(self._steps.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Run the step."""
         return self._run(self._steps.clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Run the steps that undo ``state``."""
         if state.label == ACTIVE:
             self._run(self._steps.deactivate)
         if state.label in (ACTIVE, INACTIVE):
@@ -129,7 +124,7 @@ class LifecycleHost(LifecycleNode):
 
 
 def declare_parameters(ros: RosNode, config: NodeConfig) -> None:
-    """Declare the parameters of a node, with the values of the graph as defaults.
+    """Declare the parameters of a node with the values of the graph as defaults.
 
     ROS arguments (``--ros-args -p name:=value``) override them.
 
@@ -145,12 +140,12 @@ def declare_parameters(ros: RosNode, config: NodeConfig) -> None:
 
 
 def parameter_values(ros: RosNode, config: NodeConfig) -> dict[str, object]:
-    """The current values of the declared parameters."""
+    """Current values of the declared parameters."""
     return {name: ros.get_parameter(name).value for name in config.type.parameters()}
 
 
 def watch_parameters(ros: RosNode, node: Node, call: Callable[[Callable[[], None]], None]) -> Callable[[], None]:
-    """Apply valid changes from ROS to ``node``; returns a function that ends this.
+    """Apply valid changes from ROS to ``node``; return a function that ends this.
 
     ``call`` runs a function in the thread of the node.
     """
@@ -169,7 +164,7 @@ def watch_parameters(ros: RosNode, node: Node, call: Callable[[Callable[[], None
 
 
 def _apply(node: Node, values: dict[str, object], call: Callable[[Callable[[], None]], None]) -> str:
-    """Set ``values`` in the thread of the node; returns the objection of the node, if any."""
+    """Set ``values`` in the thread of the node; return the error of the node, if any."""
     done = threading.Event()
     objections: list[str] = []
 

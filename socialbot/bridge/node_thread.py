@@ -1,4 +1,4 @@
-"""Run a node in its own thread: build, start, call, stop; and measure how long it was blocked."""
+"""Thread of a node: build, start, call and stop it, and measure its blocked time."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from socialbot.graph.node import Node, NodeConfig, Output, outcome
 R = TypeVar("R")
 
 CONNECT_TIMEOUT_S = 5.0
-"""The wait for connections before a node starts without them: others may be started by hand."""
+"""Connection timeout, after which a node starts anyway: others may be started by hand."""
 
 RECONNECT_TIMEOUT_S = 1.0
-"""The same in a restarted process, whose peers are waiting for it."""
+"""Connection timeout of a restarted process."""
 
 QUIET_WAIT_S = 2.0
-"""The wait after which a node reports the missing connections."""
+"""Time after which a node reports missing connections."""
 
 POLL_S = 0.02
 
@@ -37,14 +37,14 @@ _SCHEDSTAT_BYTES = 80
 
 
 class _ThreadSchedstat(threading.local):
-    """Scheduler statistics of the calling thread, from Linux. An open file is bound to the thread that opened it."""
+    """Linux scheduler statistics of the calling thread; an open file belongs to the thread that opened it."""
 
     def __init__(self) -> None:
         known = os.path.exists(SCHEDSTAT)
         self._file = open(SCHEDSTAT, "rb", buffering=0) if known else None  # noqa: SIM115 - closed with the thread
 
     def ns(self) -> int:
-        """The time (ns) spent running or runnable; 0 without Linux."""
+        """Time (ns) spent running or runnable; 0 without Linux."""
         if self._file is None:
             return 0
         running, runnable, _ = os.pread(self._file.fileno(), _SCHEDSTAT_BYTES, 0).split()
@@ -55,14 +55,14 @@ _schedstat = _ThreadSchedstat()
 
 
 class Stopwatch:
-    """Measures the calling thread from its construction. Without scheduler statistics all of the time is blocked."""
+    """Stopwatch for the calling thread. Without scheduler statistics all of its time counts as blocked."""
 
     def __init__(self) -> None:
         self._scheduled = _schedstat.ns()
         self._begin = time.perf_counter_ns()
 
     def seconds(self) -> tuple[float, float]:
-        """The elapsed time (s), and the part of it in which the thread was blocked."""
+        """Elapsed time (s), and its blocked part."""
         elapsed = time.perf_counter_ns() - self._begin
         blocked = elapsed - (_schedstat.ns() - self._scheduled)
         return elapsed / 1e9, max(0, blocked) / 1e9
@@ -70,7 +70,7 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class _InternalCall:
-    """A call of the runner, excluded from the statistics of the node."""
+    """Internal callback, excluded from the statistics of the node."""
 
     callback: Callable[[], None]
 
@@ -79,7 +79,7 @@ class _InternalCall:
 
 
 class _NodeContext:
-    """The `Context` of a node that runs over ROS."""
+    """`Context` of a node over ROS."""
 
     def __init__(
         self,
@@ -113,9 +113,7 @@ class _NodeContext:
 
 
 class NodeThread:
-    """Builds a node and runs it in a thread of its own.
-
-    The node starts once its ``connections`` are there, or after a timeout.
+    """Thread of one node. The node starts once its ``connections`` are complete, or after a timeout.
 
     Args:
         config: The node to build.
@@ -161,29 +159,27 @@ class NodeThread:
 
     @property
     def started(self) -> bool:
-        """Whether the thread has been started."""
         return self._thread is not None
 
     def start(self) -> None:
-        """Start the thread, which starts the node."""
         self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
         self._thread.start()
 
     def stop(self, timeout_s: float = 5.0) -> None:
-        """Stop the node, in its thread."""
+        """Stop the node in its thread."""
         self.queue.close()
         if self._thread is not None:
             self._thread.join(timeout_s)
 
     def call(self, callback: Callable[[], None]) -> None:
-        """Call ``callback`` in the thread of the node, or now if it has not been started."""
+        """Call ``callback`` in the thread of the node, or now before its start."""
         if self._thread is None:
             callback()
         else:
             self.queue.call_soon(callback)
 
     def check_alive(self) -> None:
-        """Request a call of ``on_alive`` by the thread. A node that hangs does not make it."""
+        """Request a call of ``on_alive`` by the thread; a hanging node does not answer."""
         if not self._check_pending:
             self._check_pending = True
             self.queue.call_soon(_InternalCall(self._report_alive))
@@ -209,7 +205,7 @@ class NodeThread:
         self.node.stop()
 
     def _await_time(self) -> None:
-        """Wait for the first message on /clock, with which simulated time begins."""
+        """Wait for the first message on /clock."""
         while self._clock.now() == 0 and not self.queue.closed:
             time.sleep(0.005)
 
@@ -249,7 +245,7 @@ class NodeThread:
 
 
 def start_failure(node: str, error: Exception) -> SocialbotError:
-    """The error of a node that cannot start; unexpected exceptions are logged with their traceback."""
+    """Return the error of a node that cannot start; log unexpected exceptions with their traceback."""
     if isinstance(error, SocialbotError):
         return error
     log_failure(node, "cannot start", error, 1)
@@ -257,7 +253,7 @@ def start_failure(node: str, error: Exception) -> SocialbotError:
 
 
 def log_failure(node: str, what: str, error: Exception, count: int) -> None:
-    """Log the first, tenth, hundredth, ... failure, so that a bad stream does not flood the log."""
+    """Log the first, tenth, hundredth, ... failure, which keeps the log short."""
     if is_power_of_ten(count):
         times = f" {count} times" if count > 1 else ""
         expected = isinstance(error, SocialbotError)

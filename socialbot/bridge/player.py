@@ -1,7 +1,7 @@
 """Play a bag into a running ROS graph: the recorded messages, and /clock.
 
-A paced replay stops the clock after each image until the graph has answered it. So a slow machine makes the replay
-slower, but not different. `WorldPlayer` replays bags to graphs that take no images.
+A paced replay stops the clock after each image until the graph has answered it, so a slow machine only makes it
+longer. `WorldPlayer` replays bags to graphs without image inputs.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from socialbot.graph.node import Delivery, Graph
 log = logging.getLogger("socialbot.player")
 
 TICK_S = 0.02
-"""The period of /clock between messages."""
+"""Period of /clock between messages."""
 
 MAX_CATCH_UP = 3.0
-"""The maximum speed-up of a delayed replay; faster than that, timers would fire late."""
+"""Maximum speed of a delayed replay; timers would fire late at a higher one."""
 
 ANSWER_TIMEOUT_S = 2.0
 SHORT_ANSWER_TIMEOUT_S = 0.2
-"""The timeout after three images in a row without an answer."""
+"""Timeout after three unanswered images in a row."""
 
 GRAPH_TIMEOUT_S = 30.0
 
@@ -63,12 +63,12 @@ class PlaybackOptions:
 
     @property
     def paced_by(self) -> str:
-        """The topic of the answers to images, if the playback is paced."""
+        """Topic of the answers to images in a paced playback."""
         return self.await_graph.paced_by if self.paced and self.await_graph is not None else ""
 
 
 class _Answers:
-    """The latest stamp that the graph has answered."""
+    """Latest stamp that the graph has answered."""
 
     def __init__(self, receiver: Receiver, kind: type[Message]) -> None:
         self._receiver = receiver
@@ -97,7 +97,7 @@ class _Answers:
 
 
 class BagPlayer:
-    """Plays ``topics`` (bag topic to graph topic) of ``bag`` through the rclpy node ``ros``."""
+    """Player of ``topics`` (bag topic to graph topic) of ``bag`` through the rclpy node ``ros``."""
 
     def __init__(self, ros: Any, bag: Bag, topics: Mapping[str, str], playing: PlaybackOptions, ending: Ending) -> None:
         from rosgraph_msgs.msg import Clock
@@ -134,14 +134,13 @@ class BagPlayer:
         self._begun = 0.0
 
     def connections(self, graph: Graph) -> list[Connection]:
-        """The connections of the player to ``graph``."""
         publishers = [publisher_connection(graph, topic, one) for topic, one in self._publishers.items()]
         if not self._playing.paced_by:
             return publishers
         return [*publishers, subscription_connection(graph, self._playing.paced_by, self._answering)]
 
     def play(self) -> PlaybackResult:
-        """Play to the end of the tail, or until asked to end."""
+        """Play until the end of the tail, or a stop request."""
         played = PlaybackResult(skipped=self._bag.skipped)
         self._begun = time.monotonic()
         for topic, at, ros_type, cdr in self._bag.raw_messages(self._topics):
@@ -160,7 +159,7 @@ class BagPlayer:
         return played
 
     def _publish(self, topic: str, name: str, cdr: bytes, at: int) -> None:
-        """Publish the recorded bytes. A message that needs a seal or another form is encoded again."""
+        """Publish the recorded bytes. Encode messages again that need a seal or another form."""
         if topic not in self._senders:
             self._publishers[topic].publish(cdr)
         elif self._transport.sealed and name == STRING:
@@ -176,12 +175,12 @@ class BagPlayer:
             self._senders[topic].publish(message)
 
     def _correct_stamp(self, topic: str, cdr: bytes, at: int) -> bytes:
-        """Set the stamp that `Bag.messages` gives the message, so that both runners receive the same."""
+        """Set the stamp that `Bag.messages` gives the message, for equal input in both runners."""
         stamp = self._stamps.setdefault(topic, Stamps(topic, set_right=True)).next(raw_stamp(cdr), at)
         return cdr if stamp == raw_stamp(cdr) else with_stamp(cdr, stamp)
 
     def _pass_time(self, until: int) -> None:
-        """Publish /clock up to ``until``, in real time; after a delay, faster to catch up."""
+        """Publish /clock up to ``until`` in real time, or faster after a delay."""
         while not self._ending.asked:
             step = min(until - self._now, nanoseconds(TICK_S * self._playing.rate))
             self._now += step
@@ -196,7 +195,7 @@ class BagPlayer:
 
 
 class WorldPlayer:
-    """Plays the world side of ``bag`` to ``graph``. ``topics`` maps bag topics to graph topics."""
+    """Player of the world side of ``bag`` for ``graph``. ``topics`` maps bag topics to graph topics."""
 
     def __init__(
         self, ros: Any, bag: Bag, topics: Mapping[str, str], graph: Graph, rate: float, ending: Ending
@@ -223,25 +222,24 @@ class WorldPlayer:
         self._start, self._begun = bag.start, 0.0
 
     def connections(self, graph: Graph) -> list[Connection]:
-        """The connections of the player to ``graph``."""
         return [
             *(publisher_connection(graph, topic, one) for topic, one in self._publishers.items()),
             *(subscription_connection(graph, topic, one) for topic, one in self._subscriptions.items()),
         ]
 
     def play(self) -> PlaybackResult:
-        """Play to the last message, or until asked to end."""
+        """Play until the last message, or a stop request."""
         self._begun = time.monotonic()
         play(self._script, self, self._ending)
         return PlaybackResult(self._script.sent, self._script.unanswered, self._skipped)
 
     @property
     def now(self) -> int:
-        """The time of the graph (ns)."""
+        """Time of the graph (ns)."""
         return self._clock.now
 
     def advance(self, until: int) -> None:
-        """Advance the clock, no faster than the rate."""
+        """Advance the clock at the given rate at most."""
         self._clock.advance(0.0)
         while self._clock.now < until and not self._ending.asked:
             self._clock.advance(min(nanoseconds(STEP_S), until - self._clock.now) / SECOND)
@@ -264,7 +262,7 @@ class WorldPlayer:
 def play_bag(
     bag: Bag, topics: Mapping[str, str], playing: PlaybackOptions, *, parent: int | None = None
 ) -> PlaybackResult:
-    """Play ``bag`` in this process. Raises NodeError when the awaited graph is not complete in time."""
+    """Play ``bag`` in this process. Raises NodeError when the awaited graph is incomplete at the timeout."""
     environment.require_ros()
     from socialbot.bridge.environment import spinning_node
 

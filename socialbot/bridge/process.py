@@ -1,4 +1,4 @@
-"""Run nodes of a graph in this process: one of them, or several composed."""
+"""Run one or several composed nodes of a graph in this process."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ def run_nodes(
 
     Args:
         graph: The graph.
-        names: The nodes to run. Messages between them are handed over without DDS where possible.
+        names: The nodes to run. They exchange messages without DDS where possible.
         sim_time: Whether the time comes from /clock.
-        parent: The process id of the parent, which has checked that the names are free.
+        parent: The process id of the parent, which has checked the names.
         ros_args: The arguments after ``--ros-args``.
-        supervisor: Decides when the nodes are activated.
+        supervisor: Commands the activation of the nodes.
 
     Raises:
         SocialbotError: A node cannot start.
@@ -97,7 +97,7 @@ def run_nodes(
 
 
 def _read_by_udp(graph: Graph, names: Collection[str]) -> None:
-    """Make this process receive everything but images by UDP."""
+    """Receive everything but images by UDP in this process."""
     topics = {
         topic
         for name in names
@@ -110,7 +110,7 @@ def _read_by_udp(graph: Graph, names: Collection[str]) -> None:
 
 
 def _obey(supervisor: SupervisorLink, hosts: list[NodeHost], executor: Executor) -> None:
-    """Run the transitions that the supervisor commands, in the executor thread."""
+    """Run the transitions commanded by the supervisor, in the executor thread."""
     named = {host.name: host for host in hosts}
     while (command := supervisor.wait()) is not None:
         name, state = command
@@ -118,7 +118,7 @@ def _obey(supervisor: SupervisorLink, hosts: list[NodeHost], executor: Executor)
 
 
 class _RosLogHandler(logging.Handler):
-    """Passes log records to the ROS logger of their node, and so to /rosout."""
+    """Log handler that forwards records to the ROS logger of their node, and so to /rosout."""
 
     def __init__(self, loggers: dict[str, Any]) -> None:
         super().__init__()

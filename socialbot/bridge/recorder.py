@@ -1,6 +1,6 @@
 """Record ROS topics into a bag, as serialized bytes.
 
-Only seals are opened: a bag holds verified payloads, and no refused messages.
+Only seals are opened, so that a bag holds verified payloads and no refused messages.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ log = logging.getLogger("socialbot.recorder")
 
 DISCOVERY_PERIOD_S = 0.2
 FLUSH_PERIOD_S = 0.5
-"""Messages older than this are in the file even if the process is killed."""
+"""Maximum time of a message in memory, where it would be lost with a killed process."""
 _SPIN_S = 0.05
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Result of a recording: message counts by topic, and the reasons for topics that are missing or incomplete."""
+    """Result of a recording: message counts by topic, and the reasons for missing or incomplete topics."""
 
     path: Path
     duration_s: float
@@ -54,7 +54,7 @@ def record(
     Args:
         out: The bag folder to create.
         topics: The topics; by default all but hidden ones (``/rosout``, ``/_name``), including later ones.
-        duration_s: The duration after which the recording ends.
+        duration_s: The duration of the recording.
         storage: "mcap" or "sqlite3".
         clock: The clock for the times of reception.
         stopped: Whether to end the recording now.
@@ -92,7 +92,7 @@ def record(
 
 
 class _TopicRecorder:
-    """Subscribes to each topic once it has a publisher."""
+    """Subscribe to each topic once it has a publisher."""
 
     def __init__(self, node: Any, bag: BagWriter, topics: Collection[str], clock: Clock) -> None:
         self._refused: dict[str, str] = {}
@@ -106,7 +106,7 @@ class _TopicRecorder:
         self._subscriptions: list[AdaptiveSubscription] = []
 
     def refusals(self) -> dict[str, str]:
-        """The topics that are missing or incomplete, with the reason."""
+        """Missing or incomplete topics, with the reason."""
         invalid = {
             topic: ", ".join(f"{count} {reason}" for reason, count in reasons.items())
             for topic, reasons in self._invalid.items()
@@ -114,7 +114,7 @@ class _TopicRecorder:
         return self._refused | invalid
 
     def subscribe_new(self) -> None:
-        """Subscribe to new topics, and adapt subscriptions to publishers that offer less."""
+        """Subscribe to new topics, and adapt subscriptions to weaker publishers."""
         for subscription in self._subscriptions:
             subscription.adapt()
         for topic, type_names in self._node.get_topic_names_and_types():
@@ -147,7 +147,7 @@ class _TopicRecorder:
         log.info("recording %s (%s)", topic, type_name)
 
     def _verified(self, topic: str, write: Callable[[bytes], None]) -> Callable[[Any], None]:
-        """A callback that verifies sealed Strings of ``topic`` and writes their payload."""
+        """Return a callback that verifies sealed Strings of ``topic`` and writes their payload."""
         from rclpy.serialization import serialize_message
 
         receiver = self._transport.receiver(topic, latched=True)
