@@ -1,9 +1,8 @@
-"""What flows along the connections of a graph.
+"""Messages of the graph topics.
 
-Every message is an immutable struct with the stamp (ns) of the moment it speaks
-of: a detection carries the stamp of its frame. ``bridge/codec.py`` says which ROS
-type each becomes. A `Structured` message has no ROS type of its own and travels as JSON
-with its schema name and version inside (``docs/schemas``).
+Every message is an immutable struct with a stamp in ns: a detection carries the stamp of its frame.
+``bridge/codec.py`` maps messages to ROS types. A `Structured` message has no ROS type of its own and is sent as JSON
+with its schema name and version (``docs/schemas``).
 """
 
 from __future__ import annotations
@@ -19,13 +18,13 @@ VERSION = 1
 
 
 class Message(msgspec.Struct, frozen=True, kw_only=True):
-    """The base of everything that flows: a stamp in nanoseconds."""
+    """Base class of all messages, with a stamp in nanoseconds."""
 
     stamp: int
 
 
 class Image(Message, frozen=True, kw_only=True):
-    """A picture as a camera driver publishes it (sensor_msgs/Image).
+    """Image of a camera driver (sensor_msgs/Image).
 
     ``data`` is a flat uint8 array of ``height * step`` bytes; a row may be padded.
     """
@@ -40,7 +39,7 @@ class Image(Message, frozen=True, kw_only=True):
 
     @classmethod
     def from_bgr(cls, pixels: np.ndarray, *, stamp: int, frame_id: str) -> Image:
-        """A bgr8 image from pixels of shape (height, width, 3), uint8."""
+        """Create a bgr8 image from uint8 pixels of shape (height, width, 3)."""
         height, width = pixels.shape[:2]
         flat = np.ascontiguousarray(pixels).reshape(-1)
         return cls(
@@ -48,9 +47,9 @@ class Image(Message, frozen=True, kw_only=True):
         )
 
     def bgr(self) -> np.ndarray:
-        """The pixels of a bgr8 image as (height, width, 3), without a copy where rows are not padded.
+        """Pixels of a bgr8 image as (height, width, 3), without a copy if rows are not padded.
 
-        Raises MessageError for any other encoding or when the data does not fill the image.
+        Raises MessageError for any other encoding or for data of the wrong size.
         """
         if self.encoding != "bgr8":
             raise MessageError(f"expected a bgr8 image, got {self.encoding!r}", remedy="connect an image_converter")
@@ -63,7 +62,7 @@ class Image(Message, frozen=True, kw_only=True):
 
 
 class CompressedImage(Message, frozen=True, kw_only=True):
-    """A JPEG or PNG picture (sensor_msgs/CompressedImage); ``data`` is a flat uint8 array."""
+    """JPEG or PNG image (sensor_msgs/CompressedImage); ``data`` is a flat uint8 array."""
 
     frame_id: str
     format: str
@@ -71,7 +70,7 @@ class CompressedImage(Message, frozen=True, kw_only=True):
 
 
 class CameraInfo(Message, frozen=True, kw_only=True):
-    """The intrinsics of a camera (sensor_msgs/CameraInfo): ``k`` row by row, ``d`` the distortion."""
+    """Camera intrinsics (sensor_msgs/CameraInfo): ``k`` row by row, ``d`` the distortion."""
 
     frame_id: str
     width: int
@@ -82,7 +81,7 @@ class CameraInfo(Message, frozen=True, kw_only=True):
 
 
 class JointTrajectory(Message, frozen=True, kw_only=True):
-    """One target for some joints (trajectory_msgs/JointTrajectory with a single point).
+    """Target of some joints (trajectory_msgs/JointTrajectory with a single point).
 
     Positions in rad, velocities in rad/s, ``duration_s`` the time to get there.
     """
@@ -94,7 +93,7 @@ class JointTrajectory(Message, frozen=True, kw_only=True):
 
 
 class BoxMarkers(Message, frozen=True, kw_only=True):
-    """Boxes to draw over an image (visualization_msgs/ImageMarker, a list of lines)."""
+    """Boxes drawn over an image (visualization_msgs/ImageMarker, a list of lines)."""
 
     frame_id: str
     boxes: tuple[tuple[float, float, float, float], ...]
@@ -106,29 +105,27 @@ Share = Annotated[float, msgspec.Meta(ge=0.0)]
 class Structured(
     Message, frozen=True, kw_only=True, tag_field="schema", tag=lambda name: f"socialbot/{name}/{VERSION}"
 ):
-    """A message without a ROS type: JSON in std_msgs/String."""
+    """Message without a ROS type: JSON in std_msgs/String."""
 
 
 class PictureAck(Structured, frozen=True, kw_only=True):
-    """That a picture has come over a link: its own ``stamp``, and when (ns, by the receiver's clock) it ``arrived``.
+    """Acknowledgement of an image by its ``stamp``, which ``arrived`` at a time of the receiver's clock (ns).
 
-    It also stands for all pictures sent before. The last one is said again while none comes, as a sign of life; both
-    are 0 before the first.
+    It covers all earlier images, too. The receiver repeats the last one as a heartbeat. Both times are 0 at first.
     """
 
     arrived: int
 
 
 State = Literal["ok", "paused", "waiting", "degraded", "failed", "ended"]
-"""How a node is: "paused" by a person, "waiting" for what has never come yet, "ended" of a recording that has been
-played."""
+"""State of a node: "paused" by a person, "waiting" for the first input, or "ended" with its recording."""
 
 
 class Health(Structured, frozen=True, kw_only=True):
-    """How a node is, and why; said at each change, and again and again as a sign of life.
+    """Health of a node, published at each change and as a heartbeat.
 
-    ``silent`` are the topics from which nothing comes that should, ``outputs`` those that the node publishes. So
-    whoever hears of all nodes can follow a silence to where it begins.
+    ``silent`` lists the inputs that have timed out, ``outputs`` the topics that the node publishes. Together they
+    trace a timeout to its source.
     """
 
     node: str
@@ -142,10 +139,10 @@ UpState = Literal["up", "ending", "ended"]
 
 
 class UpStatus(Structured, frozen=True, kw_only=True):
-    """That ``socialbot up`` runs the nodes of ``graph`` on ``machine``, said again and again, and how it ends.
+    """Heartbeat of ``socialbot up`` with the ``graph`` and the ``machine``; the last one reports the end.
 
-    ``run`` is an id of its own, ``pid`` that of its process, and ``boot`` that of the start of the computer, by which
-    others on the same computer know that. ``reason`` is the error that it has ended with, if any.
+    ``run`` is a unique id, ``pid`` the process id, and ``boot`` the boot id of the computer. ``reason`` is the error at
+    the end, if any.
     """
 
     run: str
@@ -158,24 +155,24 @@ class UpStatus(Structured, frozen=True, kw_only=True):
 
 
 class DownRequest(Structured, frozen=True, kw_only=True):
-    """Asks the ``socialbot up`` whose ``run`` has this id to end."""
+    """Request to stop the ``socialbot up`` with the id ``run``."""
 
     run: str
 
 
 Command = Literal["believe", "forget", "achieve", "drop", "pause", "resume", "step"]
-"""What a person may ask of an agent."""
+"""Commands from people to an agent."""
 
 
 AGENT_COMMANDS, AGENT_ANSWERS = "/agents/commands", "/agents/answers"
-"""Topics for commands from people to agents, and for the agents' answers; all agents share them."""
+"""Topics of agent commands and answers, shared by all agents."""
 
 
 class AgentCommand(Structured, frozen=True, kw_only=True):
-    """What a person asks of ``agent``, under an ``id`` of its own.
+    """Command from a person to ``agent``, with a unique ``id``.
 
-    ``text`` is what to believe, forget, achieve or drop, as the agent writes it. An agent that pauses takes in what
-    comes, but neither thinks nor acts until it is to resume; meanwhile each step is one turn of its reasoning.
+    ``text`` is a belief or goal in the notation of the agent. A paused agent processes messages but neither reasons nor
+    acts until "resume"; each "step" runs one reasoning cycle.
     """
 
     id: str
@@ -185,7 +182,7 @@ class AgentCommand(Structured, frozen=True, kw_only=True):
 
 
 class AgentAnswer(Structured, frozen=True, kw_only=True):
-    """Whether an agent does what the command with this ``id`` asks for; the ``reason`` if not."""
+    """Answer to the command with this ``id``: accepted, or rejected with a ``reason``."""
 
     id: str
     agent: str
@@ -194,13 +191,12 @@ class AgentAnswer(Structured, frozen=True, kw_only=True):
 
 
 class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
-    """One person in one frame.
+    """Person in one frame.
 
-    The box is x, y, w, h in pixels with the origin at the top left. ``bearing_rad`` counts to the
-    left and ``elevation_rad`` up, from the camera's forward direction in the horizontal plane
-    (REP-103); they point to the person's head. ``distance_m`` is horizontal, ``distance_std_m`` its
-    standard error. A person keeps their ``track_id`` from frame to frame; it is empty where nobody tracks.
-    With ``unseen_s`` above 0 the detector last saw this person so long ago, and the box is a prediction.
+    The box is x, y, w, h in pixels with the origin at the top left. ``bearing_rad`` is positive to the left and
+    ``elevation_rad`` upwards, from the camera's forward direction in the horizontal plane (REP-103); both point to the
+    head. ``distance_m`` is horizontal, ``distance_std_m`` its standard error. ``track_id`` identifies a person across
+    frames; it is empty without a tracker. With ``unseen_s`` above 0 the box is a prediction of that age.
     """
 
     x: float
@@ -217,7 +213,7 @@ class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PersonDetections(Structured, frozen=True, kw_only=True):
-    """The people in one frame; ``stamp`` is the frame's. An empty list says that nobody was found."""
+    """People in one frame, with the stamp of the frame. An empty list means no detections."""
 
     frame_id: str
     width: int
@@ -226,12 +222,12 @@ class PersonDetections(Structured, frozen=True, kw_only=True):
 
     @property
     def id(self) -> str:
-        """The id by which the trace refers to this."""
+        """Id of this message in the trace."""
         return f"detection-{self.stamp}"
 
 
 class ActionRequest(Structured, frozen=True, kw_only=True):
-    """What the agent has decided to do: an action's name and arguments, and the trace id it stems from."""
+    """Action chosen by an agent: name and arguments, and the trace id of the decision."""
 
     id: str
     agent: str
@@ -240,7 +236,7 @@ class ActionRequest(Structured, frozen=True, kw_only=True):
 
 
 class Utterance(Structured, frozen=True, kw_only=True):
-    """A sentence to say. A waiting utterance of the same ``key`` is replaced by a newer one."""
+    """Sentence for the speaker. It replaces a waiting utterance with the same ``key``."""
 
     id: str
     text: str
@@ -249,7 +245,7 @@ class Utterance(Structured, frozen=True, kw_only=True):
 
 
 class SpeechStatus(Structured, frozen=True, kw_only=True):
-    """What became of an utterance."""
+    """Progress or result of an utterance."""
 
     utterance_id: str
     state: Literal["waiting", "started", "finished", "replaced", "expired", "failed"]
@@ -258,7 +254,7 @@ class SpeechStatus(Structured, frozen=True, kw_only=True):
 
 
 class HeadCommand(Structured, frozen=True, kw_only=True):
-    """How to hold the head: follow people, look straight on, or look at a pan and tilt (rad)."""
+    """Head control mode: follow people, face forward, or look at a pan and tilt (rad)."""
 
     mode: Literal["track", "centre", "look"]
     pan_rad: float = 0.0
@@ -267,7 +263,7 @@ class HeadCommand(Structured, frozen=True, kw_only=True):
 
 
 class TraceRecord(Structured, frozen=True, kw_only=True):
-    """One step from frame to action: what happened at ``source`` (an agent or topic), and the id of what caused it."""
+    """Step from frame to action: an event at ``source`` (an agent or topic), and the id of its cause."""
 
     id: str
     source: str
@@ -278,7 +274,7 @@ class TraceRecord(Structured, frozen=True, kw_only=True):
 
 
 class MindBelief(msgspec.Struct, frozen=True, kw_only=True):
-    """One belief as a person would read it, its source and since when (ns) it has been held."""
+    """Belief as readable text, with its source and the time (ns) of its addition."""
 
     text: str
     source: str
@@ -286,7 +282,7 @@ class MindBelief(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Mind(Structured, frozen=True, kw_only=True):
-    """What an agent believes, desires and intends at this moment."""
+    """Beliefs, desires and intentions of an agent at one time."""
 
     agent: str
     beliefs: tuple[MindBelief, ...]
@@ -298,4 +294,4 @@ BUILT_IN_MESSAGES: tuple[type[Structured], ...] = (
     PersonDetections, ActionRequest, Utterance, SpeechStatus, HeadCommand, TraceRecord, Mind, PictureAck, Health,
     UpStatus, DownRequest, AgentCommand, AgentAnswer,
 )  # fmt: skip
-"""Structured messages of no agent in particular; `socialbot.core.registry.message_types` lists all."""
+"""Structured messages shared by all agents; `socialbot.core.registry.message_types` returns all."""

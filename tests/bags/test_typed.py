@@ -50,7 +50,7 @@ def test_every_structured_message_has_a_type_that_bags_know() -> None:
 
 def test_a_definition_says_what_its_struct_says() -> None:
     text = definitions()["socialbot_msgs/msg/SpeechStatus"].splitlines()
-    assert text[0] == "# What became of an utterance."
+    assert text[0] == "# Progress or result of an utterance."
     assert 'string STATE_EXPIRED="expired"' in text
     assert text[-5:] == [
         "std_msgs/Header header",
