@@ -91,9 +91,9 @@ class TimedRunner(InlineRunner):
         self.reasoning_s = self.planning_s = self.world_s = 0.0
         super().__init__(graph)
 
-    def guard(self, context: Any, callback: Callable[..., None], *arguments: Any) -> None:
+    def attempt(self, context: Any, callback: Callable[..., None], *arguments: Any, calls: int = 0) -> None:
         plans, begin = self.plans, time.thread_time()
-        super().guard(context, callback, *arguments)
+        super().attempt(context, callback, *arguments, calls=calls)
         seconds = time.thread_time() - begin
         if context.name == WORLD:
             self.world_s += seconds

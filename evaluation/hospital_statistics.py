@@ -72,7 +72,9 @@ def fit(points: Sequence[tuple[float, float]]) -> Line | None:
         return None
     found: Any = stats.linregress(xs, ys)
     half = t_quantile(len(points) - 2) * found.stderr
-    return Line(float(found.intercept), float(found.slope), Interval(found.slope - half, found.slope + half))
+    return Line(
+        float(found.intercept), float(found.slope), Interval(float(found.slope - half), float(found.slope + half))
+    )
 
 
 def weighted(without: Sequence[float], with_: Sequence[float], share: float) -> float:

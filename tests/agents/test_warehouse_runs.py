@@ -104,7 +104,7 @@ def test_a_director_that_begins_steps_without_a_look_at_their_conditions_is_caug
 
 
 def test_a_director_that_knows_no_causal_order_is_caught(monkeypatch):
-    monkeypatch.setattr(merging, "_happenings", lambda numbered, tasks: ())
+    monkeypatch.setattr(merging, "_task_events", lambda numbered, tasks: ())
     assert play(Story(seed=4, limit_s=30.0)).violations
 
 

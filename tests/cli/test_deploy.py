@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
+from unittest import mock
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -29,6 +32,12 @@ def test_a_file_that_names_machines_is_a_deployment(file: Path, tmp_path: Path):
     assert is_deployment(str(file))
     file.write_text("name: eyes\nnodes:\n  camera: {type: camera}\n")
     assert not any(map(is_deployment, (str(file), "waldo", str(tmp_path), str(tmp_path / "none"))))
+
+
+@pytest.fixture(autouse=True)
+def _environment_of_its_own() -> Iterator[None]:
+    with mock.patch.dict(os.environ):
+        yield
 
 
 def test_up_runs_the_half_of_a_machine(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -445,7 +445,7 @@ def _check_parameters(data: bytes) -> None:
 class _Strict(InlineRunner):
     """Nodes may refuse what they get by a SocialbotError; any other exception ends it."""
 
-    def guard(self, context: Any, callback: Callable[..., None], *arguments: Any) -> None:
+    def attempt(self, context: Any, callback: Callable[..., None], *arguments: Any, calls: int = 0) -> None:
         if context.alive:
             with suppress(SocialbotError):
                 callback(*arguments)
