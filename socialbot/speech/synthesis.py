@@ -90,7 +90,7 @@ class Synthesizer:
             _set_voice(library, voice)
 
     def say(self, text: str) -> Sound:
-        """Synthesize ``text``. Raises MessageError if it has nothing to say."""
+        """Synthesize ``text``. Raises MessageError for text without speech."""
         return self._known(text)
 
     def _make(self, text: str) -> Sound:

@@ -92,7 +92,7 @@ def add_plan(engine: Any, args: Args, trail: Trail) -> None:
 
 @internal(".remove_plan", 1, 2)
 def remove_plan(engine: Any, args: Args, trail: Trail) -> None:
-    """``.remove_plan(label, Source)``: remove a source (default: self) of a plan; without any source the plan goes."""
+    """``.remove_plan(label, Source)``: remove a source (default: self) of a plan, or the plan with its last source."""
     plans, *rest = args
     notes = (source(Atom(name_of(".remove_plan", rest[0]))),) if rest else SELF
     for item in each_of(plans):
