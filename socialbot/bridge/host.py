@@ -159,7 +159,7 @@ class NodeHost:
         self._supervisor = supervisor
         self._intra_process = intra_process or IntraProcess()
         self._transport = open_transport(form=graph.wire)
-        sealed = self._transport.sealed  # no services then, because anybody could call them
+        sealed = self._transport.sealed  # disables services, which have no seals
         self._ros = LifecycleHost(
             config.name,
             self,

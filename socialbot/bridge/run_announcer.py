@@ -26,7 +26,7 @@ ANNOUNCE_PERIOD_S = 1.0
 LAST_STATUS_TIMEOUT_S = 2.0
 
 MAX_RUNS = 1000
-"""The number of runs that are stored; a stranger may invent any number."""
+"""Maximum number of stored runs, in case of forged run ids."""
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
@@ -36,10 +36,10 @@ log = logging.getLogger("socialbot.up")
 
 
 class RunAnnouncer:
-    """Announces that ``graph`` is up, and calls ``on_down`` when it is asked to end.
+    """Announce that ``graph`` is up, and call ``on_down`` on a request to end it.
 
-    It is a context manager; leaving it announces the end, and the error if there is one. ``on_down`` is called in the
-    thread that spins ``ros``.
+    Leaving the context announces the end of the run, and its error if there is one. ``on_down`` is called in the thread
+    that spins ``ros``.
     """
 
     def __init__(self, ros: Any, graph: str, on_down: Callable[[], None]) -> None:
@@ -67,11 +67,11 @@ class RunAnnouncer:
 
     @property
     def refused(self) -> int:
-        """The number of requests without a valid seal."""
+        """Number of requests without a valid seal."""
         return self._requests.refused
 
     def announce(self) -> None:
-        """Publish the status, if it is time."""
+        """Publish the status if it is due."""
         now = time.monotonic()
         if now >= self._announced_at + ANNOUNCE_PERIOD_S:
             self._announced_at = now
@@ -87,7 +87,7 @@ class RunAnnouncer:
         self._on_down()
 
     def _on_status(self, status: UpStatus) -> None:
-        """Log another run with the same nodes once. It may have been unreachable when this one began."""
+        """Log another run with the same nodes once, such as one that was unreachable at the start."""
         same = (status.graph, status.machine, status.state) == (self._graph, machine(), "up")
         if not same or status.run in self._twins | {self.run} or len(self._twins) >= MAX_RUNS:
             return
@@ -114,7 +114,7 @@ class RunAnnouncer:
 
 
 class RunStatuses:
-    """The last status of each run of ``socialbot up`` in the ROS domain, by run id (``statuses``)."""
+    """Last status of each run of ``socialbot up`` in the ROS domain, by run id (``statuses``)."""
 
     def __init__(self, ros: Any) -> None:
         self.statuses: dict[str, UpStatus] = {}
@@ -124,37 +124,36 @@ class RunStatuses:
 
     @property
     def incomplete(self) -> bool:
-        """Whether a publisher is discovered whose status has not arrived yet."""
+        """Whether a status of a discovered publisher is still missing."""
         live = sum(one.state != "ended" for one in tuple(self.statuses.values()))
         return self._ros.count_publishers(UP_TOPIC) > live
 
     @property
     def refused(self) -> int:
-        """The number of statuses without a valid seal."""
+        """Number of statuses without a valid seal."""
         return self._subscriber.refused
 
     def ask_to_end(self, run: str) -> None:
-        """Ask a run to end. Repeat it: a run that is not connected yet does not receive the request."""
+        """Ask a run to end. Repeat the call: a run that is not connected yet does not receive the request."""
         self._sender.publish(DownRequest(stamp=WallClock().now(), run=run))
 
     def note(self, status: UpStatus) -> None:
-        """Store a status."""
         if status.run in self.statuses or len(self.statuses) < MAX_RUNS:
             self.statuses[status.run] = status
 
 
 def is_here(status: UpStatus) -> bool:
-    """Whether this run is on this computer."""
+    """Whether a run is on this computer."""
     return status.boot == boot_id()
 
 
 def is_gone(status: UpStatus, *, vanished: bool = False) -> bool:
-    """Whether a run has ended, by its status or because it ``vanished``. On this computer its process must be gone."""
+    """Whether a run has ended, by its status or because it ``vanished``. A local run must also have no process."""
     return (vanished or status.state == "ended") and not (is_here(status) and _is_alive(status.pid))
 
 
 def _is_alive(pid: int) -> bool:
-    """Whether a process runs and is no zombie."""
+    """Whether a process exists and is not a zombie."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text("utf-8", errors="replace")
     except OSError:
@@ -163,7 +162,7 @@ def _is_alive(pid: int) -> bool:
 
 
 def boot_id() -> str:
-    """An id that processes on this computer share until it reboots."""
+    """Id of this computer since its last boot."""
     return BOOT_ID.read_text("ascii").strip()
 
 
@@ -173,7 +172,7 @@ def _sender(ros: Any, topic: str, kind: type[Structured]) -> tuple[Any, Sender]:
 
 
 class _Subscriber(Generic[S]):
-    """Subscribes to one topic; refused messages are counted and logged."""
+    """Subscriber of one topic, which counts and logs refused messages."""
 
     def __init__(self, ros: Any, topic: str, kind: type[S], take: Callable[[S], None]) -> None:
         self.refused = 0

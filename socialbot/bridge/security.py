@@ -36,14 +36,14 @@ MAX_KEY_BYTES = 10_000
 
 
 class SecurityError(SocialbotError):
-    """A key or security setting is unusable."""
+    """Invalid key or security setting."""
 
     exit_code = 4
 
 
 @dataclass(frozen=True)
 class Keys:
-    """The own name and private key, and the trusted public keys by name, including the own one."""
+    """Own name and private key, and the trusted public keys by name, including the own one."""
 
     name: str
     private: Ed25519PrivateKey = field(repr=False)
@@ -51,7 +51,7 @@ class Keys:
 
 
 def new_key(name: str, folder: Path) -> tuple[Path, Path]:
-    """Create a key pair in ``folder``, and the folder if needed; returns the private and the public file.
+    """Create a key pair in ``folder``, and the folder if needed; return the private and the public file.
 
     Raises:
         SecurityError: A key of that name exists, or the files cannot be written.
@@ -76,7 +76,7 @@ def new_key(name: str, folder: Path) -> tuple[Path, Path]:
 
 
 def load_keys(folder: Path, name: str = "") -> Keys:
-    """The keys in ``folder``. The own key is that of ``name``, or the only private one.
+    """Load the keys in ``folder``. The own key is that of ``name``, or the only private one.
 
     Raises:
         SecurityError: Keys are missing, damaged, do not form a pair, or other users can read or change them.
@@ -97,7 +97,7 @@ def load_keys(folder: Path, name: str = "") -> Keys:
 
 
 def load_public_keys(folder: Path) -> dict[str, Ed25519PublicKey]:
-    """The public keys in ``folder`` by name. Raises SecurityError when one is unusable."""
+    """Load the public keys in ``folder`` by name. Raises SecurityError for an invalid one."""
     if not folder.is_dir():
         raise SecurityError("no such folder", where=str(folder), remedy="make a key: socialbot key new NAME --folder")
     _refuse_mode(folder, 0o002, "anybody can add keys", "chmod o-w")
@@ -113,7 +113,7 @@ def load_public_keys(folder: Path) -> dict[str, Ed25519PublicKey]:
 
 
 def load_private_key(path: Path) -> Ed25519PrivateKey:
-    """The private key at ``path``. Raises SecurityError when it is unusable, or other users can read it."""
+    """Load the private key at ``path``. Raises SecurityError if it is invalid, or other users can read it."""
     key = _loaded(path, lambda data: load_pem_private_key(data, None))
     _refuse_mode(path, 0o077, "other users can read or change this private key", "chmod 600")
     if not isinstance(key, Ed25519PrivateKey):
@@ -122,12 +122,12 @@ def load_private_key(path: Path) -> Ed25519PrivateKey:
 
 
 def private_names(folder: Path) -> list[str]:
-    """The names of the private keys in ``folder``."""
+    """Names of the private keys in ``folder``."""
     return sorted(path.stem for path in folder.glob(f"*{PRIVATE}"))
 
 
 def fingerprint(key: Ed25519PublicKey) -> str:
-    """A short text to compare two keys by."""
+    """Short text for the visual comparison of keys."""
     digest = hashlib.sha256(key.public_bytes(Encoding.Raw, PublicFormat.Raw)).digest()
     return base64.b32encode(digest[:15]).decode().lower()
 
@@ -185,18 +185,18 @@ def _pem(key: Ed25519PublicKey) -> bytes:
 
 
 MAX_STREAMS = 256
-"""The number of streams above which those are forgotten whose messages would be late anyway."""
+"""Number of streams above which expired ones are removed."""
 
 
 class FreshnessVerdict(enum.Enum):
-    """The result of a freshness check."""
+    """Result of a freshness check."""
 
     NEW = "new"
     RENEWED = "renewed"
-    """A known message with a new seal, for late subscribers."""
+    """Known message with a new seal, for late subscribers."""
     LATE = "late"
     EARLY = "early"
-    """The stamp lies in the future: the clocks differ."""
+    """Stamp in the future: the clocks differ."""
     REPLAYED = "replayed"
 
 
@@ -207,10 +207,10 @@ class _Last:
 
 
 class Freshness:
-    """Checks the order and age of the messages of one receiver.
+    """Freshness check: order and age of the messages of one receiver.
 
-    Messages older than the receiver are late: a crashed predecessor may have executed them. Times are those of the
-    computer, because simulated time may stand still.
+    Messages older than the receiver are late: a crashed predecessor may have executed them. Times are system times,
+    because simulated time may stand still.
 
     Args:
         window_s: The allowed difference (s) between the time of a message and the clock.
@@ -236,11 +236,10 @@ class Freshness:
 
     @property
     def stream_count(self) -> int:
-        """The number of known streams."""
         return len(self._streams)
 
     def judge(self, sender: str, stream: str, number: int, time: int) -> FreshnessVerdict:
-        """Check, and remember, a message with a valid signature that was sealed at ``time`` (ns)."""
+        """Check and remember a message with a valid signature from ``time`` (ns)."""
         now = self.now()
         last = self._streams.get((sender, stream))
         if last is not None and (number < last.number or (number == last.number and _was_heard(time, last.time, now))):
@@ -262,14 +261,14 @@ class Freshness:
 
 
 def _was_heard(time: int, last: int, now: int) -> bool:
-    """Whether the renewal of ``time`` is not newer than the known one of ``last``, unless a clock was set back."""
+    """Whether a renewal at ``time`` is no newer than the known one at ``last``, unless a clock was set back."""
     return time == last or time < last <= now
 
 
 SCHEMA = "socialbot/Sealed/1"
 
 WINDOW_S = 5.0
-"""The default window (s): clock difference plus travel time. Fast DDS repeats a lost packet after three seconds."""
+"""Default window (s): clock difference plus travel time. Fast DDS repeats a lost packet after three seconds."""
 
 STREAM_BYTES = 8
 LONGEST_SHOWN = 40
@@ -279,7 +278,7 @@ Name = Annotated[str, msgspec.Meta(max_length=256)]
 
 
 class Sealed(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA, forbid_unknown_fields=True):
-    """A sealed text. ``stream`` and ``number`` identify it; ``time`` (ns) is the time of the seal."""
+    """Sealed text, identified by ``stream`` and ``number``; ``time`` (ns) is the time of the seal."""
 
     sender: Name
     stream: Name
@@ -290,17 +289,17 @@ class Sealed(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema", tag=
     signature: bytes
 
     def signed(self, realm: str) -> bytes:
-        """The signed bytes: JSON in one line, a line break, the payload."""
+        """Signed bytes: JSON in one line, a line break, the payload."""
         head = (SCHEMA, realm, self.sender, self.stream, self.number, self.time, self.topic)
         return msgspec.json.encode(head) + b"\n" + self.payload.encode()
 
 
 REASONS = ("unsealed", "unreadable", "unknown sender", "forged", "moved", "late", "early", "replayed")
-"""Why a message is refused.
+"""Refusal reasons.
 
-``unsealed``: plain text. ``unreadable``: no valid seal. ``unknown sender``: no key for it. ``forged``: the signature
-is wrong, or from another realm. ``moved``: sealed for another topic. ``late``, ``early``: outside of the window.
-``replayed``: not newer than the last message of its stream. The last four have a valid signature.
+``unsealed``: plain text. ``unreadable``: no valid seal. ``unknown sender``: unknown key. ``forged``: wrong signature
+or realm. ``moved``: sealed for another topic. ``late``, ``early``: outside of the window. ``replayed``: not newer than
+the last message of its stream. The last four have a valid signature.
 """
 
 _DECODER = msgspec.json.Decoder(Sealed)
@@ -315,7 +314,7 @@ _REMEDIES = {
 
 
 class SealError(MessageError):
-    """A message is refused; ``reason`` is one of `REASONS`, or ``sealed`` in a process without keys."""
+    """Refused message; ``reason`` is one of `REASONS`, or ``sealed`` in a process without keys."""
 
     def __init__(self, reason: str, what: str) -> None:
         super().__init__(f"{reason}: {what}", remedy=_REMEDIES.get(reason))
@@ -323,7 +322,7 @@ class SealError(MessageError):
 
 
 class Stream:
-    """Seals the messages of one publisher on one ``topic``. They must be published in the order of the seals."""
+    """Seals the messages of one publisher on one ``topic``, in the order of publication."""
 
     def __init__(self, keys: Keys, realm: str, topic: str, *, wall: Callable[[], int] = time.time_ns) -> None:
         self._keys = keys
@@ -335,10 +334,10 @@ class Stream:
         self._time = 0
 
     def seal(self, text: str, *, anew: bool = False) -> str:
-        """``text`` with a seal; ``anew`` renews the seal of the previous text."""
+        """Seal ``text``; ``anew`` renews the seal of the previous text."""
         self._number += not anew
         now = self._wall()
-        # The time tells renewed seals apart.
+        # The time distinguishes renewed seals.
         self._time = now if now != self._time else now + 1
         blank = Sealed(
             sender=self._keys.name,
@@ -354,7 +353,7 @@ class Stream:
 
 
 class Opener:
-    """Verifies the messages of one receiver on one ``topic``."""
+    """Verifier for the messages of one receiver on one ``topic``."""
 
     def __init__(self, keys: Keys, realm: str, topic: str, freshness: Freshness) -> None:
         self._keys = keys
@@ -363,7 +362,7 @@ class Opener:
         self._freshness = freshness
 
     def open(self, text: str) -> str | None:
-        """The payload of ``text``; None for a renewed seal of a known message. Raises SealError."""
+        """Return the payload of ``text``; None for a renewed seal of a known message. Raises SealError."""
         sealed = read(text)
         self._verify(sealed)
         verdict = self._freshness.judge(sealed.sender, sealed.stream, sealed.number, sealed.time)
@@ -390,7 +389,7 @@ class Opener:
 
 
 def read(text: str) -> Sealed:
-    """Parse a sealed text, without verification. Raises SealError."""
+    """Parse a sealed text without verification. Raises SealError."""
     try:
         return _DECODER.decode(text)
     except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
@@ -399,7 +398,7 @@ def read(text: str) -> Sealed:
 
 
 class Seal:
-    """Makes streams and openers with the keys of a process, valid in one ``realm``."""
+    """Factory of streams and openers with the keys of a process, valid in one ``realm``."""
 
     def __init__(self, keys: Keys, *, realm: str, window_s: float = WINDOW_S) -> None:
         self.window_s = window_s
@@ -407,9 +406,8 @@ class Seal:
         self._realm = realm
 
     def stream(self, topic: str) -> Stream:
-        """The stream of one publisher on ``topic``."""
         return Stream(self._keys, self._realm, topic)
 
     def opener(self, topic: str, *, joins_late: bool = False) -> Opener:
-        """The opener of one subscription; ``joins_late`` for a latched topic."""
+        """Opener of one subscription; ``joins_late`` for a latched topic."""
         return Opener(self._keys, self._realm, topic, Freshness(self.window_s, joins_late=joins_late))

@@ -1,7 +1,7 @@
-"""Simulated time in step with the nodes: /clock advances as soon as all of them have done the work that is due.
+"""Simulated time in step with the nodes: /clock advances when all of them have finished the work that is due.
 
-So a graph over DDS runs as fast as the machine allows. A slow machine makes the run longer, but not different. Work in
-the background, such as planning, takes no simulated time.
+A graph over DDS then runs as fast as the machine allows; a slow machine only makes the run longer. Background work,
+such as planning, takes no simulated time.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import NodeError
 
 KEPT_TOPIC = "/clock_kept"
-"""The topic on which nodes report the time up to which their work is done (std_msgs/Header: name and time)."""
+"""Topic for the time up to which a node has finished its work (std_msgs/Header: name and time)."""
 
 STEP_S = 0.1
 STEP_TIMEOUT_S = 30.0
-"""The real time (s) that a node has for the work of one step."""
+"""Real time (s) that a node has for the work of one step."""
 
 REPEAT_S = 0.25
-"""The real time (s) after which the time is published again, for a node that has just joined."""
+"""Real time (s) after which the time is published again, for a new node."""
 
 NUDGE_NS = 1000
 
 
 class SimClock:
-    """Publishes the time of a graph through the rclpy node ``ros``, which another thread spins.
+    """Clock of a graph, published through the rclpy node ``ros``, which another thread spins.
 
     Attributes:
         now: The time (ns). It changes only in `advance` and `until`.
@@ -62,7 +62,7 @@ class SimClock:
             self._step_nodes()
 
     def until(self, holds: Callable[[], bool], *, limit_s: float) -> bool:
-        """Advance the time until ``holds`` returns true, for ``limit_s`` at most; returns whether it did."""
+        """Advance the time until ``holds`` returns true, or by ``limit_s``; return whether it did."""
         end = self.now + nanoseconds(limit_s)
         while not holds():
             if self.now >= end:

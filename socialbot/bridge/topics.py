@@ -30,19 +30,19 @@ from socialbot.core.yaml import load_yaml
 from socialbot.graph.node import Delivery, WireForm
 
 MAX_ITEMS = 64
-"""Longer arrays and lists are replaced by their size."""
+"""Maximum array length; longer arrays are replaced by their size."""
 
 _PLAIN = re.compile(r"[A-Za-z_/][\w/.+-]*(?: [\w/.+-]+)*", re.ASCII)
 _WORDS_OF_YAML = frozenset({"true", "false", "null", "yes", "no", "on", "off"})
 
 
 def message_text(message: Any, *, raw: bool = False) -> str:
-    """An rclpy message as YAML. Unless ``raw``, JSON is decoded, and long arrays are replaced by their size."""
+    """Format an rclpy message as YAML. Unless ``raw``, decode JSON and replace long arrays by their size."""
     return "\n".join(_lines(_plain(message, raw=raw)))
 
 
 class _Cut(str):
-    """The text in place of a long array."""
+    """Text in place of a long array."""
 
     __slots__ = ()
 
@@ -145,7 +145,7 @@ Ended = Callable[[], bool]
 
 @dataclass(frozen=True, order=True)
 class TopicInfo:
-    """A topic: its name, types, and numbers of publishers and subscribers."""
+    """Name and types of a topic, and its numbers of publishers and subscribers."""
 
     name: str
     types: tuple[str, ...]
@@ -154,13 +154,12 @@ class TopicInfo:
 
     @property
     def hidden(self) -> bool:
-        """Whether only ROS itself uses the topic."""
         return self.name in HIDDEN or "/_" in self.name
 
 
 @contextmanager
 def observer_node() -> Iterator[Any]:
-    """A hidden rclpy node without parameter services. Raises InstallationError without ROS."""
+    """Open a hidden rclpy node without parameter services. Raises InstallationError without ROS."""
     environment.require_ros()
     from rclpy.node import Node
 
@@ -175,7 +174,7 @@ def observer_node() -> Iterator[Any]:
 
 
 def list_topics(ros: Any) -> tuple[TopicInfo, ...]:
-    """The topics that ``ros`` has discovered, by name, without its own endpoints."""
+    """List the topics discovered by ``ros`` by name, without its own endpoints."""
     seen = (
         TopicInfo(name, tuple(types), len(_publishers(ros, name)), len(_subscribers(ros, name)))
         for name, types in ros.get_topic_names_and_types()
@@ -184,7 +183,7 @@ def list_topics(ros: Any) -> tuple[TopicInfo, ...]:
 
 
 def settled_topics(ros: Any, ended: Ended = lambda: False) -> tuple[TopicInfo, ...]:
-    """The topics when they have not changed for ``QUIET_S``, or after ``SETTLE_TIMEOUT_S``."""
+    """List the topics once they are stable for ``QUIET_S``, or after ``SETTLE_TIMEOUT_S``."""
     begun = changed = time.monotonic()
     topics = list_topics(ros)
     while time.monotonic() - begun < SETTLE_TIMEOUT_S and not ended():
@@ -199,7 +198,7 @@ def settled_topics(ros: Any, ended: Ended = lambda: False) -> tuple[TopicInfo, .
 
 
 def await_publisher(ros: Any, name: str, *, timeout_s: float, ended: Ended = lambda: False) -> str | None:
-    """Wait for a publisher of the topic ``name``; returns its type, or None when ``ended`` came first.
+    """Wait for a publisher of the topic ``name``; return its type, or None if ``ended`` came first.
 
     Raises:
         GraphError: There is no publisher within ``timeout_s``.
@@ -219,7 +218,7 @@ def messages(
 ) -> Generator[Any | None, None, None]:
     """Yield the messages of the topic ``name`` until ``ended``; as bytes if ``raw``.
 
-    Yields None at least every ``POLL_S`` seconds, for callers that watch the time.
+    Yields None at least every ``POLL_S`` seconds, for callers with a deadline.
 
     Raises:
         GraphError: There is no publisher within ``timeout_s``.
@@ -247,7 +246,7 @@ def messages(
 
 
 class AdaptiveSubscription:
-    """A subscription whose quality of service matches all publishers, including new ones."""
+    """Subscription whose quality of service matches all publishers, including new ones."""
 
     def __init__(self, ros: Any, name: str, kind: Any, take: Callable[[Any], None], *, raw: bool) -> None:
         self._ros = ros
@@ -292,7 +291,7 @@ class AdaptiveSubscription:
 
 @dataclass(frozen=True)
 class TopicRate:
-    """The rate of a topic: mean rate, periods (s), bytes per second, and the number of messages measured."""
+    """Rate of a topic: mean rate, periods (s), bytes per second, and the number of measured messages."""
 
     hz: float
     min_s: float
@@ -303,17 +302,16 @@ class TopicRate:
 
 
 class RateMeter:
-    """Measures the rate over the last ``window`` messages."""
+    """Rate over the last ``window`` messages."""
 
     def __init__(self, window: int) -> None:
         self._last: deque[tuple[float, int]] = deque(maxlen=window)
 
     def note(self, time_s: float, size: int) -> None:
-        """Counts one message."""
         self._last.append((time_s, size))
 
     def rate(self) -> TopicRate | None:
-        """The rate over the window; None with fewer than two messages."""
+        """Rate over the window; None with fewer than two messages."""
         times = [time_s for time_s, _ in self._last]
         if len(times) < 2 or times[-1] <= times[0]:
             return None
@@ -352,9 +350,9 @@ def _nobody(name: str, topics: Collection[TopicInfo]) -> GraphError:
 
 POLL_S = 0.05
 STEADY_S = 0.5
-"""The time for which all discovered subscribers must be connected; others may be discovered a moment later."""
+"""Time for which all discovered subscribers must be connected; discovery may still be running."""
 CONNECT_TIMEOUT_S = 3.0
-"""The time after which missing subscribers are ignored: a killed process stays discovered for a while."""
+"""Timeout of connections to subscribers: a killed process stays discovered for a while."""
 ACKNOWLEDGE_TIMEOUT_S = 5.0
 
 
@@ -387,12 +385,12 @@ def parse_message(schema: str, text: str, *, stamp: int) -> Structured:
 
 
 def publish_once(ros: Any, name: str, message: Structured, *, timeout_s: float, ended: Ended = lambda: False) -> None:
-    """Publish ``message`` once, in the form that the subscribers of the topic ``name`` use, and wait until it arrived.
+    """Publish ``message`` once in the form of the subscribers of the topic ``name``, and wait for its arrival.
 
     Raises:
         GraphError: There is no subscriber within ``timeout_s``, or it uses another type.
         NodeError: The message was not acknowledged.
-        SecurityError: The keys are unusable.
+        SecurityError: The keys are invalid.
     """
     from rclpy.duration import Duration
 

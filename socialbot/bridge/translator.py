@@ -1,6 +1,6 @@
 """Republish detections and head pose of a running graph as standard ROS messages, for RViz, rqt and ROS4HRI.
 
-Types of packages that are not installed are left out. See docs/ros-installation.md.
+Types of missing packages are skipped. See docs/ros-installation.md.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ REGION_TYPE = "hri_msgs/msg/NormalizedRegionOfInterest2D"
 
 
 def translated_topics(graph: Graph) -> dict[str, type[Message]]:
-    """The topics of ``graph`` that a `Translator` needs."""
+    """Topics of ``graph`` for a `Translator`."""
     kinds = (PersonDetections, JointTrajectory)
     return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
 
 
 class Translator:
-    """Converts messages of ``graph``, taken from any thread, and publishes them through the spinning node ``ros``.
+    """Thread-safe translator of messages of ``graph``, which publishes through the spinning node ``ros``.
 
     Args:
         ros: The rclpy node.
@@ -59,7 +59,7 @@ class Translator:
         ParameterError: ``head`` is set, and the graph has no head.
 
     Attributes:
-        missing: The packages that are not installed, or whose libraries are not found.
+        missing: The packages that are not installed, or lack their libraries.
     """
 
     def __init__(self, ros: Any, graph: Graph, *, head: bool) -> None:
@@ -83,7 +83,7 @@ class Translator:
 
     @property
     def topics(self) -> list[str]:
-        """The published topics, each with its type."""
+        """Published topics, each with its type."""
         offered = {**TYPES, **HEAD_TYPES}
         topics = [f"{topic}  {offered[topic]}" for topic in self._publishers]
         return [*topics, f"{REGION.format('<id>')}  {REGION_TYPE}"] if TRACKED in self._publishers else topics
@@ -138,7 +138,7 @@ class Translator:
         self._publish(TF, lambda: self._messages.head(now, pose, self._mounting.height_m))
 
     def _publish(self, topic: str, make: Callable[[], Any]) -> None:
-        """Publish a message where the type of ``topic`` is installed."""
+        """Publish a message if the type of ``topic`` is installed."""
         publisher = self._publishers.get(topic)
         if publisher is not None:
             publisher.publish(make())

@@ -1,4 +1,4 @@
-"""Convert, sign and verify messages on their way to and from ROS topics, and choose their quality of service."""
+"""Message transport over ROS topics: conversion, signatures and quality of service."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _REMEDY_TYPED = "pip install ./interfaces/socialbot_msgs (see docs/interfaces.md
 
 @functools.cache
 def message_class(type_name: str) -> Any:
-    """The rclpy class of a type such as ``sensor_msgs/msg/Image``.
+    """Return the rclpy class of a type such as ``sensor_msgs/msg/Image``.
 
     Raises:
         InstallationError: ROS, or the package of this type, is not installed.
@@ -49,10 +49,10 @@ def message_class(type_name: str) -> Any:
 
 
 class RclpyTypes:
-    """A `codec.TypeFactory` that makes messages for rclpy."""
+    """`codec.TypeFactory` for rclpy messages."""
 
     def make(self, type_name: str, /, **fields: Any) -> Any:
-        """A message of ``type_name``. Raises InstallationError when its package is not installed."""
+        """Make a message of ``type_name``. Raises InstallationError when its package is not installed."""
         arrays = {name: value for name, value in fields.items() if isinstance(value, np.ndarray)}
         message = message_class(type_name)(**{name: value for name, value in fields.items() if name not in arrays})
         for name, numbers in arrays.items():
@@ -68,15 +68,15 @@ class RclpyTypes:
 
 WINDOW_VARIABLE = "SOCIALBOT_KEYS_WINDOW_S"
 _SEALED_PREFIX = '{"schema":"socialbot/Sealed/'
-"""The beginning of every sealed message. It lets processes without keys recognise one without loading cryptography."""
+"""Prefix of every sealed message, which processes without keys recognise without a cryptography library."""
 
 MIN_WINDOW_S, MAX_WINDOW_S = 0.1, 60.0
 RENEWALS_PER_WINDOW = 2
-"""Latched messages are sealed anew so often per window, so that they stay valid for late subscribers."""
+"""Number of renewals of latched messages per window, so that they stay valid for late subscribers."""
 
 
 class Sender:
-    """Encodes and publishes messages with one rclpy publisher. Thread-safe."""
+    """Thread-safe sender of messages through one rclpy publisher."""
 
     def __init__(self, types: TypeFactory, publisher: Any, stream: Stream | None, form: WireForm = "json") -> None:
         self._types = types
@@ -105,14 +105,14 @@ class Sender:
             self._publisher.publish(ros_message)
 
     def renew(self) -> None:
-        """Publish the last message again with a new seal. Receivers that had it ignore this one."""
+        """Publish the last message again with a new seal. Receivers ignore a known message."""
         with self._lock:
             if self._stream is not None and self._last is not None:
                 self._publisher.publish(self._types.make(STRING, data=self._stream.seal(self._last, anew=True)))
 
 
 class Receiver:
-    """Verifies and decodes the messages of one subscription."""
+    """Decoder of the verified messages of one subscription."""
 
     def __init__(self, types: TypeFactory, opener: Opener | None) -> None:
         self._types = types
@@ -132,7 +132,7 @@ class Receiver:
         return decode(message_type, ros_message, stamp=stamp)
 
     def open(self, ros_message: Any) -> Any | None:
-        """The String without its seal, if a seal is required. Result None and errors as in `decode`."""
+        """Return the String without its seal, if a seal is required. None and errors are those of `decode`."""
         text = getattr(ros_message, "data", None)
         if self._opener is None:
             if isinstance(text, str) and text.startswith(_SEALED_PREFIX):
@@ -147,11 +147,11 @@ class Receiver:
 
 
 class Transport:
-    """Makes the senders and receivers of one node.
+    """Factory of the senders and receivers of one node.
 
     Args:
-        seal: Signs and verifies structured messages; without it they travel unsealed.
-        form: Whether structured messages travel as JSON or as ROS types.
+        seal: Signs and verifies structured messages; without it they are unsealed.
+        form: The form of structured messages: JSON or ROS types.
     """
 
     def __init__(self, types: TypeFactory, seal: Seal | None = None, form: WireForm = "json") -> None:
@@ -162,20 +162,19 @@ class Transport:
 
     @property
     def sealed(self) -> bool:
-        """Whether messages are sealed."""
         return self._seal is not None
 
     @property
     def renewal_s(self) -> float:
-        """The period (s) of `renew`; infinite without keys."""
+        """Period (s) of `renew`; infinite without keys."""
         return math.inf if self._seal is None else self._seal.window_s / RENEWALS_PER_WINDOW
 
     def message_class(self, message_type: type[Message]) -> Any:
-        """The rclpy class that carries ``message_type``. Raises InstallationError when it is not installed."""
+        """Return the rclpy class for ``message_type``. Raises InstallationError when it is not installed."""
         return message_class(ros_type(message_type, self._form))
 
     def sender(self, publisher: Any, *, latched: bool = False) -> Sender:
-        """The sender of an rclpy publisher. `renew` includes it if it is ``latched``."""
+        """Make the sender of an rclpy publisher. `renew` includes it if it is ``latched``."""
         stream = None if self._seal is None else self._seal.stream(publisher.topic_name)
         sender = Sender(self._types, publisher, stream, self._form)
         if latched:
@@ -183,19 +182,19 @@ class Transport:
         return sender
 
     def receiver(self, topic: str, *, latched: bool = False) -> Receiver:
-        """The receiver of a subscription to the fully qualified ``topic``.
+        """Make the receiver of a subscription to the fully qualified ``topic``.
 
-        A ``latched`` one accepts messages that are older than the subscription.
+        A ``latched`` one accepts messages older than the subscription.
         """
         opener = None if self._seal is None else self._seal.opener(topic, joins_late=latched)
         return Receiver(self._types, opener)
 
     def stream(self, topic: str) -> Stream | None:
-        """Seals text inside messages of another type on ``topic``; None without keys."""
+        """Make the sealer of text in messages of another type on ``topic``; None without keys."""
         return None if self._seal is None else self._seal.stream(topic)
 
     def opener(self, topic: str) -> Opener | None:
-        """Opens such text; None without keys."""
+        """Make the verifier of such text; None without keys."""
         return None if self._seal is None else self._seal.opener(topic)
 
     def renew(self) -> None:
@@ -205,7 +204,7 @@ class Transport:
 
 
 def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: WireForm = "json") -> Transport:
-    """The transport that the ``environment`` asks for: sealed where `KEYS_VARIABLE` is set.
+    """Make the transport of the ``environment``, sealed if `KEYS_VARIABLE` is set.
 
     Raises:
         SecurityError: The keys cannot be used.
@@ -224,12 +223,12 @@ def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: 
 
 
 def refusal_reason(error: MessageError) -> str:
-    """Why a message was refused, in one or two words, as a key for counts."""
+    """Refusal reason in one or two words, as a key for counts."""
     return getattr(error, "reason", "unfit")
 
 
 def split_keys(text: str) -> tuple[str, str]:
-    """The folder and name of FOLDER:NAME; the name is empty where none is given."""
+    """Split FOLDER:NAME; the name may be empty."""
     folder, colon, name = text.rpartition(":")
     return (folder, name) if colon and "/" not in name else (text, "")
 
@@ -239,7 +238,7 @@ def _seal(environment: MutableMapping[str, str]) -> Seal:
 
     folder, name = split_keys(environment[KEYS_VARIABLE])
     if not folder:
-        # An empty variable is more likely a mistake than the wish to be without protection.
+        # An empty variable is probably a mistake, not a request for no protection.
         raise SecurityError("no folder is named", where=KEYS_VARIABLE, remedy="name one, or unset the variable")
     text = environment.get(WINDOW_VARIABLE) or str(WINDOW_S)
     try:
@@ -258,22 +257,22 @@ def _seal(environment: MutableMapping[str, str]) -> Seal:
 
 
 QUEUE_DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}
-"""The history depth of publishers and subscriptions."""
+"""History depth of publishers and subscriptions."""
 
 OBSERVER_DEPTH = 2000
-"""The history depth of an observer, which may fall behind because it has many topics."""
+"""History depth of an observer, which may fall behind on many topics."""
 
 
 def publisher_qos(delivery: Delivery) -> Any:
-    """Reliable, so that it matches all subscriptions; transient local for latched topics."""
+    """Profile of publishers: reliable, to match all subscriptions; transient local for latched topics."""
     return _qos(QUEUE_DEPTH[delivery], latched=delivery is Delivery.LATCHED)
 
 
 def subscription_qos(delivery: Delivery, *, outside: bool) -> Any:
-    """The same profile as the publisher's within the graph.
+    """Profile of subscriptions: that of the publisher within the graph.
 
-    Topics from ``outside`` the graph may come from drivers that publish best effort and volatile. A subscription that
-    requests more would not match, so this one requests the least.
+    Drivers ``outside`` the graph may publish best effort and volatile. A stricter subscription would not match them, so
+    this one requests the least.
     """
     undemanding = outside and delivery is not Delivery.EVERY
     latched = delivery is Delivery.LATCHED and not undemanding
@@ -281,12 +280,12 @@ def subscription_qos(delivery: Delivery, *, outside: bool) -> Any:
 
 
 def observer_qos(*, latched: bool) -> Any:
-    """The profile of an observer that records a topic of the graph."""
+    """Profile of an observer that records a topic of the graph."""
     return _qos(OBSERVER_DEPTH, latched=latched)
 
 
 def matching_qos(publishers: Collection[Any], depth: int) -> Any:
-    """The strictest profile that matches all ``publishers``."""
+    """Strictest profile that matches all ``publishers``."""
     from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
     offers = [publisher.qos_profile for publisher in publishers]
