@@ -1,4 +1,4 @@
-"""Pictures of a bag by time, as JPEG."""
+"""Images of a bag by time, as JPEG."""
 
 from __future__ import annotations
 
@@ -16,19 +16,18 @@ from socialbot.runs.run import Picture
 from socialbot.vision.images import as_jpeg
 
 KEPT = 300
-"""Size of the cache."""
 
 PATIENCE_S = 20.0
-"""Limit for waiting for the index."""
+"""Longest wait for the index."""
 
 
 class BagPictures:
-    """Pictures of a topic of a bag.
+    """Images of a topic of a bag.
 
-    A thread indexes the bag; requests for pictures that are not indexed yet wait. Only one thread may ask at a time.
+    A thread indexes the bag; requests for images that are not indexed yet wait. Only one thread may call `at`.
 
     Raises:
-        BagError: There is no such bag or topic.
+        BagError: The bag or topic does not exist.
     """
 
     def __init__(self, path: Path, topic: str) -> None:
@@ -79,7 +78,7 @@ class BagPictures:
                         self._stamps.append(place.stamp)
                         self._found.notify_all()
         except BagError:
-            # What is whole before the break is shown.
+            # Show the intact part before the damage.
             pass
         finally:
             with self._found:
@@ -89,7 +88,7 @@ class BagPictures:
 
 @contextmanager
 def pictures_of(path: Path, topics: Collection[str]) -> Iterator[BagPictures | None]:
-    """Open the pictures of the first of ``topics`` that has any.
+    """Open the images of the first of ``topics`` with any.
 
     Raises:
         BagError: The bag cannot be opened.

@@ -1,4 +1,4 @@
-"""What happens in a live run, told to every page that looks: at most ten times a second, and only what is new."""
+"""Server-sent events with the changes of a live run, at most ten a second."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ Look = Callable[[Callable[[], Any]], Awaitable[Any]]
 
 
 class Broadcast:
-    """Sends the changes of ``run`` to all listening pages.
+    """Send the changes of ``run`` to all listening pages.
 
     Args:
-        run: Returns the run.
-        shut: Returns why commands are refused.
-        look: Calls a function in the thread of the run.
+        run: Return the run.
+        shut: Return the reason for refusing commands, or an empty string.
+        look: Call a function in the thread of the run.
     """
 
     def __init__(self, run: Callable[[], RunView], shut: Callable[[], str], look: Look) -> None:
@@ -85,7 +85,7 @@ class Broadcast:
             self._pages.discard(page)
 
     def change(self) -> None:
-        """Tell all pages that the run has ended or changed."""
+        """Notify all pages that the run has ended or changed."""
         for page in self._pages:
             page.put_nowait(_event("ended", {}))
             page.put_nowait(None)
@@ -128,7 +128,6 @@ class Broadcast:
         return node_views(run, run.end)
 
     def _news(self) -> News | None:
-        """Return the changes since the last call, if there are any."""
         run = self._run()
         moment = run.course.at(run.end)
         changed = tuple(agent for agent in moment.agents if self._agents.get(agent.name) != agent)

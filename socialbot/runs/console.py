@@ -1,4 +1,4 @@
-"""Terminal display of a run while it happens."""
+"""Terminal display of a live run."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ _BAR = 24
 
 
 class Display:
-    """Prints a line for each event, and keeps a status line with time, progress and current activity below them.
+    """Print a line for each event, above a status line with time, progress and current activity.
 
-    Agents that deliberate are shown by the sentences of their story, other agents by beliefs, goals and actions.
+    Deliberating agents appear as sentences of their story, other agents as beliefs, goals and actions.
     """
 
     def __init__(

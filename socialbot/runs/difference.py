@@ -134,8 +134,8 @@ class Parting(msgspec.Struct, frozen=True):
 class Difference(msgspec.Struct, frozen=True):
     """Comparison of two runs, which are the ``same`` if all decisions and their times are equal.
 
-    ``counts`` holds the numbers of records by kind, ``number`` that of the first different decision. ``causes`` tells
-    where detections and beliefs differ first.
+    ``counts`` holds the numbers of records by kind, ``number`` that of the first different decision. ``causes`` lists
+    the first differences of detections and beliefs.
     """
 
     same: bool
@@ -225,7 +225,6 @@ def _first_decision(
 
 
 def _agent(history: History, record: TraceRecord) -> str:
-    """Return the agent behind a decision; utterances have a topic as their source."""
     if record.kind != "utterance":
         return record.source
     cause = history.cause(record)
@@ -298,7 +297,7 @@ def _time(run: RunRecords, record: TraceRecord | None) -> float | None:
     return None if record is None else run.history.seconds(record.stamp)
 
 
-# What is around it
+# Context
 
 
 def _names(first: RunRecords, second: RunRecords) -> tuple[str, str]:

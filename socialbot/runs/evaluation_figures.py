@@ -89,7 +89,6 @@ def scene_columns(evaluation: Evaluation) -> list[str]:
 
 
 def _column_of(scenes: Sequence[str]) -> dict[str, str]:
-    """The column of each scene: that of the paper if no other scene maps to it, else its own."""
     papers = {scene: paper_scene(scene) for scene in scenes}
     alone = Counter(papers.values())
     return {scene: paper if paper is not None and alone[paper] == 1 else scene for scene, paper in papers.items()}
@@ -291,7 +290,6 @@ def _curve(curve: PrecisionRecallCurve) -> dict[str, list[float]]:
 
 
 def _thinned(curve: PrecisionRecallCurve) -> list[list[float]]:
-    """Recall, precision and score of at most `CURVE_POINTS` evenly spaced points."""
     count = len(curve.recall)
     kept = np.linspace(0, count - 1, min(count, CURVE_POINTS)).round().astype(np.intp)
     return [

@@ -33,7 +33,6 @@ from socialbot.vision.metrics.matches import Match
 from socialbot.vision.metrics.scores import DRAWS
 
 WORST = 6
-"""Number of frames shown for each detector and scene."""
 APART_S = 1.5
 """Closer frames of one bag show the same error."""
 WIDTH, QUALITY = 480, 78
@@ -73,7 +72,7 @@ class Snapshot:
 
 
 def page(evaluation: Evaluation) -> Page:
-    """Build the page. Reads the sources once more for the images of the worst frames."""
+    """Build the page; reads the sources again for the images of the worst frames."""
     by_boxes = not evaluation.plan.rules.presence
     overall = [
         (rate(scored.score.overall.score.f1), f"F1 of {name}, {scene}")
@@ -148,7 +147,6 @@ def _behaviour(evaluation: Evaluation) -> Markup:
 
 
 def _timeline(results: Sequence[tuple[str, ClipResult]]) -> Markup:
-    """Who was there, and when each detector made Waldo act."""
     first = results[0][1]
     frames = first.source.frames
     start = frames[0].stamp if frames else 0
@@ -171,7 +169,7 @@ def _timeline(results: Sequence[tuple[str, ClipResult]]) -> Markup:
 
 
 def worst(clips: Iterable[ClipResult], count: int) -> list[Snapshot]:
-    """The ``count`` frames with the most errors, worst first, no two of them close together."""
+    """Return the ``count`` frames with the most errors, worst first and not close together."""
     ranked = sorted(
         (Snapshot(clip.source, scored) for clip in clips for scored in clip.frames if scored.errors),
         key=lambda shot: (-shot.scored.errors, shot.source.name, shot.scored.frame.stamp),

@@ -121,7 +121,7 @@ def paper_tables(evaluation: Evaluation) -> list[ScoreTable]:
 
 
 def causes_table(evaluation: Evaluation, *, explained: bool = False) -> ScoreTable:
-    """False positives by cause; ``explained`` adds what each cause means."""
+    """False positives by cause; ``explained`` adds the meaning of each cause."""
     columns, causes = all_causes(evaluation)
     rows = []
     for cause in causes:
@@ -171,7 +171,6 @@ def _number(value: object) -> tuple[str, str]:
 
 
 def _without_repeats(rows: Sequence[list[tuple[str, str]]]) -> list[list[tuple[str, str]]]:
-    """``rows`` with the first cell empty where it repeats that of the row before."""
     return [
         [("", ""), *row[1:]] if number and rows[number - 1][0] == row[0] else row for number, row in enumerate(rows)
     ]

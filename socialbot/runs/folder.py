@@ -1,4 +1,4 @@
-"""A recorded run: what its folder holds, read once."""
+"""Recorded run, loaded from its folder."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class RecordedRun:
         self._read_seen()
         path = folder / SCORED
         self.scored: list[ScoredFrame] = list(self._lines(path, ScoredFrame)) if path.is_file() else []
-        """What became of the people in each frame, where the truth is known."""
+        """Results of each frame with ground truth."""
 
     @property
     def title(self) -> str:
@@ -125,7 +125,7 @@ class RecordedRun:
     def graph(self) -> GraphView:
         return GraphView() if self._graph is None else graph_view(self._graph, self._nodes.machines)
 
-    # What is read
+    # Reading
 
     def _results(self) -> Mapping[str, Any]:
         path = self.folder / "results.json"

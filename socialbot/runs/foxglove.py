@@ -1,6 +1,6 @@
-"""A run as an .mcap file that Foxglove shows: pictures with boxes, people, minds, the log, the head, diagnostics.
+"""Export a run as an .mcap file for Foxglove: images with boxes, persons, minds, log, head and diagnostics.
 
-All topics are ROS 2 messages with their definitions inside, so other tools that read bags take the file, too.
+All topics are ROS 2 messages with embedded definitions, so other bag tools read the file, too.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ class _FoxgloveExport:
                     metadata=[],
                 )
             )
-        # The stamp is what a picture without people is known by.
+        # The stamp identifies an image without persons.
         return make(
             "foxglove_msgs/msg/ImageAnnotations", timestamp=time, circles=[], points=boxes, texts=texts, metadata=[]
         )

@@ -1,4 +1,4 @@
-"""Frames for the report: those at the turning points of a run, those with the most errors, and scores over time."""
+"""Frames for the report: turning points of a run, the worst frames, and scores over time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MAX_FRAMES = 8
 MAX_SPEECH_FRAMES = 6
 FRAMES_APART_S = 0.5
 LOOKBACK_RECORDS = 500
-"""Records before a time among which its frame is searched."""
+"""Longest search for a frame, in records before a time."""
 
 WINDOW_S = 3.0
 """Width of the window for rates over time, centred."""
@@ -147,7 +147,6 @@ class Perception:
 
     @cached_property
     def _windows(self) -> list[Score]:
-        """Sum of the scores around each frame."""
         sums = [*accumulate((frame.score for frame in self.frames), initial=Score())]
         stamps = [frame.stamp for frame in self.frames]
         half = nanoseconds(WINDOW_S / 2)

@@ -1,4 +1,4 @@
-"""Run page as data: the answers of the server that a self-contained page needs, compressed."""
+"""Run page as data: the server answers of a self-contained page, compressed."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ Track = list[tuple[float, Any]]
 
 
 def frozen(run: RecordedRun, world: WorldView | None, stamps: Iterable[int], shut: str) -> str:
-    """Return everything that the page asks the server for, as JSON, gzip and base64.
+    """Return the server answers for a page as JSON, gzip and base64.
 
     Args:
         run: The run to show.
         world: World view of the run, if it has one.
-        stamps: Times (ns) whose pictures the page needs in any case.
-        shut: Why the page takes no commands.
+        stamps: Times (ns) of mandatory images.
+        shut: Reason for refusing commands.
     """
     history = run.history
     records = history.part(max(0, len(history) - MAX_RECORDS), len(history))
@@ -104,7 +104,7 @@ def _pictures(run: RecordedRun, stamps: Iterable[int], records: Sequence[TraceRe
 
 
 def _tracks(run: RecordedRun, records: Sequence[TraceRecord]) -> dict[str, Any]:
-    """Return how the state changes: the shared parts, and each part of each agent's mind."""
+    """Return the changes of the shared state and of each agent's mind."""
     agents: dict[str, dict[str, Track]] = {}
     shared: dict[str, Track] = {name: [] for name in _SHARED}
     last: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""The records of a run in time order, and the cause of each."""
+"""Records of a run in time order, with their causes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LONGEST_CHAIN = 1000
 
 
 REMEMBERED_CHAIN = 20
-"""Links and actions of a plan that are kept for current items when older records are dropped."""
+"""Links and actions of a plan kept for current items after dropping older records."""
 
 
 class History:
@@ -90,7 +90,7 @@ class History:
         return islice((record, *self.before(record)), REMEMBERED_CHAIN)
 
     def _newest(self, record: TraceRecord) -> Iterator[TraceRecord]:
-        """Yield the latest effect, its latest effect and so on; of a plan several, as its actions may be parallel."""
+        """Yield the chain of latest effects; a plan with parallel actions has several."""
         for _ in range(REMEMBERED_CHAIN):
             effects = [effect for effect in self.effects(record) if effect.kind not in OF_TOPICS]
             if not effects:
@@ -176,7 +176,7 @@ class History:
         return found[-1] if found else None
 
     def cause(self, record: TraceRecord) -> TraceRecord | None:
-        """Return the record that caused ``record``, also if only `Hints` tell."""
+        """Return the record that caused ``record``, also if only `Hints` can derive it."""
         hint = self._hints.cause(record)
         if hint is not None:
             return hint
@@ -217,7 +217,7 @@ DEEDS = {"message", "failure", "action_end", "action", "plan"}
 
 
 class Hints:
-    """Finds causes that records do not name: the action behind a step, the plan or action behind a message."""
+    """Derive unrecorded causes: the action behind a step, the plan or action behind a message."""
 
     def __init__(self, history: History) -> None:
         self._history = history
@@ -244,7 +244,6 @@ class Hints:
         return None
 
     def _plan(self, record: TraceRecord, mission: str) -> TraceRecord | None:
-        """Return the plan of a mission, which may be recorded shortly after the message about it."""
         for each in self._history.between(record.stamp - NEAR_NS, record.stamp + NEAR_NS):
             if each.kind == "plan_start" and each.source == record.source and each.detail.get("label") == mission:
                 return each if mission else None

@@ -1,4 +1,4 @@
-"""Records as sentences: names and phrases, the clauses of the log, and the story of agents with plans."""
+"""Records as sentences: names and phrases, log clauses, and the story of agents with plans."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ _CALLED = {
 }
 
 ACTION_FAILED = "action_failed"
-"""Reason of failures that the end of the action already tells."""
+"""Failure reason that repeats the end of the action."""
 
 _PROVED = re.compile(r"\S+: note: no plan: .*", re.DOTALL)
 _SAID = re.compile(r"\b(?:note|error): ")
@@ -102,7 +102,7 @@ class StorySentence:
 
 @dataclass(frozen=True)
 class _Reason:
-    """Origin of desires; ``desire`` is the one that they prepare."""
+    """Origin of desires; ``desire`` is the prepared one."""
 
     origin: Origin
     text: str
@@ -110,7 +110,7 @@ class _Reason:
 
 
 class StoryNarrator:
-    """Tells the story of agents with plans in the present tense, record by record."""
+    """Narrate agents with plans in the present tense, record by record."""
 
     def __init__(self, wording: Wording) -> None:
         self.wording = wording
@@ -306,13 +306,13 @@ class Clause:
     text: str
 
     def told(self, before: str = "") -> str:
-        """Return the sentence; the subject of the sentence ``before`` becomes "it"."""
+        """Return the sentence; "it" replaces the subject of the sentence ``before``."""
         subject = "it" if self.subject and self.subject == before else self.subject
         return f"{subject} {self.text}".strip()
 
 
 class Narrator:
-    """Turns the records of a history into clauses in the past tense."""
+    """Convert the records of a history to clauses in the past tense."""
 
     def __init__(self, history: History, wording: Wording) -> None:
         self._history = history

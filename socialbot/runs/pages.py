@@ -152,7 +152,7 @@ def render(template: str, **values: Any) -> Markup:
 
 @cache
 def live_page() -> Markup:
-    """Return the run page that asks the server for its data."""
+    """Return the run page that loads its data from the server."""
     modules = sorted(path.name for path in PAGE.glob("*.js") if path.name not in _FROZEN_ONLY)
     return render("run.html", report=None, modules=modules)
 

@@ -103,7 +103,7 @@ class PlanTree(msgspec.Struct, frozen=True):
 
 
 class _StepMarks:
-    """States of the steps of a plan by call; a repeated call begins when the one before it is done."""
+    """States of the steps of a plan by call; repeated calls run one after the other."""
 
     def __init__(self) -> None:
         self._calls: dict[str, list[str]] = {}
@@ -210,7 +210,7 @@ def _step_lines(plan: TraceRecord, marks: _StepMarks, wording: Wording) -> Itera
 def _drawn_lines(
     drawn: Sequence[TreeBranch], made: Sequence[TreeBranch], before: Sequence[TreeBranch], marks: _StepMarks
 ) -> Iterator[TreeLine]:
-    """Yield the lines of the last drawing; steps that were done when the plan was made belong to an earlier plan."""
+    """Yield the lines of the last drawing; steps done before planning belong to an earlier plan."""
     equal: Counter[str] = Counter()
     for branch in made:
         if not (branch.method or branch.former) and branch.mark:
@@ -241,6 +241,5 @@ def _below(tree: Sequence[TreeBranch], number: int) -> Iterator[TreeBranch]:
 
 
 def _call(text: str) -> str:
-    """Return ``go(a, b)`` in the notation of plans: ``(go a b)``."""
     name, _, args = text.rstrip(")").partition("(")
     return f"({' '.join((name, *filter(None, args.split(', '))))})"

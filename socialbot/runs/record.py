@@ -44,12 +44,12 @@ NOTHING_WANTED = "nobody wants anything more"
 NOTHING_SHOWN = "there is nothing more to see"
 TIME_UP = "the time was up"
 STOPPED = "stopped by a signal"
-"""Reasons in results.json for the end of a run; a failed run has its error there."""
+"""Values of ``reason`` in results.json for the end of a run; a failed run has its error there."""
 
 TRACE, SEEN = "trace.jsonl", "seen.jsonl"
 
 SCORED = "scored.jsonl"
-"""File with found, missed and false detections by frame, where ground truth is known."""
+"""File with found, missed and false detections by frame with ground truth."""
 
 DIAGNOSTICS = "/diagnostics"
 
@@ -162,7 +162,6 @@ class RunTrace:
             self._write_seen(topic, message)
 
     def _lasting(self) -> Iterator[bytes]:
-        """Return the lines that still hold when older ones are dropped."""
         return (self._encoder.encode(SeenLine(topic, message)) for (topic, _), message in self._last.items())
 
     def _write_seen(self, topic: str, message: Message | NodeReport) -> None:

@@ -1,4 +1,4 @@
-"""Report of a run: the run page frozen into one file, with tables that sum the run up."""
+"""Report of a run: the run page as one file, with summary tables."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def report_html(run: RecordedRun, title: str = "", world: WorldView | None = Non
 
 
 def warnings_of(run: RecordedRun) -> list[str]:
-    """Return why a run failed or was stopped, and what of its record is damaged."""
+    """Return the reason of a failed or stopped run, and the damaged parts of its record."""
     ended = run.results.get("ended", "")
     found = list(run.damage)
     if ended == STOPPED:
@@ -156,7 +156,7 @@ def warnings_of(run: RecordedRun) -> list[str]:
 
 
 def verdict_of(run: RecordedRun) -> tuple[str, bool]:
-    """Return how a run ended, in a word or two, and whether that is success."""
+    """Return the result of a run in a word or two, and whether it succeeded."""
     ended = run.results.get("ended", "")
     if not run.results:
         return "broken off", False
@@ -228,7 +228,6 @@ def _setting(value: Any) -> tuple[str, str]:
 
 
 def _lead(run: RecordedRun) -> str:
-    """Return the result of a run without plans in two or three sentences."""
     history = run.history
     if not len(history):
         return "Nothing happened."
@@ -254,7 +253,6 @@ def _lead(run: RecordedRun) -> str:
 
 
 def _people(run: RecordedRun) -> tuple[int, int]:
-    """Return the number of tracks, and the most persons in one frame."""
     lanes = {lane.name: lane.bars for lane in run.timeline.lanes()}
     counts = (len(record.detail.get("persons", ())) for record in run.history if record.kind == "detection")
     return len({bar.text for bar in lanes.get("people", ())}), max(counts, default=0)

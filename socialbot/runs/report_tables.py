@@ -310,7 +310,7 @@ def _node_chart(measure: Measure, reports: Reports) -> Chart | None:
 
 
 def _points(course: Sequence[tuple[float, NodeReport]], key: str) -> Iterator[tuple[float, float | None]]:
-    """Yield the values over time, None where the node was silent."""
+    """Yield the values over time, None where reports are missing."""
     before_s = -math.inf
     for at_s, node in course:
         if SILENT_S < at_s - before_s < math.inf:
@@ -324,7 +324,7 @@ def _points(course: Sequence[tuple[float, NodeReport]], key: str) -> Iterator[tu
 
 
 def _thinned(points: Sequence[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
-    """Keep the least and the greatest value of each interval, so that long runs stay small; gaps are kept."""
+    """Keep the extremes of each interval, to limit the size of long runs; gaps are kept."""
     if len(points) <= _CHART_POINTS:
         return list(points)
     size = -(-2 * len(points) // _CHART_POINTS)

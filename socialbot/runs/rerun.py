@@ -32,7 +32,7 @@ def layout(run: RecordedRun, blueprint: Any) -> Any:
     """Return the views of a run, made with ``rerun.blueprint``."""
     sees = any(record.kind == "detection" for record in run.history)
     turns = any(record.kind == "motion" for record in run.history)
-    # Sentences begin with who did it.
+    # The subject comes first in a sentence.
     columns = blueprint.TextLogColumns(text_log_columns=["LogLevel", "Body"])
     log = blueprint.TextLogView(origin=LOG, name="What happened, and why", columns=columns)
     minds = blueprint.Tabs(
@@ -119,8 +119,6 @@ def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
 
 @dataclass
 class _RerunExport:
-    """Logs a run to a Rerun recording."""
-
     rerun: Any
     recording: Any
     run: RecordedRun
@@ -188,7 +186,7 @@ class _RerunExport:
         self.recording.log(entity, what, static=static)
 
     def _place_camera(self, head: HeadPose, *, static: bool = False) -> None:
-        """Log the camera pose; a camera on the head follows it, and looks along x."""
+        """Log the camera pose; a camera on the head follows it and looks along x."""
         tilt, pan = (head.tilt, head.pan) if self._mounting.on_head else (0.0, 0.0)
         turned = _turned(pan, tilt - self._mounting.pitch_rad)
         place = self.rerun.Transform3D(translation=(0.0, 0.0, self._mounting.height_m), quaternion=turned)
@@ -237,7 +235,6 @@ class _RerunExport:
 
 
 def _turned(pan: float, tilt: float) -> Any:
-    """Return the quaternion (x, y, z, w) of a turn to the left, then up."""
     (sin_z, cos_z), (sin_y, cos_y) = ((math.sin(angle / 2), math.cos(angle / 2)) for angle in (pan, -tilt))
     return (-sin_z * sin_y, cos_z * sin_y, sin_z * cos_y, cos_z * cos_y)
 

@@ -233,7 +233,7 @@ class NodeHistory:
             if told is not None:
                 roll.note(name, told[1].values, told[0])
             if health is not None:
-                roll.note_health(health[1], now)  # said again and again, kept once
+                roll.note_health(health[1], now)  # repeated reports are stored once
         return tuple(roll.statuses(now))
 
     def _inline(self, now: float, name: str, fate: Mapping[str, Any]) -> NodeStatus:

@@ -80,8 +80,8 @@ HEADERS: Mapping[str, str] = {
 class AccessGuard:
     """Middleware that checks host name, token and origin.
 
-    The host must be an address or the name of this machine, against DNS rebinding. A ``token`` comes as a bearer token,
-    or once in the URL, which sets a cookie. Requests that change something must come from the page, or from no page.
+    The host must be an address or the name of this machine, against DNS rebinding. A ``token`` is a bearer token, or a
+    URL parameter that sets a cookie. Requests that change state must have the origin of the page, or none.
     """
 
     def __init__(self, app: ASGIApp, token: str = "") -> None:
@@ -156,7 +156,7 @@ def is_own_name(host: str) -> bool:
 
 
 def foreign(headers: Headers) -> str:
-    """Return why a request that changes something is refused; empty if it is accepted."""
+    """Return the reason to refuse a request that changes state; empty if accepted."""
     if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
         return "only application/json is taken"
     origin = headers.get("origin")
@@ -194,7 +194,7 @@ DRAWING_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors
 
 
 class Asked(msgspec.Struct, frozen=True):
-    """Command of a person to an agent."""
+    """Command from a person to an agent."""
 
     agent: str
     command: Command
@@ -202,9 +202,9 @@ class Asked(msgspec.Struct, frozen=True):
 
 
 class PageServer:
-    """Serves the page of ``run``; ``office`` takes commands.
+    """Serve the page of ``run``; ``office`` takes commands.
 
-    The run is read in one thread, which also processes the messages of a live run. Pictures are decoded in another.
+    One thread reads the run and processes the messages of a live run. Another thread decodes images.
     """
 
     def __init__(self, run: RunView, office: CommandSender | None = None) -> None:
@@ -244,7 +244,7 @@ class PageServer:
         return Starlette(routes=routes, middleware=middleware, exception_handlers=handlers, lifespan=lifespan)
 
     async def show(self, run: RunView, office: CommandSender | None = None) -> None:
-        """Show another run: the live one has ended."""
+        """Show another run after the end of a live one."""
         self.run, self.office = run, office or NoCommands("this run has ended")
         self._broadcast.change()
 
@@ -253,7 +253,7 @@ class PageServer:
         await self._broadcast.close()
 
     async def _keep_up(self) -> None:
-        """Process the messages of a live run also while no page listens."""
+        """Process the messages of a live run also without listening pages."""
         told = ""
         while True:
             await asyncio.sleep(KEEP_UP_S)
@@ -261,8 +261,8 @@ class PageServer:
             if not run.live:
                 continue
             try:
-                await self._look(lambda: run.end)  # noqa: B023 - it is over before the next one
-            except Exception as error:  # what comes later is to be taken in all the same
+                await self._look(lambda: run.end)  # noqa: B023 - awaited before the next one
+            except Exception as error:  # keep processing later messages
                 if repr(error) != told:
                     told = repr(error)
                     log.exception("some of what was heard cannot be shown")
@@ -279,7 +279,7 @@ class PageServer:
         path = PAGE / "icon.svg"
         return FileResponse(path) if path.is_file() else Response(status_code=204)
 
-    # What can be asked
+    # Queries
 
     def _questions(self) -> dict[str, Callable[[Request], Awaitable[Response]]]:
         return {
@@ -307,7 +307,7 @@ class PageServer:
         stamp = await self._look(lambda: _stamp(request, run))
         picture = await asyncio.get_running_loop().run_in_executor(self._darkroom, run.picture, stamp)
         if picture is None:
-            return Response(status_code=204, headers=FRESH)  # no fault: browsers put each of those on the console
+            return Response(status_code=204, headers=FRESH)  # browsers log every 4xx on the console
         at_s = await self._look(lambda: run.history.seconds(picture.stamp) if len(run.history) else 0.0)
         headers = {**FRESH, "X-Time": f"{at_s:.6f}"}
         return Response(picture.jpeg, headers=headers, media_type="image/jpeg")
@@ -355,7 +355,7 @@ class PageServer:
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
         return StreamingResponse(self._broadcast.listen(), media_type="text/event-stream", headers=headers)
 
-    # What people ask of agents
+    # Commands to agents
 
     async def _command(self, request: Request) -> Response:
         if self.office.shut:
@@ -376,7 +376,6 @@ class PageServer:
 
 
 def _stamp(request: Request, run: RunView, name: str = "t", default: float | None = None) -> int:
-    """Return a time of the query as a stamp (ns); the end by default."""
     text = request.query_params.get(name)
     if text is None:
         return run.end if default is None else run.history.stamp(default)

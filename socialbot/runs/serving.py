@@ -1,4 +1,4 @@
-"""The server where it can be reached: an address, a port, a token, and a thread that serves."""
+"""Page server with address, port, token and thread."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Serving:
         self._loop = loop
 
     def show(self, run: RunView, office: CommandSender | None = None) -> None:
-        """Show another run: the live one has ended."""
+        """Show another run after the end of a live one."""
         asyncio.run_coroutine_threadsafe(self._server.show(run, office), self._loop).result()
 
 
@@ -117,8 +117,6 @@ def serving(run: RunView, address: Address, office: CommandSender | None = None)
 
 
 class _Uvicorn(uvicorn.Server):
-    """Server that ignores signals and reports its start."""
-
     def __init__(self, config: uvicorn.Config) -> None:
         super().__init__(config)
         self.stands = threading.Event()
@@ -145,7 +143,7 @@ def _serve(loop: asyncio.AbstractEventLoop, served: _Uvicorn, ear: socket.socket
 @contextmanager
 def _listening(address: Address) -> Iterator[socket.socket]:
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
-    # Of a socket that names its protocol asyncio sends at once; otherwise the last of an answer waits for 40 ms.
+    # asyncio sets TCP_NODELAY only with an explicit protocol; otherwise the end of an answer waits 40 ms.
     ear = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -75,7 +75,6 @@ def parameters_of(graph: Graph, *names: str) -> Mapping[str, Any]:
 
 
 def _camera_frame(graph: Graph) -> str:
-    """Return the frame of the first camera that declares one."""
     for placement in graph.placements:
         if "frame_id" in placement.type.parameters() and Image in (
             port.message_type for _, port in placement.publications
@@ -94,7 +93,6 @@ def place_of(person: PersonDetection, head: HeadPose = AHEAD) -> Vector | None:
 
 
 def _levelled(bearing: float, elevation: float | None, tilt: float) -> float:
-    """Return the horizontal bearing of a direction measured with a head tilted up by ``tilt`` (rad)."""
     if elevation is None or not tilt:
         return bearing
     ahead, left, up = (
@@ -404,7 +402,7 @@ class StandardMessages:
 
 
 def _looking_up(angle: float) -> Rotation:
-    """Return the rotation by ``angle`` (rad) up; positive rotations about y look down."""
+    """Return the rotation by ``angle`` (rad) up; positive rotations about y point down."""
     return (0.0, -math.sin(angle / 2), 0.0, math.cos(angle / 2))
 
 

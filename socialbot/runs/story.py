@@ -1,4 +1,4 @@
-"""What happened in a run of deliberating agents, put together from their trace."""
+"""Desires, plans, messages and results of deliberating agents, derived from their trace."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class MessageRecord:
 class DesireRecord:
     """Desire with its origin and result.
 
-    ``how``: fulfilled, dropped, refused, needless (what it prepared has ended), or empty.
+    ``how``: fulfilled, dropped, refused, needless (its parent desire has ended), or empty.
     """
 
     agent: str
@@ -141,12 +141,12 @@ class Story:
 
     @property
     def digits(self) -> int:
-        """Decimal places that tell the moments of the run apart."""
+        """Decimal places that distinguish the times of the run."""
         return 2 if self.duration_s < SHORT_S else 1
 
     @property
     def aims(self) -> list[DesireRecord]:
-        """Desires that the run was about: the agents' own ones, or else those from rules."""
+        """Main desires of the run: the agents' own ones, or else those from rules."""
         own = [desire for desire in self.desires if desire.origin == "own"]
         return own or [desire for desire in self.desires if desire.origin == "rule"]
 
@@ -167,7 +167,7 @@ class Story:
         return "" if stamp is None else f"{self.seconds(stamp):.{self.digits}f} s"
 
     def plans_for(self, desire: DesireRecord) -> list[PlanRecord]:
-        """Return the plans that were made while ``desire`` was held."""
+        """Return the plans for ``desire`` while it was held."""
         until = self.end if desire.ended is None else desire.ended
         return [
             plan
@@ -272,7 +272,7 @@ class _Teller:
 
     def _plan(self, record: TraceRecord) -> None:
         detail = record.detail
-        left = [] if detail.get("beside") else _open(self.story.plans, record)  # by an agent that was killed
+        left = [] if detail.get("beside") else _open(self.story.plans, record)  # from a killed agent
         for plan in left:
             plan.ended = record.stamp
             plan.outcome, plan.reason = "lost", "the agent was restarted"
@@ -353,7 +353,6 @@ def _open(told: list[T], record: TraceRecord) -> list[T]:
 
 
 def _find(plan: PddlPlan, action: str, args: tuple[str, ...], detail: Mapping[str, object]) -> PlanStep | None:
-    """Return a step of a plan by its call, and by its start if calls repeat."""
     found = [step for step in plan.steps if (step.action, step.args) == (action, args)]
     start = detail.get("planned_start")
     return next((step for step in found if step.start_s == start), next(iter(found), None))

@@ -1,4 +1,4 @@
-"""A run as streams by time, as the tools of others show it: people, sentences, minds, the pose of the head."""
+"""Runs as streams by time for export: persons, sentences, minds and head poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run as bars in lanes: desires, plans, steps, goals, actions, speech, and who was there."""
+"""Timeline lanes of a run: desires, plans, steps, goals, actions, speech and persons."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class Timeline:
                 self._engine(record)
 
     def _engine(self, record: TraceRecord) -> None:
-        """Process goals and actions of an engine; those that carry out a plan step are shown as that step."""
+        """Process goals and actions of an engine; a plan step replaces its own goal or action."""
         history = self._history
         match record.kind:
             case "goal":

@@ -1,4 +1,4 @@
-"""Tracks: what was so at which moment of a run, for films."""
+"""Piecewise linear and constant values over the time of a run, for animation."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from itertools import pairwise
 from typing import Any, TypeVar
 
 NEAR = (0.8, 0.8, 0.05)
-"""Tolerance (pixels, pixels, m) of straight lines."""
+"""Tolerance (pixels, pixels, m) for points on straight lines."""
 
 T = TypeVar("T")
 
 Moment = tuple[float, ...]
-"""Time (s) and the values from then on."""
+"""Time (s) and the values from that time on."""
 
 
 def add(track: list[tuple[int, T]], stamp: int, what: T) -> None:
@@ -24,7 +24,7 @@ def add(track: list[tuple[int, T]], stamp: int, what: T) -> None:
 
 
 def forget(track: list[tuple[int, T]], stamp: int) -> None:
-    """Drop the values before ``stamp`` (ns), except for the one that holds then."""
+    """Drop the values before ``stamp`` (ns), except for the current one."""
     del track[: max(bisect_right(track, stamp, key=lambda moment: moment[0]) - 1, 0)]
 
 

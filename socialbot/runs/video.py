@@ -1,4 +1,4 @@
-"""The annotated video of a run: the pictures of the bag with what was seen, believed and said drawn in."""
+"""Annotated video of a run: bag images with detections, beliefs and speech."""
 
 from __future__ import annotations
 
@@ -61,8 +61,6 @@ def write_video(
 
 
 class _Captions:
-    """Beliefs and utterances of Waldo by time."""
-
     def __init__(self, record: RunRecord, start: int) -> None:
         self._start = start
         self._beliefs = _beliefs(record.folder / "trace.jsonl")

@@ -1,4 +1,4 @@
-"""Why something was done: the chain of causes down to the frame; why a plan was not chosen."""
+"""Explanations: the chain of causes of a record down to the frame, and rejected plans."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def explain(history: History, wording: Wording, record: TraceRecord) -> Explanat
 
 
 def _worth_telling(history: History, chain: Sequence[TraceRecord]) -> Iterator[TraceRecord]:
-    """Yield the chain without repetition: of a step, its goal and its action only the step."""
+    """Yield the chain without repetition; a step replaces its goal and action."""
     kept: TraceRecord | None = None
     place = 0
     while place < len(chain):
@@ -159,13 +159,13 @@ def _rejected(history: History, record: TraceRecord) -> Iterator[Rejected]:
         yield Rejected(record.id, history.seconds(record.stamp), record.what, plan, because)
 
 
-# What was done, in order
+# Actions in order
 
 
 def actions(history: History) -> list[TraceRecord]:
     """Return the actions of agents in order: utterances, plan steps and other actions.
 
-    Actions that only produce one of the former are left out.
+    Actions that only produce one of these are omitted.
     """
     return [
         record
@@ -203,7 +203,7 @@ def decided_at(history: History, stamp: int) -> list[TraceRecord]:
     return list(reversed(acts or found))
 
 
-# Why not
+# Rejected plans
 
 
 class Considered(msgspec.Struct, frozen=True):

@@ -1,4 +1,4 @@
-// The agents to choose from.
+// List of agents.
 
 import { byNumber, element, find, say, sync } from './dom.js';
 
@@ -21,7 +21,7 @@ export class Agents {
     find('agent-filter').hidden = agents.length <= FILTERED;
   }
 
-  /** Marks the chosen one, and says of each agent of a moment what it does. */
+  /** Highlights the chosen agent and shows the current activity of each. */
   show(chosen, moment) {
     this.#chosen = chosen;
     if (!find('agents').hidden) this.#draw(new Map((moment?.agents ?? []).map(agent => [agent.name, agent])));

@@ -1,9 +1,9 @@
-// What the server is asked for. Times are seconds from the start of the run.
+// Client of the server API. Times are seconds from the start of the run.
 
-/** An answer of the server that says what is wrong. */
+/** Error answer of the server. */
 export class Refusal extends Error {}
 
-/** The server is not there, or cannot be reached. */
+/** The server cannot be reached. */
 export class Unreachable extends Error {
   message = 'The server does not answer.';
 }
@@ -34,7 +34,7 @@ async function told(name, query) {
   return (await ask(name, query)).json();
 }
 
-/** The world as a film: only a page that is a file has one. */
+/** World animation; only self-contained pages have one. */
 export const film = null;
 
 export const run = () => told('run');
@@ -46,14 +46,14 @@ export const why = id => told('why', { id });
 export const whyNot = plan => told('why', { plan });
 export const worldAt = t => `/api/world?${new URLSearchParams({ t })}`;
 
-/** What the camera saw, as an address for an `<img>` and the time of it; null when there was nothing yet. */
+/** URL and time of the camera image for an `<img>`; null before the first image. */
 export async function picture(t) {
   const response = await ask('picture', { t });
   if (response.status === 204) return null;
   return { t: Number(response.headers.get('X-Time')), address: URL.createObjectURL(await response.blob()) };
 }
 
-/** All lines of the log until `to`, in chunks from the newest to the oldest; each line once. */
+/** All log lines until `to`, in chunks from the newest to the oldest, without duplicates. */
 export async function* log(to) {
   const known = new Set();
   for (;;) {
@@ -65,7 +65,7 @@ export async function* log(to) {
   }
 }
 
-/** Asks an agent for something, and says whether it does it, or why not. */
+/** Sends a command to an agent and returns its answer. */
 export async function command(agent, name, text) {
   const response = await reach('/api/command', {
     method: 'POST',

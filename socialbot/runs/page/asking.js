@@ -1,4 +1,4 @@
-// What a person asks of the chosen agent.
+// Commands from a person to the chosen agent.
 
 import * as api from './api.js';
 import { element, find, say } from './dom.js';
@@ -22,7 +22,7 @@ export class Asking {
     find('pane-ask').replaceChildren(this.#reason, this.#form);
   }
 
-  /** Agents may be asked for something, unless there is a `reason` why not. */
+  /** Enables commands, unless there is a `reason` to refuse them. */
   allow(reason) {
     this.#form.disabled = Boolean(reason);
     say(this.#reason, reason ? `Nothing can be asked: ${reason}.` : '');

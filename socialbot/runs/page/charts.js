@@ -1,4 +1,4 @@
-// Charts by uPlot, which the page has loaded as a global. Colours follow the style sheet, light or dark.
+// Charts by uPlot, a global of the page. Colours follow the style sheet, light or dark.
 
 const HEIGHT = 190;
 const NAMED = new Set(['good', 'bad', 'soft', 'accent', 'warn', 'paper', 'line', 'ink']);
@@ -9,7 +9,7 @@ function colour(name) {
   return variable ? getComputedStyle(document.documentElement).getPropertyValue(variable).trim() : name;
 }
 
-/** Draws all charts of a page whose data is in it as JSON. */
+/** Draws all charts from the JSON in the page. */
 export function drawCharts() {
   if (typeof uPlot === 'undefined') return;
   for (const host of document.querySelectorAll('.plot')) draw(host, JSON.parse(host.querySelector('script').textContent));
@@ -24,7 +24,7 @@ function draw(host, chart) {
   dark.addEventListener('change', () => plot.redraw());
 }
 
-/** One row of x for all series, and the values of each at these. */
+/** One row of x for all series, with the values of each. */
 function joined(series) {
   const tables = series.map(({ points }) => {
     const order = [...points].sort((one, other) => one[0] - other[0]);

@@ -1,4 +1,4 @@
-// Charts and timelines of a page that shows no run by itself.
+// Charts and timelines of a static report.
 
 import { drawCharts } from './charts.js';
 import { Playhead } from './playhead.js';

@@ -1,13 +1,13 @@
-// Elements made from text, never from markup, so that nothing that a record holds is taken for a part of the page.
+// DOM elements created from text, never from markup, so that records cannot inject HTML.
 
 const SVG = 'http://www.w3.org/2000/svg';
 
-/** An element with a class, a text, handlers (`onclick`) and attributes; what is null or false is left out. */
+/** Element with class, text, handlers (`onclick`) and attributes; null and false are omitted. */
 export function element(name, properties = {}, ...children) {
   return fill(document.createElement(name), properties, children);
 }
 
-/** The same of a drawing. */
+/** SVG element, like `el`. */
 export function drawn(name, properties = {}, ...children) {
   return fill(document.createElementNS(SVG, name), properties, children);
 }
@@ -23,14 +23,14 @@ function fill(made, properties, children) {
   return made;
 }
 
-/** The element of the page with this id. */
+/** Element of the page by id. */
 export function find(id) {
   return document.getElementById(id);
 }
 
 /**
- * Makes the children of `parent` those of `items`, and keeps those that were there already, with what has the focus.
- * `key` names an item, `make` its element, and `update`, where given, brings that up to date.
+ * Updates the children of `parent` to match `items`, and reuses existing ones to keep the focus.
+ * `key` identifies an item, `make` creates its element, and the optional `update` refreshes it.
  */
 export function sync(parent, items, key, make, update = () => {}) {
   const known = parent.known ??= new Map();
@@ -48,23 +48,23 @@ export function sync(parent, items, key, make, update = () => {}) {
   for (const [name, child] of known) if (!kept.has(name)) { child.remove(); known.delete(name); }
 }
 
-/** Sets a text only where it is another, as every change costs a layout. */
+/** Sets changed text only, as every change costs a layout. */
 export function say(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
-/** Compares names, `agent9` before `agent10`. */
+/** Compares names in natural order, `agent9` before `agent10`. */
 export const { compare: byNumber } = new Intl.Collator('en', { numeric: true });
 
-/** A time or how long something lasts, as all of socialbot writes it. */
+/** Time or duration in the format of socialbot. */
 export function seconds(value, digits = 2) {
   return `${value.toFixed(digits)} s`;
 }
 
-// Stamps before are of simulated time.
+// Smaller stamps are simulated time.
 const FIRST_DATE_S = 1e9;
 
-/** Says in `place` when something was, on the clocks and calendars of people, where stamps (s) tell that. */
+/** Shows the date and time of a stamp (s) in `place`, unless time is simulated. */
 export function showDate(place, stamp) {
   place.hidden = stamp < FIRST_DATE_S;
   if (place.hidden) return;
@@ -77,7 +77,7 @@ export function showDate(place, stamp) {
   place.title = date.toLocaleString();
 }
 
-/** How long ago, or how long yet, without more digits than help. */
+/** Relative time with few digits. */
 export function ago(value) {
   if (value < 10) return `${value.toFixed(1)} s`;
   if (value < 120) return `${value.toFixed(0)} s`;

@@ -1,9 +1,9 @@
-// The answers of the server as they were frozen into the page: the same names as in api.js.
+// Server answers embedded in the page: the same interface as api.js.
 
-/** What the page does not hold. */
+/** Data that the page does not contain. */
 export class Refusal extends Error {}
 
-/** Never thrown here: everything is at hand. */
+/** Never thrown here: all data is local. */
 export class Unreachable extends Error {}
 
 const data = await unpacked();
@@ -13,7 +13,7 @@ async function unpacked() {
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream('gzip'))).json();
 }
 
-/** The last entry of a track that is not later than a time. */
+/** Last entry of a track up to a time. */
 function latest(track, t) {
   let low = 0;
   let high = track.length;
@@ -25,7 +25,7 @@ function latest(track, t) {
   return track[low - 1];
 }
 
-/** The world of the agents as a film; null where there is none. */
+/** World animation; null without one. */
 export const { film } = data;
 
 export const run = async () => data.run;
@@ -39,7 +39,7 @@ export async function moment(t) {
   const minds = Object.entries(agents).filter(([, parts]) => latest(parts.ended, t)).map(([name, parts]) => ({
     name, ...Object.fromEntries(Object.entries(parts).map(([part, track]) => [part, at(track)])),
   }));
-  // Boxes belong to the picture that is shown, which may be older.
+  // Boxes belong to the shown image, which may be older.
   const picture = data.run.has.pictures ? latest(data.pictures, t)?.[0] : t;
   return { at_s: t, agents: minds, sight: at(sight, picture ?? t), speech: at(speech) ?? [], head: at(head) };
 }

@@ -1,9 +1,9 @@
-// What keys do anywhere on the page, but in fields that are written in.
+// Keyboard shortcuts outside of input fields.
 
 const WRITTEN = 'input:not([type=range]):not([type=checkbox]), textarea, select';
 const PRESSED = 'button, summary, a, [type=checkbox]';
 
-/** `deeds` are called by keys; `Shift+` comes before those that are held with it. */
+/** `deeds` maps keys to functions; modified keys begin with `Shift+`. */
 export function startKeys(deeds) {
   document.addEventListener('keydown', event => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest(`${WRITTEN}, dialog`)) return;

@@ -2,7 +2,7 @@ import { Unreachable } from './api.js';
 
 const AGAIN_MS = 1000;
 
-/** Fetches what was asked for last: what was asked for meanwhile is left out. */
+/** Fetches the latest request only; requests in between are dropped. */
 export class Latest {
   #fetch;
   #show;
@@ -10,7 +10,7 @@ export class Latest {
   #wanted;
   #busy = false;
 
-  /** `show` is given what `fetch` has found; between two fetches lie `apart` ms at least. */
+  /** `show` receives the result of `fetch`; requests are at least `apart` ms apart. */
   constructor(fetch, show, apart = 0) {
     this.#fetch = fetch;
     this.#show = show;
@@ -33,7 +33,7 @@ export class Latest {
     this.#busy = false;
   }
 
-  /** Whether it has to be tried again, as the server could not be reached. */
+  /** Whether to retry because the server could not be reached. */
   async #once(wanted) {
     this.#wanted = undefined;
     try {

@@ -1,6 +1,6 @@
-// A graph from left to right: each node to the right of those whose messages it takes.
+// Graph layout from left to right: subscribers to the right of their publishers.
 
-/** The pairs of nodes that are connected, with the topics from one to the other. */
+/** Pairs of connected nodes with the topics from one to the other. */
 export function connections(nodes) {
   const found = [];
   nodes.forEach((node, from) => nodes.forEach((other, to) => {
@@ -11,8 +11,8 @@ export function connections(nodes) {
 }
 
 /**
- * The layer of each node: 0 for sources, else one more than the farthest of those before it. Nodes that lead to each
- * other stand beside the first of them, as far as it takes to get there.
+ * Layer of each node: 0 for sources, else one more than its last predecessor. Nodes of a cycle are placed by their
+ * distance from its first node.
  */
 export function layers(count, edges) {
   const next = Array.from({ length: count }, () => []);
@@ -32,7 +32,7 @@ export function layers(count, edges) {
   return all.map(n => begin(circle[n]) + within[n]);
 }
 
-/** How many steps it takes from a node to each other one; where circles are given, within its own only. */
+/** Distance from a node to every other node; with cycles given, only within its own. */
 function distances(start, next, circle) {
   const found = new Map([[start, 0]]);
   for (const n of found.keys()) {

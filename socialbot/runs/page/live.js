@@ -1,8 +1,8 @@
-// The server gives a sign of life every five seconds at least: after so long without one nobody is there any more.
+// The server sends an event every five seconds at least; the connection is lost after this time without one.
 const SILENT_MS = 15_000;
 const AGAIN_MS = 2000;
 
-/** Listens to a run that goes on. After the connection was lost it comes back by itself, and begins anew. */
+/** Subscribes to a live run; reconnects and reloads after a lost connection. */
 export function listen(hearer) {
   const source = new EventSource('/api/live');
   const left = new AbortController();

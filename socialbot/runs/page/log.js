@@ -1,4 +1,4 @@
-// What happened, line by line, around the time that is shown.
+// Event log around the shown time.
 
 import { element, find, say, seconds, sync } from './dom.js';
 
@@ -18,7 +18,7 @@ export class Log {
   #now = -1;
   #due = 0;
 
-  /** `pick` is called with a line that somebody clicks. */
+  /** `pick` is called with a clicked line. */
   constructor(pick) {
     this.pick = pick;
   }
@@ -27,12 +27,12 @@ export class Log {
     return this.#lines.length;
   }
 
-  /** The time of the first line that is known; before that there may be more. */
+  /** Time of the first loaded line; earlier lines may exist. */
   get oldest() {
     return this.#lines[0]?.t ?? Infinity;
   }
 
-  /** Takes lines that are older or newer than all before; those that it has it leaves out. */
+  /** Adds lines older or newer than all present ones; duplicates are ignored. */
   add(told) {
     const lines = told.filter(line => !this.#known.has(line.id));
     for (const line of lines) this.#known.add(line.id);
@@ -60,7 +60,7 @@ export class Log {
     this.#choose();
   }
 
-  /** Shows what one agent did only; null: what all did. */
+  /** Filters by agent; null shows all. */
   only(agent) {
     this.#own = agent;
     this.#choose();
@@ -71,7 +71,7 @@ export class Log {
     this.#now = -1;
   }
 
-  /** Shows the lines around a time; gives the last one until then. */
+  /** Shows the lines around a time and returns the last one until then. */
   show(t) {
     const now = this.#until(t);
     if (now !== this.#now && !find('pane-log').hidden) {
@@ -82,7 +82,7 @@ export class Log {
     return this.#shown[now - 1];
   }
 
-  /** The time of the decision before (-1) or after (1) a time; null when there is none. */
+  /** Time of the decision before (-1) or after (1) a time; null without one. */
   decision(t, way) {
     const lines = this.#shown;
     let n = this.#until(t);
@@ -95,7 +95,7 @@ export class Log {
     return lines[n]?.t ?? null;
   }
 
-  /** What was decided last until a time. */
+  /** Last decision until a time. */
   decided(t) {
     const lines = this.#shown;
     let n = this.#until(t) - 1;
@@ -103,7 +103,7 @@ export class Log {
     return lines[n] ?? null;
   }
 
-  /** So many lines are not later than a time. */
+  /** Number of lines up to a time. */
   #until(t) {
     let low = 0;
     let high = this.#shown.length;
@@ -138,7 +138,7 @@ export class Log {
   }
 }
 
-/** Says the last line in the head of the page, for those who listen to it, too. */
+/** Shows the last line in the page header, also for screen readers. */
 export function tellNow(line) {
   say(find('now'), line ? `${line.text} (${seconds(line.t)})` : '');
 }

@@ -1,4 +1,4 @@
-// The page of the inspector: a run, recorded or live, at one time.
+// Entry point of the run page: a recorded or live run at one time.
 
 import { Agents } from './agents.js';
 import * as api from './api.js';
@@ -62,7 +62,7 @@ class Page {
     else await this.#load();
   }
 
-  /** Whether there is something to see: pictures, or at least people who are detected while the run goes on. */
+  /** Whether there are camera images, or detections in a live run. */
   get #looks() {
     const { has, live, graph } = this.run;
     return has.pictures || (live && Object.values(graph.topics).includes('PersonDetections'));
@@ -72,7 +72,7 @@ class Page {
     return this.run.agents.some(agent => agent.name === name);
   }
 
-  /** What people call an agent. */
+  /** Display name of an agent. */
   called(name) {
     return this.run.agents.find(agent => agent.name === name)?.called ?? name;
   }
@@ -89,7 +89,7 @@ class Page {
     listPlans(this.run.agents.find(agent => agent.name === this.agent), label => this.why.explainPlan(label));
   }
 
-  /** Explains a record, at its time where that is given. */
+  /** Explains a record, at its time if given. */
   pick(id, t) {
     if (t !== undefined) this.playhead.seek(t);
     this.timeline.select(id);
@@ -101,7 +101,7 @@ class Page {
     if (id) this.timeline.select(id);
   }
 
-  // What is shown at a time
+  // State at a time
 
   #moved() {
     const { time, since, end, following, playing, live } = this.playhead;
@@ -125,7 +125,7 @@ class Page {
     this.noting = setTimeout(() => this.#note(), 400);
   }
 
-  /** Says what happened last. */
+  /** Shows the latest event. */
   #tell() {
     const line = this.log.show(this.playhead.time);
     if (line?.id !== this.#told) {
@@ -134,7 +134,7 @@ class Page {
     }
   }
 
-  /** What holds at a time, and what there is to see of it: all of the same moment. */
+  /** State and images at a time, all of the same moment. */
   async #fetch(t) {
     const { has, agents } = this.run;
     const one = agents.length > FEW_AGENTS ? this.agent : '';
@@ -169,7 +169,7 @@ class Page {
 
   #talks = false;
 
-  // The run as a whole
+  // Run
 
   #describe() {
     const { run } = this;
@@ -193,7 +193,7 @@ class Page {
     if (run.damage?.length) notice({ run: `Not all of this run could be read: ${run.damage.join('; ')}.` });
   }
 
-  /** Fetches what happened, anew; what is long ago is fetched when somebody goes back to it. */
+  /** Reloads the events; older ones are loaded on demand. */
   async #load() {
     this.#older = api.log(this.playhead.end);
     this.log.clear();
@@ -203,7 +203,7 @@ class Page {
     document.body.dataset.loaded = true;
   }
 
-  /** Fetches what happened earlier until that is `enough`, or all; what an earlier load waits for is dropped. */
+  /** Loads earlier events until `enough`, or all; replaces a pending load. */
   async #recall(enough) {
     const older = this.#older;
     try {
@@ -264,7 +264,7 @@ class Page {
     });
   }
 
-  /** What was before `since` is not known any more. */
+  /** Drops everything before `since`. */
   #forget(since) {
     if (since === this.playhead.since) return;
     this.log.forget(since);
@@ -272,7 +272,7 @@ class Page {
     this.playhead.forget(since);
   }
 
-  /** Asks anew what the run is, as a live one may have come to something new. */
+  /** Reloads the overview, as a live run may have new agents or plans. */
   async #refresh() {
     const graph = this.run.graph.nodes.length;
     this.run = await api.run();
@@ -284,7 +284,7 @@ class Page {
     else this.choose(this.run.agents[0]?.name ?? '');
   }
 
-  // What people do
+  // Input
 
   #wire() {
     const { playhead, timeline } = this;
@@ -330,13 +330,13 @@ class Page {
     this.log.show(this.playhead.time);
   }
 
-  // The address of the page, by which others come to the same moment
+  // Page address, a link to the shown moment
 
   #wished(name) {
     return new URLSearchParams(location.hash.slice(1)).get(name);
   }
 
-  /** Goes to the agent and the time that the address wishes for; says whether it has a time. */
+  /** Applies agent and time of the address; returns whether it has a time. */
   #go() {
     const agent = this.#wished('agent');
     if (agent && agent !== this.agent) this.choose(agent);
@@ -356,7 +356,7 @@ class Page {
 
 const notices = {};
 
-/** Says what is to be known about the `connection`, the last `answer` or the `run`; of several the first. */
+/** Shows the first problem of `connection`, last `answer` and `run`. */
 function notice(told) {
   Object.assign(notices, told);
   const text = notices.connection || notices.answer || notices.run || '';
@@ -364,7 +364,7 @@ function notice(told) {
   say(find('notice'), text);
 }
 
-/** Does something that the server has to answer; when it does not, the page says so. */
+/** Runs a server request and shows its error. */
 function reporting(work) {
   return (...given) => work(...given).catch(fault);
 }

@@ -1,11 +1,11 @@
-// The mind of the chosen agent: what it believes, wants and does, and what has come to an end.
+// Mind of the chosen agent: beliefs, desires, actions and results.
 
 import { ago, element, find, say, seconds, sync } from './dom.js';
 
 const NEW_S = 2;
 const NOTHING = { beliefs: 'Nothing yet.', wants: 'Nothing now.', does: 'Nothing now.', ended: 'Nothing yet.' };
 
-/** Shows an agent of a moment; `why` is called with the id of what somebody clicks. */
+/** Shows an agent; `why` is called with the id of a clicked item. */
 export class Mind {
   #why;
 

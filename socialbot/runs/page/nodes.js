@@ -1,4 +1,4 @@
-// The nodes of the graph: where they run, how they are connected, how fast they are, and how they are.
+// Nodes of the graph: host, connections, rates and health.
 
 import { drawn, element, find, say, sync } from './dom.js';
 import { connections, layers } from './layers.js';
@@ -14,7 +14,7 @@ export class Nodes {
     this.#draw(graph.nodes.length > MOST_DRAWN ? grouped(graph.nodes) : graph.nodes);
   }
 
-  /** Shows how the nodes are. */
+  /** Shows the status of the nodes. */
   show(statuses) {
     const known = new Map(statuses.map(status => [status.name, status]));
     for (const { node, rect, condition, figures, machine } of this.#cards) {
@@ -47,7 +47,7 @@ export class Nodes {
   }
 }
 
-/** The connections as lines; two nodes that are connected both ways have one. */
+/** Connections as lines; two nodes connected both ways have one. */
 function lines(nodes, edges, places, columns) {
   const found = new Map();
   for (const edge of edges) {
@@ -63,7 +63,7 @@ function lines(nodes, edges, places, columns) {
   });
 }
 
-/** Nodes of the same kind with the same topics as one, where there are too many to be drawn. */
+/** Groups nodes of the same type and topics in large graphs. */
 function grouped(nodes) {
   const groups = new Map();
   for (const node of nodes) {
@@ -87,7 +87,7 @@ function card(node) {
   return { node, rect, condition, figures, machine, group: drawn('g', { class: 'node' }, title, rect, name, machine, condition, figures) };
 }
 
-/** A line from one card to another, past those that it would cross (`passed`: their heights). */
+/** Line between two cards that avoids the cards between them (`passed`: their heights). */
 function curve(from, to, passed) {
   const [x, y, end] = [from.x + WIDE, from.y + HIGH / 2, to.y + HIGH / 2];
   const bend = ACROSS / 2;

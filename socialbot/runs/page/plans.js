@@ -1,8 +1,8 @@
-// The plans that the chosen agent has considered, each with how often it was chosen.
+// Plans of the chosen agent with the number of times each was chosen.
 
 import { element, find } from './dom.js';
 
-/** Lists the plans of an agent; `pick` is called with the name of the one that somebody clicks. */
+/** Lists the plans of an agent; `pick` is called with the name of a clicked one. */
 export function listPlans(agent, pick) {
   const plans = agent?.plans ?? [];
   const rows = plans.map(({ label, chosen, rejected }) => element('li', {},

@@ -1,7 +1,7 @@
-// However long the page was held up, time goes on from where it was.
+// Longest time step, so that playback continues at the same place after a stall.
 const LONGEST_STEP_MS = 250;
 
-/** The time that is shown, and how it moves. A live run is followed until somebody goes back. */
+/** Shown time and playback. A live run is followed until the user seeks. */
 export class Playhead {
   time = 0;
   since = 0;
@@ -17,7 +17,7 @@ export class Playhead {
     if (live) this.time = end;
   }
 
-  /** Calls `look` whenever anything of this changes. */
+  /** Calls `look` on every change. */
   watch(look) {
     this.#watchers.push(look);
   }
@@ -28,33 +28,33 @@ export class Playhead {
     this.#tell();
   }
 
-  /** Goes to where a live run is now, and stays with it; of a recorded one to the end. */
+  /** Seeks to the end; follows a live run. */
   follow() {
     this.playing = false;
     this.seek(this.end);
   }
 
-  /** The run has gone on until `end`. */
+  /** Extends the run until `end`. */
   extend(end) {
     this.end = Math.max(this.end, end);
     if (this.following) this.time = this.end;
     this.#tell();
   }
 
-  /** What was before `since` cannot be shown, as it is forgotten. */
+  /** Drops the time before `since`. */
   forget(since) {
     this.since = since;
     if (this.time < since) this.seek(since);
   }
 
-  /** The run has begun anew, or was out of sight: it goes until `end`. */
+  /** Resets the run, which lasts until `end`. */
   restart(end) {
     this.end = end;
     this.time = this.following ? end : Math.min(this.time, end);
     this.#tell();
   }
 
-  /** The run is over. */
+  /** Marks the run as ended. */
   finish() {
     this.live = this.following = false;
     this.#tell();

@@ -1,4 +1,4 @@
-// Bars in rows: which of them follow each other, and what of them can be seen in a window of time.
+// Layout of bars in rows, and the visible bars in a time window.
 
 const MOST_ROWS = 4;
 const LEAST_PX = 5;
@@ -6,7 +6,7 @@ const SMALL_PX = 8;
 const LETTER_PX = 6.2;
 const SAME_S = 1e-4;
 
-/** Bars in rows so that those of a row do not overlap, as long as there are rows left. */
+/** Bars in rows without overlap, as far as rows are available. */
 export function packed(bars, end) {
   const rows = [];
   const free = [];
@@ -20,8 +20,8 @@ export function packed(bars, end) {
 }
 
 /**
- * What is to be drawn of a row: places in pixels, with a label that fits. Bars that would lie on top of each other,
- * because so little time is between them, become one that says how many they are.
+ * Visible bars of a row in pixels, with labels that fit. Bars that would overlap at this scale are merged into one
+ * with their count.
  */
 export function drawable(row, view, end, width) {
   const scale = width / (view.to - view.from);
@@ -43,7 +43,7 @@ export function drawable(row, view, end, width) {
   return found;
 }
 
-/** What a bar says, in it or beside it, where there are `free` pixels: where more of it fits. */
+/** Label of a bar, in it or beside it, for `free` pixels. */
 function labelled({ bar, w, count }, free) {
   const text = count > 1 ? `${count} ×` : bar.text;
   const within = w < 26 ? '' : fitting(text, w - 10);

@@ -1,17 +1,17 @@
-// What the camera sees: the picture with the persons in it.
+// Camera image with detected persons.
 
 import { element, find, say, sync } from './dom.js';
 
 const COLOURS = 6;
 
-/** The colour of a person: the same as long as they are known by this id. */
+/** Colour of a person, constant for a track id. */
 export function colour(track) {
   let sum = 0;
   for (const letter of track) sum = (sum * 31 + letter.codePointAt(0)) % 9973;
   return `c${sum % COLOURS}`;
 }
 
-/** Draws the boxes of a sight over a picture; percentages, as the picture may be shown in any size. */
+/** Draws the boxes over an image of any size, in percent. */
 export function drawBoxes(layer, sight, picture) {
   const wide = sight?.width || picture.naturalWidth;
   const high = sight?.height || picture.naturalHeight;
@@ -39,7 +39,7 @@ function label(person) {
   return person.track_id + (far === null ? '' : `${person.track_id ? ' · ' : ''}${far.toFixed(1)}${about} m`);
 }
 
-/** The picture on the page. */
+/** Image view of the page. */
 export class Sight {
   #picture = find('picture');
   #boxes = find('boxes');
@@ -51,7 +51,7 @@ export class Sight {
     this.#picture.addEventListener('load', () => this.#fit());
   }
 
-  /** Shows a picture (null: none) and who was seen. */
+  /** Shows an image (null: none) with its detections. */
   async show(picture, sight, head) {
     this.#sight = sight;
     if (!picture) {

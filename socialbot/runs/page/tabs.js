@@ -1,4 +1,4 @@
-// The panes with details, of which one is shown.
+// Tabs for the detail panes.
 
 import { find } from './dom.js';
 
@@ -16,7 +16,7 @@ export function openTab(name) {
   find('side').dispatchEvent(new CustomEvent('opened', { detail: name }));
 }
 
-/** Makes the tabs work by pointer and by keys. */
+/** Handles pointer and keyboard input of the tabs. */
 export function startTabs() {
   NAMES.forEach((name, n) => {
     const tab = find(`tab-${name}`);

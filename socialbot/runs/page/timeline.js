@@ -1,4 +1,4 @@
-// Everything as bars in lanes, with the time that is shown as a line through all of them.
+// Timeline: bars in lanes with a cursor at the shown time.
 
 import { byNumber, drawn, element, say, seconds, sync } from './dom.js';
 import { drawable, packed } from './rows.js';
@@ -26,7 +26,7 @@ export class Timeline {
   #due = false;
   #width = 0;
 
-  /** Fills `host`. `seek` is called with a time, `pick` with a bar; `called` gives the display name of an agent. */
+  /** Fills `host`. `seek` is called with a time, `pick` with a bar; `called` returns display names. */
   constructor(host, playhead, { seek, pick, called }) {
     Object.assign(this, { host, playhead, seek, pick, called });
     this.#view = playhead.live ? { from: playhead.end - LIVE_S, to: playhead.end } : { from: 0, to: playhead.end || 1 };
@@ -38,13 +38,13 @@ export class Timeline {
     playhead.watch(() => this.#move());
   }
 
-  /** Asked for once, as to ask for it again and again makes the browser lay out the page each time. */
+  /** Cached, as every query makes the browser lay out the page. */
   #fit() {
     this.#width = this.#box.clientWidth;
     this.#draw();
   }
 
-  /** Shows all of these lanes instead of those before. */
+  /** Replaces all lanes. */
   load(lanes) {
     this.#lanes = new Map(lanes.map(lane => [key(lane.agent, lane.name), {
       agent: lane.agent, name: lane.name, bars: new Map(lane.bars.map(bar => [bar.id, bar])), rows: null,
@@ -53,7 +53,7 @@ export class Timeline {
     this.#find();
   }
 
-  /** Takes bars that are new or have changed. */
+  /** Adds new or changed bars. */
   take(changes) {
     for (const { agent, lane: name, bar } of changes) {
       const at = key(agent, name);
@@ -65,7 +65,7 @@ export class Timeline {
     if (changes.length) this.#later();
   }
 
-  /** Drops the bars that had ended before `since`. */
+  /** Drops the bars that ended before `since`. */
   forget(since) {
     for (const lane of this.#lanes.values()) {
       for (const [id, bar] of lane.bars) {
@@ -75,7 +75,7 @@ export class Timeline {
     this.#later();
   }
 
-  /** Brings the lanes of an agent into sight, and shows those of it and of nobody only where it is `alone`. */
+  /** Scrolls to the lanes of an agent; `alone` hides those of other agents. */
   show(agent, alone) {
     this.#agent = agent;
     this.#alone = alone;
@@ -256,7 +256,7 @@ export class Timeline {
 
 const ORDER = ['people', 'speech', 'head', 'desires', 'plans', 'steps', 'goals', 'actions'];
 
-/** Lanes of nobody come first; those of one agent stay together. */
+/** Shared lanes come first; those of one agent stay together. */
 function place(lane) {
   return lane.agent ? ORDER.length : ORDER.indexOf(lane.name);
 }

@@ -1,11 +1,11 @@
-// The plans of the agents as trees of tasks.
+// Task trees of plans.
 
 import { element, find, say, sync } from './dom.js';
 
 const SIGNS = { done: '✓', failed: '✗', running: '▸', new: '✚' };
 const WELL = new Set(['', 'succeeded', 'successful']);
 
-/** Shows plans: those of the chosen agent first, then those that go on. */
+/** Shows plans: those of the chosen agent first, then active ones. */
 export function showTrees(trees, chosen, called) {
   const order = [...trees].sort((one, other) => rank(one, chosen) - rank(other, chosen));
   const shown = order.length ? order : [{ id: '', empty: true }];
@@ -45,7 +45,7 @@ function updateLine(row, { mark, method, former }) {
   row.className = `${method ? 'task ' : ''}${mark}${former ? ' former' : ''}`;
 }
 
-/** Keeps what is under way in sight, when that is another line than before. */
+/** Scrolls to the active step when it changes. */
 function follow(list) {
   const running = list.querySelector('.running');
   if (running === list.running) return;

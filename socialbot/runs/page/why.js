@@ -1,4 +1,4 @@
-// Why something was done, down to the frame; why a plan was not chosen.
+// Explanations of records down to the frame, and of rejected plans.
 
 import * as api from './api.js';
 import { element, find, seconds } from './dom.js';
@@ -21,7 +21,7 @@ export class Why {
     await this.#answer(() => api.why(id), told => this.#told(told));
   }
 
-  /** Explains why a plan was chosen, or not. */
+  /** Explains when a plan was chosen or rejected. */
   async explainPlan(label) {
     await this.#answer(() => api.whyNot(label), found => found.map(each => this.#plan(each)));
   }
@@ -78,7 +78,7 @@ export class Why {
       element('span', { class: 'because', text: because && `because ${because}` }));
   }
 
-  /** The picture that it all began with, and who was in it. */
+  /** Image and persons at the end of the chain. */
   #frame(t) {
     const picture = element('img', { alt: `What the camera saw at ${seconds(t)}` });
     const boxes = element('div', {});

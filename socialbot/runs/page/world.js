@@ -1,4 +1,4 @@
-// The world of the agents: a map that the server draws, or a film that is in the page.
+// World view: a map drawn by the server, or an animation in the page.
 
 import { film, Unreachable, worldAt } from './api.js';
 import { find, seconds } from './dom.js';
@@ -7,7 +7,7 @@ let groups = null;
 const faces = {};
 let order = '';
 
-/** The map at a time, ready to be shown. */
+/** Preloaded map at a time. */
 export async function fetchMap(t) {
   if (film) return film;
   const image = new Image();
@@ -16,7 +16,7 @@ export async function fetchMap(t) {
   return image.src;
 }
 
-/** Shows a map that was fetched. */
+/** Shows a loaded map. */
 export function showMap(address, t) {
   find('world').hidden = false;
   const map = find('map');
@@ -26,7 +26,7 @@ export function showMap(address, t) {
   map.dataset.t = t;
 }
 
-/** Puts the drawing of the film in the place of the picture, once. */
+/** Replaces the image by the drawing of the animation, once. */
 function stage() {
   const host = document.createElement('div');
   host.id = 'map';
@@ -71,7 +71,7 @@ function place(name, x, y) {
   groups.get(name)?.setAttribute('transform', `translate(${x} ${y})`);
 }
 
-/** The number of the last entry that is not later than a time. */
+/** Index of the last entry up to a time. */
 function last(track, t) {
   let low = 0;
   let high = track.length - 1;
@@ -83,7 +83,7 @@ function last(track, t) {
   return low;
 }
 
-/** The entry at a time, between two of a track. */
+/** Value at a time, interpolated. */
 function between(track, t) {
   const n = last(track, t);
   const [one, other] = [track[n], track[n + 1]];
