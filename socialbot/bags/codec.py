@@ -1,4 +1,4 @@
-"""Convert messages of socialbot to ROS messages and back, by type name; imports no ROS package."""
+"""Convert messages of socialbot to ROS messages and back, by type name, without ROS packages."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ ROS_TYPES: Mapping[type[Message], str] = MappingProxyType(
         Structured: STRING,
     }
 )
-"""The ROS type of each message that is not structured, and of structured ones in their JSON form."""
+"""ROS type of each message: unstructured ones, and structured ones in JSON form."""
 
 
 @functools.cache
 def decodable_types() -> Mapping[str, type[Message]]:
-    """Message classes by the ROS type that `decode` takes; `Structured` stands for the schema that the JSON names."""
+    """Message classes by ROS type for `decode`; `Structured` stands for the schema named in the JSON."""
     return MappingProxyType({**{name: kind for kind, name in ROS_TYPES.items()}, **typed_messages()})
 
 
@@ -64,15 +64,15 @@ _CORNERS = (0, 1, 1, 2, 2, 3, 3, 0)
 
 
 class TypeFactory(Protocol):
-    """Makes ROS messages by the name of their type."""
+    """Factory of ROS messages by type name."""
 
     def make(self, type_name: str, /, **fields: Any) -> Any:
-        """A message of ``type_name`` with all its ``fields``; sequences of numbers are given as numpy arrays."""
+        """Make a message of ``type_name`` with all its ``fields``; sequences of numbers are numpy arrays."""
         ...
 
 
 def ros_type(message_type: type[Message], form: WireForm = "json") -> str:
-    """The ROS type that carries ``message_type``. Messages of other packages are JSON in both forms.
+    """ROS type for ``message_type``. Messages of other packages are JSON in both forms.
 
     Raises:
         MessageError: There is no such ROS type.
@@ -91,29 +91,28 @@ def carries(ros_name: str, message_type: type[Message]) -> bool:
 
 
 def header_stamp(ros_message: Any) -> int | None:
-    """The stamp (ns) in the header of ``ros_message``; None when its type has no header."""
+    """Stamp (ns) in the header of ``ros_message``; None when its type has no header."""
     header = getattr(ros_message, "header", None)
     return None if header is None else header.stamp.sec * SECOND + header.stamp.nanosec
 
 
 def raw_stamp(cdr: bytes) -> int:
-    """The stamp (ns) of a serialised message that begins with a header."""
+    """Stamp (ns) of a serialised message that begins with a header."""
     seconds, rest = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, CDR_BEGIN)
     return seconds * SECOND + rest
 
 
 def with_stamp(cdr: bytes, stamp: int) -> bytes:
-    """A serialised message that begins with a header, with another ``stamp`` (ns)."""
+    """Replace the stamp (ns) of a serialised message that begins with a header."""
     packed = struct.pack("<iI" if cdr[1] & 1 else ">iI", *divmod(stamp, SECOND))
     return cdr[:CDR_BEGIN] + packed + cdr[CDR_BEGIN + len(packed) :]
 
 
 def decode(message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M:
-    """``ros_message`` as ``message_type``; ``stamp`` (ns) is used where it carries none itself.
+    """Decode ``ros_message`` as ``message_type``; ``stamp`` (ns) is the default stamp.
 
-    Pixels and compressed data are views of the ROS message. With ``Structured`` as the type, JSON
-    becomes the registered message that its schema names. Raises MessageError when the
-    content does not fit, or ``ros_message`` is of another type.
+    Pixels and compressed data are views of the ROS message. With `Structured`, the schema in the JSON selects the
+    type. Raises MessageError when the content does not fit, or ``ros_message`` is of another type.
     """
     if issubclass(message_type, Structured):
         if hasattr(ros_message, "header"):
@@ -137,7 +136,7 @@ def encode(message: Message, types: TypeFactory, form: WireForm = "json") -> Any
 
 
 def schema_name(message_type: type[Structured]) -> str:
-    """The schema name and version inside the JSON of ``message_type``, such as ``socialbot/Utterance/1``."""
+    """Schema name and version in the JSON of ``message_type``, such as ``socialbot/Utterance/1``."""
     return str(message_type.__struct_config__.tag)
 
 
@@ -453,7 +452,7 @@ def _json_field(value: Any) -> str:
 
 
 def _given(struct: type, ros_message: Any) -> dict[str, Any]:
-    """The fields of ``struct`` that differ from their defaults."""
+    """Return the fields of ``struct`` that differ from their defaults."""
     fields = ((field, _read(field, getattr(ros_message, field.name))) for field in fields_of(struct))
     defaults = _defaults(struct)
     return {field.name: value for field, value in fields if defaults.get(field.name, MISSING) != value}

@@ -82,7 +82,7 @@ class _ImageFormat:
         )
 
     def camera_info(self, stamp: int, width: int, height: int) -> CameraInfo:
-        """A pinhole camera with square pixels and no distortion."""
+        """Pinhole camera with square pixels and no distortion."""
         focal = width / 2 / math.tan(math.radians(self.hfov_deg) / 2)
         k = (focal, 0.0, width / 2, 0.0, focal, height / 2, 0.0, 0.0, 1.0)
         return CameraInfo(stamp=stamp, frame_id=FRAME_ID, width=width, height=height, k=k, d=(0.0,) * 5)
@@ -107,7 +107,7 @@ def import_bag(
     """Write images and, once a second, their CameraInfo to the new bag ``out``.
 
     Args:
-        source: A video file or a folder of images; the name of the camera where one is given.
+        source: A video file or a folder of images; with ``camera``, its name.
         out: The bag folder to create. It is removed again if the import fails.
         camera: An open camera to record; it is closed at the end.
         rate_hz: Image rate of a folder, whose images are taken in natural order. A video has its own time stamps.
@@ -115,7 +115,7 @@ def import_bag(
         hfov_deg: Horizontal field of view, for the CameraInfo.
         jpeg_quality: From 1 to 100.
         topic: The topic of the images.
-        limit_s: The duration after which the import ends.
+        limit_s: The maximum duration of the import.
         width: The width (pixels) to scale images to.
         clock: The clock for the stamps of camera images.
         stopped: Whether to end the import now.
@@ -227,9 +227,9 @@ def _check(name: str, value: object, good: bool) -> None:
 
 @dataclass
 class Conversion:
-    """Result of a conversion: the bag, its message count, and the number of messages with a new form.
+    """Result of a conversion: the bag, its message count, and the number of converted messages.
 
-    ``kept`` counts, by topic, structured messages without a form of the wanted kind; ``skipped`` damaged messages.
+    ``kept`` counts structured messages without the requested form by topic, ``skipped`` damaged messages.
     """
 
     path: Path
@@ -242,8 +242,7 @@ class Conversion:
 def convert_bag(source: str | Path, out: str | Path, form: WireForm, *, storage: str = "mcap") -> Conversion:
     """Write the bag ``source`` as the new bag ``out``, with structured messages in ``form``.
 
-    The conversion is lossless: messages without that form, such as plain text, are copied unchanged, and so are other
-    files in the folder of the bag, such as its graph.
+    The conversion is lossless: it copies other messages, and other files in the folder of the bag, such as its graph.
 
     Raises:
         BagError: ``source`` cannot be read, or ``out`` exists or cannot be written.
@@ -272,7 +271,7 @@ def convert_bag(source: str | Path, out: str | Path, form: WireForm, *, storage:
 
 
 def _converted(types: RosbagsTypes, name: str, data: bytes, form: WireForm) -> tuple[str, bytes, bool]:
-    """Type and bytes of the message in ``form``, and whether they changed. Raises MessageError if that fails."""
+    """Return type and bytes of the message in ``form``, and whether they changed. Raises MessageError if that fails."""
     ros_message = types.deserialize(data, name)
     if name == codec.STRING and not ros_message.data.lstrip().startswith("{"):
         raise MessageError("plain text")

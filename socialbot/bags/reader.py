@@ -50,7 +50,7 @@ _REPAIRS = {
 
 @dataclass(frozen=True)
 class BagTopic:
-    """A topic of a bag, its ROS type and message count."""
+    """Topic of a bag, with its ROS type and message count."""
 
     name: str
     type: str
@@ -59,7 +59,7 @@ class BagTopic:
 
 @dataclass(frozen=True)
 class MessageLocation:
-    """The location of a message: its stamp (ns), the index of the file, the topic and the time of reception (ns)."""
+    """Location of a message: its stamp (ns), the index of the file, the topic and the time of reception (ns)."""
 
     stamp: int
     file: int
@@ -69,16 +69,17 @@ class MessageLocation:
 
 @dataclass
 class Skipped:
-    """The number of damaged messages of one topic, and the error of the first."""
+    """Damaged messages of one topic: their number, and the first error."""
 
     count: int
     first: str
 
 
 def open_bag(path: str | Path) -> Bag:
-    """Opens the bag at ``path``; close it, or use it as a context manager.
+    """Open the bag at ``path``. Close it, or use it as a context manager.
 
-    Raises BagError when there is no bag, none of its messages can be found, or its files are broken.
+    Raises:
+        BagError: There is no bag, it has no readable messages, or its files are broken.
     """
     path = Path(path)
     if not path.exists():
@@ -95,10 +96,9 @@ def open_bag(path: str | Path) -> Bag:
 
 
 class Bag:
-    """An open bag; `open_bag` makes one.
+    """Bag opened by `open_bag`.
 
-    ``damage`` says what is missing from the files, ``skipped`` which messages the last pass over a
-    topic left out.
+    ``damage`` describes missing parts of the files, ``skipped`` the damaged messages in the last pass over each topic.
     """
 
     def __init__(self, path: Path, readers: Sequence[Reader], damage: tuple[str, ...] = ()) -> None:
@@ -119,30 +119,29 @@ class Bag:
         self.close()
 
     def close(self) -> None:
-        """Close the files."""
         for reader in self._readers:
             reader.close()
         self._readers = ()
 
     @property
     def duration_s(self) -> float:
-        """Seconds from the first to the last message."""
+        """Duration from the first to the last message."""
         return (self.end - self.start) / SECOND
 
     @property
     def image_topics(self) -> tuple[BagTopic, ...]:
-        """The topics with raw or compressed images."""
+        """Topics with raw or compressed images."""
         return tuple(topic for topic in self.topics if topic.type in IMAGE_TYPES and topic.count)
 
     def topic(self, name: str) -> BagTopic:
-        """The topic called ``name``. Raises BagError when the bag has none."""
+        """Return the topic ``name``. Raises BagError if the bag has none."""
         for topic in self.topics:
             if topic.name == name:
                 return topic
         raise BagError(f"no topic {name!r} in the bag", where=str(self.path), remedy=suggestion(name, self._names()))
 
     def definition(self, type_name: str) -> tuple[str, str]:
-        """The definition of a ROS 2 type in the bag, and its hash; empty texts if it has none."""
+        """Definition and hash of a ROS 2 type in the bag, or empty texts."""
         for connection in self._connections:
             if connection.msgtype == type_name and not isinstance(connection.owner, Ros1Reader):
                 return connection.msgdef.data, connection.digest
@@ -159,7 +158,7 @@ class Bag:
         )
 
     def choose_image_topic(self, wanted: str | None = None) -> BagTopic:
-        """The ``wanted`` image topic, or the only one.
+        """Return the ``wanted`` image topic, or the only one.
 
         Raises:
             BagError: There is none, there are several and none is ``wanted``, or the wanted one has no images.
@@ -185,7 +184,7 @@ class Bag:
         return self.topic(wanted)
 
     def camera_info_topic_for(self, image_topic: str) -> BagTopic | None:
-        """The CameraInfo topic in the namespace of ``image_topic``, if the bag has one.
+        """CameraInfo topic in the namespace of ``image_topic``, if the bag has one.
 
         ``/camera/image_raw`` and ``/camera/image_raw/compressed`` both belong to ``/camera/camera_info``.
         """
@@ -198,13 +197,13 @@ class Bag:
     ) -> Iterator[tuple[str, Message]]:
         """Yield graph topic and message of ``topics`` (bag topic to graph topic), in the order of the bag.
 
-        The stamp is that of the header; for images it is converted to the clock of the reception. If it is zero, or
-        earlier than the previous stamp of the topic, the message gets the previous stamp plus the time between the two
-        receptions. A first stamp of zero becomes the time of reception.
+        Header stamps are used; those of images are converted to the clock of the reception. A stamp of zero, or before
+        the previous one of the topic, is replaced: by the previous stamp plus the time between the two receptions. A
+        first stamp of zero becomes the time of reception.
 
         Args:
             topics: The bag topics to read, and their names in the graph.
-            kinds: Message types by graph topic; by default the schema of a structured message decides.
+            kinds: Message types by graph topic; default: the schema of a structured message.
 
         Raises:
             BagError: A topic is missing, its type is unknown, or the file is truncated.
@@ -219,7 +218,7 @@ class Bag:
         return self._decoded(topics, kinds or {})
 
     def locations(self, name: str) -> Iterator[MessageLocation]:
-        """The locations of the intact messages of a topic with headers, with the stamps that `messages` gives them.
+        """Yield the locations of intact messages of a topic with headers, with the stamps of `messages`.
 
         Raises:
             BagError: The file is truncated.
@@ -234,7 +233,7 @@ class Bag:
                 yield MessageLocation(stamps.next(header, received), file, name, time)
 
     def message_at(self, place: MessageLocation) -> Message | None:
-        """The message at one of `locations`, with its stamp; None if it is damaged. Raises BagError."""
+        """Read the message at one of `locations`, with its stamp; None if it is damaged. Raises BagError."""
         reader = self._readers[place.file]
         wanted = [connection for connection in reader.connections if connection.topic == place.topic]
         try:
@@ -250,7 +249,7 @@ class Bag:
     def raw_messages(self, topics: Mapping[str, str]) -> Iterator[tuple[str, int, str, bytes]]:
         """Yield graph topic, time of reception (ns), ROS type and CDR bytes of ``topics``.
 
-        Messages of ROS 1 bags are converted to ROS 2. Any type is accepted; otherwise errors are those of `messages`.
+        Messages of ROS 1 bags are converted to ROS 2. Unknown types are accepted; other errors are those of `messages`.
         """
         for name in topics:
             self.topic(name)
@@ -389,7 +388,7 @@ def _open(path: Any) -> Reader:
 
 
 def _check_types(reader: Reader) -> None:
-    """Check that names are texts and counts are numbers; rosbags does not. Raises ValueError."""
+    """Check that names are texts and counts are numbers, unlike rosbags. Raises ValueError."""
     texts = [text for each in reader.connections for text in (each.topic, each.msgtype)]
     numbers = [reader.message_count, reader.start_time, reader.end_time]
     numbers += [each.msgcount for each in reader.connections]
@@ -405,5 +404,5 @@ def _broken(path: Any, error: Exception) -> BagError:
 
 
 def natural(path: Path) -> list[tuple[int, str]]:
-    """The sort key for natural order: 2 before 10."""
+    """Sort key for natural order: 2 before 10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

@@ -19,7 +19,7 @@ _KNOWN = range(_HEADER, _DATA_END)
 
 @dataclass(frozen=True)
 class Salvaged:
-    """A file with ``whole`` of ``size`` bytes intact. It opens like a path."""
+    """Path-like file with the first ``whole`` of ``size`` bytes intact."""
 
     path: Path
     whole: int
@@ -28,27 +28,24 @@ class Salvaged:
 
     @property
     def suffix(self) -> str:
-        """That of the path."""
         return self.path.suffix
 
     def __str__(self) -> str:
         return str(self.path)
 
     def exists(self) -> bool:
-        """Whether the file is still there."""
         return self.path.exists()
 
     def is_dir(self) -> bool:
-        """It is a file."""
         return False
 
     def open(self, mode: str = "rb") -> BinaryIO:
-        """The whole part of the file followed by the index, to be read."""
+        """Open the intact part of the file followed by the index, for reading."""
         return io.BufferedReader(_Joined(self.path.open("rb"), self.whole, self.tail), 1 << 16)
 
 
 class _Joined(io.RawIOBase):
-    """The first ``length`` bytes of a file, followed by ``tail``."""
+    """First ``length`` bytes of a file, followed by ``tail``."""
 
     def __init__(self, file: BinaryIO, length: int, tail: bytes) -> None:
         self._file = file
@@ -84,7 +81,7 @@ class _Joined(io.RawIOBase):
 
 
 def salvage(path: Path) -> Salvaged | None:
-    """The intact part of the .mcap file at ``path``; None if it has no message."""
+    """Find the intact part of the .mcap file at ``path``; None if it has no message."""
     size = path.stat().st_size
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
@@ -97,7 +94,7 @@ def salvage(path: Path) -> Salvaged | None:
 
 @dataclass
 class _Chunk:
-    """A chunk record: its position, header fields and index records."""
+    """Chunk record: its position, header fields and index records."""
 
     start: int
     length: int
@@ -108,7 +105,7 @@ class _Chunk:
 
 
 def _scan(file: BinaryIO, size: int) -> tuple[int, list[_Chunk]]:
-    """The end of the intact records, and their chunks. A chunk without index is not intact."""
+    """Return the end of the intact records, and their chunks. A chunk without index is not intact."""
     chunks: list[_Chunk] = []
     whole = len(MAGIC)
     while True:
@@ -142,7 +139,7 @@ def _read_chunk(file: BinaryIO, start: int, length: int) -> _Chunk:
 
 
 def _tail(whole: int, chunks: list[_Chunk]) -> bytes:
-    """A summary of ``chunks`` and the footer. With empty statistics, readers scan the chunks."""
+    """Build a summary of ``chunks`` and the footer. With empty statistics, readers scan the chunks."""
     records = [_record(_CHUNK_INDEX, _chunk_index(chunk)) for chunk in chunks]
     records.append(_record(_STATISTICS, bytes(46)))
     records.append(_record(_FOOTER, struct.pack("<QQI", whole, 0, 0)))
@@ -163,11 +160,11 @@ log = logging.getLogger("socialbot.bags")
 
 CLOCKS_APART_S = 1.0
 LEAP_S = 3600.0
-"""A longer pause means that the clock was set during the recording."""
+"""Maximum pause; a longer one means that the clock was set during the recording."""
 
 
 class Receptions:
-    """Corrects the times of reception of the bag ``name``: a leap by more than ``LEAP_S`` is removed."""
+    """Correction of reception times in the bag ``name``: removes leaps above ``LEAP_S``."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -175,7 +172,7 @@ class Receptions:
         self._last: int | None = None
 
     def next(self, time: int) -> int:
-        """The corrected time (ns) of a message that was received at ``time``."""
+        """Correct the time (ns) of a message received at ``time``."""
         set_right = time + self._offset
         if self._last is not None and set_right - self._last > nanoseconds(LEAP_S):
             ahead = set_right - self._last
@@ -187,10 +184,10 @@ class Receptions:
 
 
 class Stamps:
-    """Corrects the header stamps of one topic, so that they are plausible on the clock of the reception.
+    """Correction of the header stamps of one topic to plausible times on the clock of the reception.
 
-    With ``set_right``, the clock offset of a sender above ``CLOCKS_APART_S`` at its first message is removed.
-    Use it for images only: latched messages are older than their reception.
+    ``set_right`` removes a clock offset of the sender above ``CLOCKS_APART_S`` at its first message. Use it for images
+    only: latched messages are older than their reception.
     """
 
     def __init__(self, topic: str, *, set_right: bool) -> None:
@@ -202,7 +199,7 @@ class Stamps:
         self._warned = False
 
     def next(self, header: int, time: int) -> int:
-        """The corrected stamp (ns) of a message with the stamp ``header``, received at ``time``."""
+        """Correct the stamp (ns) ``header`` of a message received at ``time``."""
         last = self._stamp
         if self._set_right and last is None and header > 0 and abs(time - header) > nanoseconds(CLOCKS_APART_S):
             self._offset = time - header

@@ -13,9 +13,9 @@ from socialbot.graph.node import Graph
 
 
 def feeding(bag: Bag, graph: Graph, image_topic: str | None) -> dict[str, str]:
-    """The topics of ``bag`` that feed ``graph`` (without its sources): bag topic to graph topic.
+    """Map input topics of ``graph`` (without its sources) from ``bag``: bag topic to graph topic.
 
-    The chosen image topic and its CameraInfo feed the image inputs. Other inputs need the same topic name and type.
+    The image topic and its CameraInfo map to the image inputs. Other inputs need the same topic name and type.
 
     Raises:
         BagError: The image topic is missing or ambiguous.
@@ -43,7 +43,7 @@ def takes_images(graph: Graph) -> bool:
 
 
 def _inputs(graph: Graph) -> dict[str, type[Message]]:
-    """The topics that no node of the graph publishes, with their types."""
+    """Unpublished topics of the graph, with their types."""
     published = {topic for placement in graph.placements for topic, _ in placement.publications}
     published.update(topic for placement in graph.placements for topic in health_topics(graph, placement.name))
     return {topic: kind for topic, kind in graph.topics().items() if topic not in published}

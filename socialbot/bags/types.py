@@ -24,7 +24,7 @@ from socialbot.core.registry import message_types
 PACKAGE = "socialbot_msgs"
 HEADER = ("stamp", "frame_id")
 JSON = "json"
-"""The kind of a field that holds JSON in a string."""
+"""Kind of a field with JSON in a string."""
 
 _SCALARS: Mapping[type[structs.Type], str] = {
     structs.StrType: "string",
@@ -37,13 +37,13 @@ _LINE = 100
 
 @dataclass(frozen=True)
 class Field:
-    """A field of a ROS type.
+    """Field of a ROS type.
 
     Attributes:
         name: The name.
         kind: A scalar type of ROS, `JSON`, or a struct.
         count: The suffix of the type: empty, ``[]`` for an array, ``[N]`` for a fixed one, ``[<=1]`` if optional.
-        choices: The allowed values, if they are enumerated.
+        choices: The allowed values of an enumeration.
         missing_is_nan: Whether NaN stands for a missing number.
     """
 
@@ -55,13 +55,13 @@ class Field:
 
     @property
     def definition(self) -> str:
-        """The line in a definition."""
+        """Line of the field in a definition."""
         kind = "string" if self.kind == JSON else self.kind if isinstance(self.kind, str) else ros_name(self.kind)
         return f"{kind}{self.count} {self.name}{self._note}"
 
     @property
     def constants(self) -> tuple[str, ...]:
-        """The lines of the constants for the choices."""
+        """Lines of the constants for the choices."""
         return tuple(
             f'string {self.name.upper()}_{choice.upper().replace(" ", "_")}="{choice}"' for choice in self.choices
         )
@@ -74,24 +74,24 @@ class Field:
 
 
 def ros_name(struct: type) -> str:
-    """The name of a struct as a ROS type: its attribute ``ros_name`` if it has one, else the name of its class."""
+    """Name of a struct as a ROS type: its attribute ``ros_name`` if it has one, else its class name."""
     return getattr(struct, "ros_name", struct.__name__)
 
 
 def type_name(struct: type) -> str:
-    """The ROS type of a message or a part of one, such as ``socialbot_msgs/msg/Utterance``."""
+    """ROS type of a message or of a part, such as ``socialbot_msgs/msg/Utterance``."""
     return f"{PACKAGE}/msg/{ros_name(struct)}"
 
 
 @functools.cache
 def typed_messages() -> Mapping[str, type[Structured]]:
-    """The messages with a ROS type of their own in socialbot_msgs, by its name."""
+    """Messages with a ROS type in socialbot_msgs, by type name."""
     return MappingProxyType({type_name(kind): kind for kind in message_types(built_in=True)})
 
 
 @functools.cache
 def fields_of(struct: type) -> tuple[Field, ...]:
-    """The fields of the ROS type of ``struct``, without the header."""
+    """Fields of the ROS type of ``struct``, without the header."""
     info = structs.type_info(struct)
     assert isinstance(info, structs.StructType)
     hidden = HEADER if issubclass(struct, Structured) else ()
@@ -99,7 +99,7 @@ def fields_of(struct: type) -> tuple[Field, ...]:
 
 
 def parts_of(struct: type) -> Iterator[type]:
-    """The structs in the fields of ``struct``, recursively."""
+    """Structs in the fields of ``struct``, recursively."""
     for field in fields_of(struct):
         if isinstance(field.kind, type):
             yield field.kind
@@ -108,7 +108,7 @@ def parts_of(struct: type) -> Iterator[type]:
 
 @functools.cache
 def definitions() -> Mapping[str, str]:
-    """The definition (the text of its .msg file) of each ROS type, by its name."""
+    """Definitions (texts of .msg files) by ROS type."""
     every = {part: None for kind in message_types(built_in=True) for part in (kind, *parts_of(kind))}
     texts = {type_name(struct): _definition(struct) for struct in every}
     assert len(texts) == len(every), "two structs of one name"
@@ -234,7 +234,7 @@ float32 c
 """,
     }
 )
-"""The text of the definition of each type, by its name."""
+"""Definitions by type name."""
 
 
 _HEADER = "std_msgs/msg/Header"
@@ -242,13 +242,13 @@ _HEADER = "std_msgs/msg/Header"
 
 @functools.cache
 def known_types(release: Stores = Stores.ROS2_JAZZY) -> Typestore:
-    """The types of a ROS release. The result is shared: do not register types in it."""
+    """Types of a ROS release. The result is shared: do not register types in it."""
     return get_typestore(release)
 
 
 @functools.cache
 def _with_own_types() -> Typestore:
-    """The types of ROS 2 Jazzy, and those of `interfaces` and `standard_types`."""
+    """Types of ROS 2 Jazzy, `interfaces` and `standard_types`."""
     types = get_typestore(Stores.ROS2_JAZZY)
     for name, text in {**DEFINITIONS, **definitions()}.items():
         # Comments make the parser 50 times slower.
@@ -263,17 +263,17 @@ def types_with(type_name: str) -> Typestore:
 
 
 class RosbagsTypes:
-    """A `codec.TypeFactory` that makes messages for rosbags, with the types of ROS 2 Jazzy and socialbot's own."""
+    """`codec.TypeFactory` for rosbags messages, with the types of ROS 2 Jazzy and socialbot."""
 
     def make(self, type_name: str, /, **fields: Any) -> Any:
-        """A message of ``type_name``. Raises MessageError when there is no such type."""
+        """Make a message of ``type_name``. Raises MessageError for an unknown type."""
         types = types_with(type_name).types
         if type_name not in types:
             raise MessageError(f"ROS 2 Jazzy has no type {type_name}")
         return types[type_name](**fields)
 
     def serialize(self, ros_message: Any) -> bytes:
-        """``ros_message`` as CDR bytes. Raises MessageError when a field does not fit its type."""
+        """Serialize ``ros_message`` to CDR. Raises MessageError when a field does not fit its type."""
         name = ros_message.__msgtype__
         try:
             return bytes(types_with(name).serialize_cdr(ros_message, name))
@@ -281,7 +281,7 @@ class RosbagsTypes:
             raise MessageError(f"cannot be written as {name}: {error}") from error
 
     def deserialize(self, data: bytes, type_name: str) -> Any:
-        """The message of ``type_name`` in CDR bytes. Raises MessageError when there is none in them."""
+        """Deserialize a CDR message of ``type_name``. Raises MessageError for damaged bytes."""
         try:
             return _read_cdr(types_with(type_name), data, type_name)
         except Exception as error:
@@ -302,7 +302,7 @@ def is_known(connection: Connection) -> bool:
 
 
 def to_cdr(connection: Connection, data: bytes) -> bytes:
-    """``data`` of ``connection`` as CDR bytes.
+    """Convert ``data`` of ``connection`` to CDR bytes.
 
     Raises as `deserialize` does, and ValueError for a ROS 1 type that ROS 2 has changed.
     """
@@ -346,7 +346,7 @@ def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
 
 @functools.lru_cache(maxsize=512)
 def _ros2_types(name: str, definition: MessageDefinition) -> Typestore:
-    """The types of a ROS 1 connection in ROS 2: without the sequence number in the header."""
+    """ROS 2 types of a ROS 1 connection: headers have no sequence number."""
     ros1, ros2 = _types(name, definition, ros1=True).fielddefs, known_types().fielddefs
     for each in ros1.keys() & ros2.keys() - {_HEADER}:
         if _layout(ros1[each]) != _layout(ros2[each]):

@@ -1,4 +1,4 @@
-"""Replay the world side of a bag to agents: recorded sensor messages, in response to the commands of the agents."""
+"""Replay the world side of a bag to agents: recorded sensor messages, triggered by the commands of the agents."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from socialbot.graph.node import Delivery, Graph
 log = logging.getLogger("socialbot.player")
 
 COMMAND_TIMEOUT_S = 2.0
-"""The simulated time (s) for which the replay waits for a command."""
+"""Simulated time (s) to wait for a command."""
 
 STEP_S = 1 / 30
-"""The clock step (s) while waiting."""
+"""Clock step (s) while waiting."""
 
 SLACK_S = 0.2
-"""The time (s) after a command in which a recorded message may still be its cause: clocks differ by a step."""
+"""Time (s) after a command that may contain its cause: the clocks of processes differ by a step."""
 
 
 def commands(bag: Bag, graph: Graph) -> dict[str, type[Message]]:
-    """The command topics of ``graph`` in ``bag``: published by a node, and subscribed to by none.
+    """Command topics of ``graph`` in ``bag``: published by a node, and without subscribers.
 
-    Latched topics and traces are no commands: they report states.
+    Latched topics and traces report states, so they are no commands.
     """
     heard = {topic for placement in graph.placements for topic, _ in placement.subscriptions}
     names = {topic.name for topic in bag.topics if topic.count}
@@ -47,17 +47,16 @@ def commands(bag: Bag, graph: Graph) -> dict[str, type[Message]]:
 
 @dataclass
 class CommandMatcher:
-    """Matches recorded commands with current ones, which differ in times and ids."""
+    """Matcher of recorded commands with current ones, which differ in times and ids."""
 
     _given: dict[Any, deque[str]] = field(default_factory=dict)
     _ids: dict[str, str] = field(default_factory=dict)
 
     def give(self, topic: str, message: Message) -> None:
-        """Add a command of an agent."""
         self._given.setdefault(self._content(topic, message), deque()).append(getattr(message, "id", ""))
 
     def take(self, topic: str, recorded: Message) -> bool:
-        """Whether a recorded command has been given; each command matches once."""
+        """Match a recorded command with a current one; each matches once."""
         given = self._given.get(self._content(topic, self.as_now(recorded)))
         if not given:
             return False
@@ -69,13 +68,13 @@ class CommandMatcher:
         return bool(self._ids.get(getattr(recorded, "id", "")))
 
     def as_now(self, recorded: Message, late: int = 0) -> Message:
-        """A recorded message with its stamp shifted by ``late`` (ns), and the current id of its command."""
+        """Shift the stamp of a recorded message by ``late`` (ns), and insert the current id of its command."""
         id = self._ids.get(getattr(recorded, "id", ""))
         changes = {"stamp": recorded.stamp + late, **({"id": id} if id else {})}
         return msgspec.structs.replace(recorded, **changes)
 
     def _content(self, topic: str, message: Message) -> Any:
-        """The content to match: all fields but id and stamp, or the id if there are no others (a cancellation)."""
+        """Content to match: all fields but id and stamp, or the id if there are no others (a cancellation)."""
         fields = msgspec.structs.asdict(message)
         id = fields.pop("id", "")
         del fields["stamp"]
@@ -83,15 +82,15 @@ class CommandMatcher:
 
 
 class WorldScript:
-    """The recorded messages of ``bag`` to a ``graph`` without a simulator, in order. Times are in ns.
+    """Recorded messages of ``bag`` for a ``graph`` without a simulator, in order. Times are in ns.
 
-    Messages keep their order and time differences. A recorded command holds back all later messages until the agents
-    give it. ``feeds`` maps bag topics to graph topics.
+    Messages keep their order and time differences. A recorded command blocks later messages until an agent sends it.
+    ``feeds`` maps bag topics to graph topics.
 
     Attributes:
         told: The command topics and their types.
         sent: The number of messages sent.
-        unanswered: The number of recorded commands that were not given in time.
+        unanswered: The number of recorded commands without a match at the timeout.
     """
 
     def __init__(self, bag: Bag, feeds: Mapping[str, str], graph: Graph) -> None:
@@ -110,15 +109,14 @@ class WorldScript:
 
     @property
     def due(self) -> int | None:
-        """The time of the next message or command; None at the end."""
+        """Time of the next message or command; None at the end."""
         return self._ahead[0][1].stamp + self._late if self._ahead else None
 
     def hear(self, topic: str, message: Message) -> None:
-        """Add a command of an agent."""
         self._commands.give(topic, message)
 
     def say(self, now: int) -> Iterator[tuple[str, Message]]:
-        """Yield the messages due at ``now``, up to the next command that has not been given."""
+        """Yield the messages due at ``now``, up to the next unmatched command."""
         while self._ahead:
             topic, message = self._ahead[0]
             id = getattr(message, "id", "")
@@ -130,7 +128,7 @@ class WorldScript:
                 return
             else:
                 self._next()
-                if id in self._to_come:  # its command bears a later time: the clocks of processes differ by a step
+                if id in self._to_come:  # its command has a later stamp: the clocks of processes differ by a step
                     self._held.setdefault(id, []).append((topic, message))
                 else:
                     yield self._said(topic, message)
@@ -138,7 +136,7 @@ class WorldScript:
     def wait(self, now: int) -> Iterator[tuple[str, Message]]:
         """Yield messages while a command is overdue.
 
-        Its cause may have been recorded after it. After `COMMAND_TIMEOUT_S` the replay continues without the command.
+        Its cause may follow it in the bag. After `COMMAND_TIMEOUT_S` the replay skips the command.
         """
         topic, command = self._ahead[0]
         if topic not in self.told:  # it has been given meanwhile
@@ -157,7 +155,7 @@ class WorldScript:
                 return
 
     def _past(self, now: int) -> Iterator[tuple[str, Message]]:
-        """Skip a command, and yield the messages held back for it."""
+        """Skip a command, and yield the messages blocked by it."""
         command = self._ahead[0][1]
         self._late = max(self._late, now - command.stamp)
         self._next()
@@ -176,7 +174,7 @@ class WorldScript:
             self._read()
 
     def _read(self) -> bool:
-        """Read one more message of the bag; False at its end."""
+        """Read one more message of the bag; return False at its end."""
         found = next(self._messages, None)
         if found is not None:
             self._ahead.append(found)
@@ -184,24 +182,22 @@ class WorldScript:
 
 
 class ReplayStage(Protocol):
-    """The runner of a replay."""
+    """Runner of a replay."""
 
     @property
     def now(self) -> int:
-        """The time (ns)."""
+        """Time (ns)."""
         ...
 
     def advance(self, until: int) -> None:
         """Deliver the messages, and advance the time."""
         ...
 
-    def say(self, topic: str, message: Message) -> None:
-        """Send a message to the agents."""
-        ...
+    def say(self, topic: str, message: Message) -> None: ...
 
 
 def play(script: WorldScript, stage: ReplayStage, ending: Ending) -> None:
-    """Play ``script`` to its end, or until asked to end."""
+    """Play ``script`` to its end, or until a stop request."""
     while (due := script.due) is not None and not ending.asked:
         stage.advance(max(due, stage.now))
         for topic, message in script.say(stage.now):
@@ -214,7 +210,7 @@ def play(script: WorldScript, stage: ReplayStage, ending: Ending) -> None:
 
 
 class InlineStage:
-    """Replay in an inline runner. Call `begin` before its nodes start, then `play`."""
+    """Replay stage for an inline runner. Call `begin` before its nodes start, then `play`."""
 
     def __init__(self, runner: InlineRunner, script: WorldScript) -> None:
         self._runner = runner
@@ -228,15 +224,13 @@ class InlineStage:
 
     @property
     def now(self) -> int:
-        """The time of the run (ns)."""
+        """Time of the run (ns)."""
         return self._runner.clock.now()
 
     def advance(self, until: int) -> None:
-        """Deliver all messages, then advance the time."""
         self._runner.advance(until)
 
     def say(self, topic: str, message: Message) -> None:
-        """Queue a message."""
         self._runner.enqueue(topic, message)
 
     def _hear(self, topic: str, message: Message) -> None:
@@ -252,7 +246,7 @@ class InlineStage:
 class PlaybackResult(msgspec.Struct):
     """Result of a playback: messages sent, missing answers, and damaged messages by topic.
 
-    With images, only they are counted. Without, missing commands count as missing answers.
+    With images, only images are counted. Otherwise missing commands count as missing answers.
     """
 
     sent: int = 0

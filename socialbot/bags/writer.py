@@ -25,7 +25,7 @@ _DEPTH = 10
 
 
 class BagWriter:
-    """Writes a bag. It is a context manager that closes the bag properly after any exception.
+    """Writer of a bag. Its context closes the bag properly after any exception.
 
     Args:
         path: The folder to create.
@@ -67,7 +67,7 @@ class BagWriter:
             shutil.rmtree(self.path, ignore_errors=True)
 
     def discard(self) -> None:
-        """Remove the bag when the block is left."""
+        """Remove the bag at the end of the context."""
         self._discarded = True
 
     def write(self, topic: str, message: Message, time: int, form: WireForm = "json") -> None:
@@ -105,7 +105,7 @@ class BagWriter:
         self.counts[topic] = self.counts.get(topic, 0) + 1
 
     def flush(self) -> None:
-        """Write all buffered messages to the file, so that they survive a kill. Raises BagError when the disk fails."""
+        """Write all buffered messages to the file, so that they survive a kill. Raises BagError on disk errors."""
         storage = self._writer.storage
         try:
             if isinstance(storage, McapWriter) and storage.chunk.msgs:
