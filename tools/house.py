@@ -61,7 +61,7 @@ def reached(room: str, graph: Mapping[str, frozenset[str]]) -> frozenset[str]:
 
 
 def floors(graph: Mapping[str, frozenset[str]]) -> list[tuple[str, ...]]:
-    """Return the packages by floor from the lowest. Packages that import each other share a floor."""
+    """Return the packages by floor from the lowest. Packages with circular imports share a floor."""
     beneath = {room: reached(room, graph) for room in graph}
     height: dict[str, int] = {}
     for room in sorted(graph, key=lambda room: len(beneath[room] - {room})):

@@ -1,4 +1,4 @@
-"""Options that several commands share, their completion in the shell, and the changes that ``--set`` makes."""
+"""Shared command options, their shell completion, and the parser of ``--set``."""
 
 from __future__ import annotations
 

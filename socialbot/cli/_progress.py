@@ -1,4 +1,4 @@
-"""Progress on stderr while it is a terminal."""
+"""Progress on stderr, if it is a terminal."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def bar(what: str, of: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar for ``what``; call the result with the number of items done.
+    """Show a progress bar for ``what``; call the result with the number of finished items.
 
-    ``of`` is the name of the items, ``total`` their number if it is known.
+    ``of`` is the name of the items, ``total`` their number, if known.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

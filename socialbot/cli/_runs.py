@@ -1,4 +1,4 @@
-"""Present runs in the terminal: as they happen, their results and their damage."""
+"""Present live runs, results and damage in the terminal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from socialbot.vision.metrics.scores import Scores
 
 MAX_PAGE_BYTES = 20_000_000
-"""Longest trace of a live run whose page is written at the end; a longer one would delay the exit."""
+"""Maximum trace size of a live run for a page; a longer trace would delay the exit."""
 
 
 def print_outcome(console: Console, result: RunResult) -> None:
@@ -41,10 +41,7 @@ def print_outcome(console: Console, result: RunResult) -> None:
 def write_page(
     console: Console, record: RunTrace, title: str, max_bytes: int | None = None, report: RunReport | None = None
 ) -> None:
-    """Write the page of a run and print where it is; a trace longer than ``max_bytes`` gets none.
-
-    A run that failed before its results were written gets none either.
-    """
+    """Write the page of a run and print its path. Skip runs without results, and traces above ``max_bytes``."""
     from socialbot.runs.report import write_report
 
     if not (record.folder / "results.json").exists():
@@ -84,7 +81,7 @@ def print_damage(run: RecordedRun) -> None:
 
 
 def print_found(found: Any, lines: Sequence[str], *, as_json: bool) -> None:
-    """Print ``found`` as JSON, or the ``lines`` that describe it."""
+    """Print ``found`` as JSON, or its description in ``lines``."""
     if as_json:
         import msgspec
 

@@ -1,4 +1,4 @@
-"""``socialbot demo``: the demos of all agent packages, with a page of each run."""
+"""``socialbot demo``: demos of all agent packages, each with a page of its run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from socialbot.core.registry import agent_packages, resolve
 from socialbot.graph.node import Graph
 
 Demo = Callable[..., tuple[str, Graph]]
-"""Function that makes the title and the graph of a demo. Its parameters are options; its docstring is the help text."""
+"""Function that makes the title and the graph of a demo. Its parameters are options, its docstring is the help text."""
 
 demo = typer.Typer(help="Run a demo of agents, with a page of what they did.", no_args_is_help=True)
 

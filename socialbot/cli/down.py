@@ -26,14 +26,14 @@ NOT_ENDED = 10
 """Exit code: a run was not found, or did not end in time."""
 
 LISTEN_S = 5.0
-"""Time to wait for an unknown machine; running ones announce themselves every second."""
+"""Time to wait for an unknown machine; a running one announces itself every second."""
 
 SLOW = {
     "up": "no answer; with keys it obeys known senders only",
     "ending": "it is still ending",
     "ended": "its nodes have ended, but not its process",
 }
-"""Explanation of the last state of a run that did not end in time."""
+"""Explanation of the last state of a run after the timeout."""
 
 ASK_EVERY_S = 0.5
 POLL_S = 0.05
@@ -41,7 +41,7 @@ POLL_S = 0.05
 
 @dataclass(frozen=True)
 class Target:
-    """Runs to end: those that are ``wanted``, one on each of ``machines``; ``own`` is this machine."""
+    """Runs to end: those ``wanted``, one on each of ``machines``; ``own`` is this machine."""
 
     wanted: Callable[[UpStatus], bool]
     machines: tuple[str, ...] = ()
@@ -65,7 +65,7 @@ def down(
 ) -> None:
     """End runs of "socialbot up" as Ctrl-C would, and wait for them. Exit code 10: one did not end.
 
-    With keys, only the owner of a key can end a run.
+    If keys are set, only the owner of a key can end a run.
     """
     target = _enter(file, machine)
     from socialbot.bridge.environment import spinning_node
@@ -100,7 +100,7 @@ def heard(runs: RunStatuses, target: Target, ending: Ending, timeout_s: float) -
     """Return the runs to end.
 
     It waits for all runs on this computer and all machines of ``target``: at most ``timeout_s``, and `LISTEN_S` for
-    machines of which nothing is known.
+    unknown machines.
     """
     from socialbot.runtime.run_lock import locked_runs
 
@@ -166,7 +166,7 @@ def _enter(file: str | None, machine: str | None) -> Target:
 
 
 def _own(deployment: Deployment, machine: str | None) -> str:
-    """Return this machine; ``machine`` if the addresses do not tell."""
+    """Return the name of this machine, or ``machine`` if the addresses do not identify it."""
     try:
         return deployment.this_machine()
     except GraphError:

@@ -1,4 +1,4 @@
-"""``socialbot evaluate``: score person detectors by distance, beside the tables of the paper."""
+"""``socialbot evaluate``: score person detectors by distance, beside published results."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def evaluate(
 ) -> None:
     """Evaluate detectors: precision, recall and F1 by scene and distance, and Waldo's behaviour.
 
-    The pipeline is that of the robot, with tracking. docs/evaluation.md explains every figure.
+    The pipeline includes tracking, as on the robot. docs/evaluation.md explains every figure.
     """
     from socialbot.graph.files import load_graph
     from socialbot.runs.evaluation_figures import write_json
@@ -160,7 +160,7 @@ def _expect_writable(path: Path) -> None:
 
 
 def _report_missing(evaluation: Evaluation, errors: Console) -> None:
-    """Print which frames could not be scored, which is the same for every detector."""
+    """Print the frames without scores, which are the same for every detector."""
     first = next(iter(evaluation.detectors.values()))
     for clip in (clip for scene in first.scenes.values() for clip in scene.clips):
         if clip.missing_frames or clip.damaged:

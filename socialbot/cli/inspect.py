@@ -66,7 +66,7 @@ def inspect(
 
 @contextmanager
 def attached(file: str, machine: str | None) -> Iterator[tuple[LiveRun, CommandSender]]:
-    """Observe the running graph that ``file`` describes; return its live run and the command client."""
+    """Observe the running graph of ``file``; yield its live run and the command client."""
     from socialbot.bridge.graph_observer import observe_graph
     from socialbot.core.clock import WallClock
     from socialbot.runs.record import with_event_log
@@ -87,7 +87,7 @@ def attached(file: str, machine: str | None) -> Iterator[tuple[LiveRun, CommandS
 
 
 def graph_of(file: str, machine: str | None) -> Graph:
-    """Return the graph of a file; this process joins the deployment, if it is one."""
+    """Return the graph of a file. For a deployment, this process joins its domain."""
     from socialbot.cli.status import join
     from socialbot.graph.files import load_graph
     from socialbot.runtime.deployment import is_deployment, load_deployment
@@ -98,7 +98,7 @@ def graph_of(file: str, machine: str | None) -> Graph:
 
 @contextmanager
 def client_node(graph: Graph) -> Iterator[tuple[ImageSource | None, CommandSender]]:
-    """Run a ROS node beside ``graph`` which receives camera images and sends requests to agents."""
+    """Run a ROS node beside ``graph`` for camera images and requests to agents."""
     from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.inspection import CommandClient, LiveImages, live_image_topic
 
@@ -118,7 +118,7 @@ def watched(
     bag: tuple[Path, str] | None = None,
     stays: bool = True,
 ) -> Iterator[None]:
-    """Serve the run that ``record`` takes; if it ``stays``, serve the record afterwards until Ctrl-C.
+    """Serve the run of ``record``; if it ``stays``, serve the record afterwards until Ctrl-C.
 
     Images come from a topic of a ``bag``, or from the camera of a graph over ROS.
     """

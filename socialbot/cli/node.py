@@ -22,7 +22,7 @@ def node(
 ) -> None:
     """Run single nodes of a graph; they join the running graph until Ctrl-C.
 
-    Takes ROS arguments, too: --ros-args -p NAME:=VALUE --params-file FILE.
+    ROS arguments are accepted, too: --ros-args -p NAME:=VALUE --params-file FILE.
     """
     from socialbot.bridge.process import run_nodes
     from socialbot.graph.files import load_graph, with_changes

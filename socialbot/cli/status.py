@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 PASSING = {"unconfigured", "inactive", "starting", "configuring", "activating", "input silent", "no input yet", PAUSED}
-"""Conditions that may pass by themselves."""
+"""Transient conditions."""
 
 FIGURES = {"in Hz": 5, "out Hz": 6, "call ms": 9, "age ms": 9, "CPU %": 5, "MB": 4}
 """The columns of figures with their widths, fixed so that the screen does not shift."""

@@ -43,7 +43,7 @@ def systemd(
     machine: Annotated[str, typer.Option(help="Machine that the unit is for.")],
     out: Annotated[Path | None, typer.Option(help="Folder to write the unit into; default: print it.")] = None,
 ) -> None:
-    """Write the systemd unit that starts the nodes of a machine when it boots."""
+    """Write the systemd unit that starts the nodes of a machine at boot."""
     from socialbot.runtime.deployment import load_deployment
 
     load_deployment(file).address(machine)
@@ -61,9 +61,9 @@ def systemd(
 
 
 def unit(file: Path, machine: str, *, user: str | None = None) -> str:
-    """Return the unit that runs the nodes of ``machine`` in the deployment ``file`` as ``user``, by default this one.
+    """Return the unit for the nodes of ``machine`` in the deployment ``file`` as ``user``, by default this one.
 
-    Runs are recorded beside the file. Raises ParameterError when systemd cannot express the path of the file.
+    Runs are recorded beside the file. Raises ParameterError for paths that systemd cannot express.
     """
     file = file.resolve()
     if not str(file).isprintable():

@@ -28,7 +28,7 @@ def translate(
 ) -> None:
     """Republish a running graph as messages of RViz, vision_msgs and ROS4HRI, until Ctrl-C.
 
-    Takes ROS arguments, too: --ros-args -r /tf:=/robot/tf -p use_sim_time:=true.
+    ROS arguments are accepted, too: --ros-args -r /tf:=/robot/tf -p use_sim_time:=true.
     """
     from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.graph_observer import observe_graph
