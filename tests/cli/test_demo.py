@@ -1,12 +1,12 @@
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
 from socialbot.cli.run import NOT_REACHED
+from tests.runs.pages import unfrozen
 from tests.system.running import results, socialbot, socialbot_here
 
 pytest.importorskip("kairos", reason="kairos-planner is not installed")
@@ -48,10 +48,9 @@ def test_its_folder_has_trace_results_page_and_floor(second_run):
 def test_its_page_has_the_film_and_the_plans(second_run):
     page = (second_run[1] / "report.html").read_text("utf-8")
     assert "<title>The warehouse, run 2</title>" in page
-    data = json.loads(page.split('id="data">')[1].split("</script>")[0])
+    data = unfrozen(page)
     assert set(data["film"]["robots"]) == {"gripper_a", "carrier_a", "carrier_b", "carrier_c"}
     assert len(data["film"]["boxes"]) == 6
-    assert page.count('class="plan failed"') == 1
 
 
 def test_its_bag_replayed_without_the_world_gives_the_same_decisions(second_run, tmp_path):

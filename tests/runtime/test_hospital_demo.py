@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,7 +15,7 @@ from socialbot.runtime.bag_source import replay
 from socialbot.runtime.run import RunResult
 from socialbot.runtime.simulated_source import replay_topics
 from tests.agents.hospital.runs import Told, carried_out, paper_run
-from tests.runs.pages import read
+from tests.runs.pages import read, unfrozen
 from tests.system.running import results, socialbot
 
 BAGS = Path(__file__).parents[2] / "data" / "synthetic"
@@ -25,12 +23,6 @@ BAGS = Path(__file__).parents[2] / "data" / "synthetic"
 
 def page_of(run: Told) -> str:
     return run.report.write(run.folder, "The hospital").read_text("utf-8")
-
-
-def data_of(page: str) -> dict[str, Any]:
-    found = re.search(r'id="data">(.*?)</script>', page, re.DOTALL)
-    assert found is not None
-    return json.loads(found[1])
 
 
 @pytest.fixture(scope="module")
@@ -75,25 +67,21 @@ def test_its_folder_has_trace_results_page_and_ward(shown):
     assert found["infected"] == []
 
 
-def test_its_page_tells_all_of_the_run_and_needs_nothing_else():
+def test_its_page_contains_the_whole_run():
     page = page_of(paper_run(100.0))
     words = read(page)
-    for told in (
-        "1 of 1",
-        "plan 1 is given up: dirty room",
-        "a_adapt_room(nurse_disinfected1, room1)",
-        "inform Problem",
-    ):
-        assert told in words
-    assert not re.search(r"src\s*=|href=\"[^#]", page)
-    assert "http" not in page.replace("http://www.w3.org/2000/svg", "")
-    assert page.count('class="plan failed"') == 1
-    assert page.count('class="plan succeeded"') == 1
-    assert page.count('class="request problem"') == 1
+    assert "1 of 1" in words
+    assert "dirty room" in words
+    assert "inform Problem" in words
+    data = unfrozen(page)
+    assert "a_adapt_room(nurse_disinfected1, room1)" in str(data["trees"])
+    bars = [bar for lane in data["timeline"] for bar in lane["bars"]]
+    assert [bar["outcome"] for bar in bars if bar["kind"] == "plan"] == ["failed", "succeeded"]
+    assert [bar["outcome"] for bar in bars if bar["kind"] == "desire"] == ["fulfilled"]
 
 
 def test_its_film_shows_rooms_and_robots():
-    film = data_of(page_of(paper_run(100.0)))["film"]
+    film = unfrozen(page_of(paper_run(100.0)))["film"]
     assert set(film["robots"]) == {"spotrobot1", "uvdrobot1", "nurse_disinfected1"}
     looks = [film["drawings"][int(face)] for _, face in film["faces"]["room1"]]
     assert any("door closed, dirty" in look for look in looks)
@@ -113,7 +101,7 @@ def test_a_mission_that_is_given_up_is_not_reached():
 def test_the_graph_file_runs_with_the_page_too():
     run = carried_out(load_graph("hospital"))
     assert run.report.summary().reached
-    assert "The tasks, before and after" in page_of(run)
+    assert unfrozen(page_of(run))["trees"]
 
 
 def replayed(bag: Path, folder: Path, **changes: object) -> RunResult:
