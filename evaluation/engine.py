@@ -1,8 +1,8 @@
-"""How fast the engine is beside the plainest hand-written loop that does the same, and beside other engines.
+"""Benchmark of the BDI engine against a minimal hand-written loop and other engines.
 
-``python -m evaluation.engine`` measures by turns, in one process, on the processor's clock; each figure is the best of
-several passes, and those that count are ratios, which depend little on the machine. Other engines
-(``pip install socialbot[bench]``) run the same workloads where they are installed.
+``python -m evaluation.engine`` measures by turns, in one process, in processor time. Each figure is the best of several
+passes; requirements apply to ratios, which depend little on the machine. Other engines (``pip install
+socialbot[bench]``) run the same workloads if installed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ OnlyOption = Annotated[
 ]
 
 MEASURES: dict[str, Callable[[Scale], Figures]] = {**WORKLOADS, "W6": host, "latency": latency}
-"""All that can be measured, by the names that the command line takes."""
+"""Measurements by their names on the command line."""
 
 PAGE_WIDTH = 150
 
@@ -39,7 +39,7 @@ NOTE = (
     "the loop written by hand. An aim is what is hoped for beyond what is required."
 )
 VERDICT = 7
-"""The column of the table that says whether a figure is as required."""
+"""Column of the table with the verdict."""
 UNMET = frozenset({"below", "above"})
 MARKS = {
     "": "",
@@ -52,10 +52,10 @@ MARKS = {
 
 @dataclass(frozen=True)
 class Line:
-    """One line of the table: the figure that counts, what it has to be, and the rates that it comes from.
+    """Table line: the compared figure, its requirement, and the rates behind it.
 
-    ``required`` and ``aim`` are the least or, with ``at_most``, the most it should be. ``rate`` and ``hand`` are the
-    keys of the rates of the engine and of the hand-written loop.
+    ``required`` and ``aim`` are lower limits or, with ``at_most``, upper limits. ``rate`` and ``hand`` are the keys of
+    the rates of the engine and of the hand-written loop.
     """
 
     workload: str
@@ -68,7 +68,7 @@ class Line:
     hand: str | None = None
 
     def verdict(self, value: object) -> str:
-        """``ok`` when it is as required, ``aim`` when it is as it should be, else ``below`` or ``above``."""
+        """Return ``ok`` if the requirement is met, ``aim`` if the aim is met, else ``below`` or ``above``."""
         if self.required is None or not isinstance(value, (int, float)):
             return ""
         if not self._reached(value, self.required):
@@ -80,12 +80,11 @@ class Line:
 
 
 def _ratio(workload: str, text: str, name: object, required: float | None = None, aim: float | None = None) -> Line:
-    """A line on a ratio; its keys in the JSON end with the name."""
     return Line(workload, f"ratio_{name}", text, required, aim, rate=f"engine_rate_{name}", hand=f"hand_rate_{name}")
 
 
 def lines(scale: Scale) -> list[Line]:
-    """The lines of the table."""
+    """Return the lines of the table."""
     shallow, deep = scale.depths
     few, many = scale.plans[0], scale.plans[-1]
     less, more = scale.facts[0], scale.facts[-1]
@@ -145,7 +144,7 @@ class Findings:
     others: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
 
     def measured(self) -> list[tuple[Line, Any]]:
-        """The lines that there are figures for, with the figure that counts."""
+        """Lines with available figures, and their compared figure."""
         return [
             (line, self.figures[line.workload][line.key])
             for line in lines(self.scale)
@@ -153,11 +152,11 @@ class Findings:
         ]
 
     def unmet(self) -> list[str]:
-        """The requirements that are not met."""
+        """Unmet requirements."""
         return [f"{line.workload}.{line.key}" for line, value in self.measured() if line.verdict(value) in UNMET]
 
     def content(self) -> dict[str, Any]:
-        """Everything as plain data, the figures under the names of the workloads."""
+        """Return plain data with the figures by workload."""
         found: dict[str, Any] = {
             "evaluation": "engine",
             "quick": self.quick,
@@ -175,7 +174,7 @@ class Findings:
         return found
 
     def best_peer(self, line: Line) -> float | None:
-        """How many times better than the best peer."""
+        """Return the ratio to the best peer."""
         own = self.figures[line.workload].get(line.rate or line.key)
         found = [rates for name in self.others if (rates := self.peer(name, line)) is not None]
         if not found or not isinstance(own, (int, float)) or not own:
@@ -183,14 +182,12 @@ class Findings:
         return min(found) / own if line.at_most else own / max(found)
 
     def peer(self, name: str, line: Line) -> float | None:
-        """What a peer reached in the workload of a line."""
         rates = self.others[name].get(line.workload, {})
         if line.at_most or line.rate is None:
             return rates.get(line.key)
         return rates.get(line.rate, rates.get("engine_rate") if line.rate.startswith("engine_rate") else None)
 
     def page(self) -> Page:
-        """The table as a page."""
         judged = [line for line, value in self.measured() if line.verdict(value)]
         unmet = self.unmet()
         missed = f"; not met: {', '.join(unmet)}" if unmet else ""
@@ -209,7 +206,6 @@ class Findings:
         )
 
     def show(self, console: Console) -> None:
-        """Prints the table."""
         console.print(f"[bold]engine[/]{' (quick)' if self.quick else ''}: rates per second of processor time")
         self.machine.show(console)
         table = Table("", "", box=None, pad_edge=False, header_style="dim")
@@ -223,11 +219,9 @@ class Findings:
         console.print(f"not met: {', '.join(unmet)}" if unmet else "All requirements are met.")
 
     def _heads(self) -> list[str]:
-        """What stands over the columns but the first two."""
         return ["by hand", "engine", "ratio", "required", "aim", "", *self.others, "times best"]
 
     def _rows(self) -> list[list[str]]:
-        """The table: workload, what it is, and the columns of `_heads`."""
         rows: list[list[str]] = []
         before = ""
         for line, value in self.measured():
@@ -250,7 +244,7 @@ class Findings:
 
 
 def measure(names: list[str], scale: Scale, *, quick: bool = False) -> Findings:
-    """Measures some workloads, on the engine and on the peers that are installed."""
+    """Measure workloads on the engine and on the installed peers."""
     findings = Findings(scale, quick)
     rivals: dict[str, dict[str, Workload]] = peers()
     for name in names:
@@ -264,7 +258,11 @@ def measure(names: list[str], scale: Scale, *, quick: bool = False) -> Findings:
 
 
 def chosen(only: str | None) -> list[str]:
-    """The names in ``--only``; all without it. Raises SocialbotError for one that is none."""
+    """Return the names in ``--only``, or all.
+
+    Raises:
+        SocialbotError: A name is unknown.
+    """
     if only is None:
         return list(MEASURES)
     known = {name.lower(): name for name in MEASURES}

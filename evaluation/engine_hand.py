@@ -1,7 +1,7 @@
-"""What a person would write by hand, had he one fixed agent: the plainest loop that does the same, as a yardstick.
+"""Hand-written baseline: a minimal loop for one fixed agent.
 
-It has a set of beliefs, a queue of events, plans found by name and first argument, an index where a condition joins,
-a stack of goals and mailboxes; none of the engine's sources, stamps, failures, waits or traces.
+It has a set of beliefs, an event queue, plans found by name and first argument, an index for joins, a goal stack and
+mailboxes. It lacks the engine's sources, stamps, failures, waits and traces.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Body = Callable[["Hand", Fact], None]
 
 
 class Hand:
-    """One agent, hand-written."""
+    """Hand-written agent."""
 
     __slots__ = ("beliefs", "count", "index", "indexed", "mail", "name", "next", "plans", "queue")
 
@@ -32,7 +32,7 @@ class Hand:
         self.count = 0
 
     def add(self, fact: Fact) -> None:
-        """Holds a fact; that is an event."""
+        """Add a fact and post its event."""
         if fact not in self.beliefs:
             self.beliefs.add(fact)
             if fact[0] in self.indexed:
@@ -40,14 +40,13 @@ class Hand:
             self.queue.append(("+", fact))
 
     def remove(self, fact: Fact) -> None:
-        """Holds a fact no longer; no plan listens to that."""
+        """Remove a fact without an event, as no plan needs it."""
         if fact in self.beliefs:
             self.beliefs.discard(fact)
             if fact[0] in self.indexed:
                 self.index[fact[:2]].discard(fact)
 
     def run(self) -> None:
-        """Handles the events."""
         queue, plans = self.queue, self.plans
         while queue:
             sign, fact = queue.popleft()
@@ -61,18 +60,18 @@ class Hand:
 
 
 def is_ready(agent: Hand, fact: Fact) -> Fact | None:
-    """The condition ``ready(yes)``."""
+    """Condition ``ready(yes)``."""
     return fact if ("ready", "yes") in agent.beliefs else None
 
 
 def forget_and_count(agent: Hand, fact: Fact) -> None:
-    """The body ``-event; tick``."""
+    """Plan body ``-event; tick``."""
     agent.remove(fact)
     agent.count += 1
 
 
 def reacting(events: list[Fact]) -> Hand:
-    """A plan for each of some events, under the condition ``ready(yes)``."""
+    """Return an agent with a plan for each event, under the condition ``ready(yes)``."""
     agent = Hand()
     agent.add(("ready", "yes"))
     agent.run()
@@ -81,7 +80,7 @@ def reacting(events: list[Fact]) -> Hand:
 
 
 def joining(facts: int) -> Hand:
-    """``+ev(K) : at(K, R) & light(R, on)``, half of the facts ``at``, half ``light``."""
+    """Return an agent with ``+ev(K) : at(K, R) & light(R, on)``; half of the facts are ``at``, half ``light``."""
     agent = Hand(indexed=("at",))
     for i in range(facts // 2):
         agent.add(("at", i, f"r{i}"))
@@ -99,14 +98,14 @@ def joining(facts: int) -> Hand:
 
 
 def react(agent: Hand, events: list[Fact]) -> None:
-    """Lets it react to one event after the other."""
+    """Process events one by one."""
     for fact in events:
         agent.add(fact)
         agent.run()
 
 
 def descend(depth: int) -> int:
-    """``+!count(N) : N > 0 <- !count(N-1); tick`` with a stack of plan, step and argument; counts the ticks."""
+    """Run ``+!count(N) : N > 0 <- !count(N-1); tick`` with a stack of plan, step and argument; return the ticks."""
     ticks = 0
 
     def last(_env: int, _step: int) -> None:
@@ -133,7 +132,7 @@ def descend(depth: int) -> int:
 
 
 class Ring:
-    """Agents in a ring, who hand tokens on to the next one."""
+    """Agents in a ring that forward tokens."""
 
     def __init__(self, size: int) -> None:
         self.agents = [Hand(f"a{i}") for i in range(size)]
@@ -144,7 +143,7 @@ class Ring:
             agent.plans = {("+", "token", None): [(self._going, self._hand_on)]}
 
     def run(self, tokens: int, hops: int) -> None:
-        """Has each token handed on so many times."""
+        """Forward each token ``hops`` times."""
         ready, size = self.ready, len(self.agents)
         for k in range(tokens):
             self.agents[k % size].mail.append(("env", ("token", k, hops)))

@@ -1,7 +1,7 @@
-"""The same engine without the hook for a trace, to tell what its presence costs while no trace is wanted.
+"""Engine without the trace hook, to measure the cost of an unused hook.
 
-The modules of `socialbot.bdi` are imported a second time, and every ``sink is None`` in them, and in the code
-they generate, is replaced by what it is without a sink.
+The modules of `socialbot.bdi` are imported a second time. Every ``sink is None`` in them and in their generated code is
+replaced by its value without a sink.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ PROGRAMS = "evaluation.engine_programs"
 
 @contextmanager
 def hookless() -> Iterator[Any]:
-    """Within it, importing gives the engine without the hook; afterwards the usual one again.
+    """Import the engine without the hook inside the block.
 
     Yields `evaluation.engine_programs` for that engine.
     """
@@ -48,7 +48,7 @@ def hookless() -> Iterator[Any]:
 
 
 def without_hook(source: str) -> ast.Module:
-    """The syntax tree of a module in which nobody asks for the sink."""
+    """Return the syntax tree of a module without checks for the sink."""
     return ast.fix_missing_locations(_Strip().visit(ast.parse(source)))
 
 
@@ -57,7 +57,7 @@ def _modules() -> dict[str, ModuleType]:
 
 
 class _Finder:
-    """Finds the modules of the package, to be loaded without the hook."""
+    """Module finder that loads the package without the hook."""
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: Any = None) -> Any:
         if name != PACKAGE and not name.startswith(f"{PACKAGE}."):
@@ -83,7 +83,7 @@ def _compile(source: str, filename: str, mode: str) -> CodeType:
 
 
 class _Strip(ast.NodeTransformer):
-    """Decides every question for the sink, and what follows from it."""
+    """AST transformer that resolves checks for the sink."""
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
         self.generic_visit(node)

@@ -1,7 +1,7 @@
-"""What the engine costs its host: latencies on the wall clock, memory, the import, an agent that has nothing to do.
+"""Cost of the engine for its host: wall-clock latencies, memory, import time and idle load.
 
-Memory and import are measured in processes of their own: ``python -m evaluation.engine_host 1000`` prints the KiB
-that each of 1000 agents takes.
+Memory and import are measured in separate processes: ``python -m evaluation.engine_host 1000`` prints the KiB per agent
+for 1000 agents.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from socialbot.core.clock import WallClock
 from socialbot.core.errors import SocialbotError
 
 PAUSE_S = 0.0002
-"""Between two events from another thread, so that the engine rests in between."""
+"""Pause between two events from another thread, so that the engine becomes idle."""
 
 IMPORTS = 25
-"""So many fresh interpreters import the engine; the quickest counts."""
+"""Number of fresh interpreters that import the engine; the fastest counts."""
 
 IMPORT = "import time; begun = time.process_time_ns(); import {0}; print(time.process_time_ns() - begun)"
 
 
 def latency(scale: Scale) -> Figures:
-    """Wall time from the post to the action: in the engine's thread, and from another one.
+    """Measure wall time from post to action, in the engine's thread and from another one.
 
-    ``wake_p50_us`` is what the system takes to wake a thread that reads from a pipe, without any engine.
+    ``wake_p50_us`` is the time of the system to wake a thread that reads a pipe, without an engine.
     """
     gc.collect()
     gc.freeze()
@@ -53,7 +53,7 @@ def latency(scale: Scale) -> Figures:
 
 
 def own_latencies(number: int) -> list[int]:
-    """Nanoseconds from the post to the action, in one thread."""
+    """Return times (ns) from post to action in one thread."""
     engine = programs.ready_agent(programs.react_rule(programs.stop_watch), robot=programs.Stopwatch())
     watch, person = engine.robot, programs.person("yes")
     for _ in range(number):
@@ -64,7 +64,7 @@ def own_latencies(number: int) -> list[int]:
 
 
 def posted_latencies(number: int) -> list[int]:
-    """Nanoseconds from the post in one thread to the action in another, where the engine rests in `Engine.run`."""
+    """Return times (ns) from post to action across threads, with the engine idle in `Engine.run`."""
     engine = programs.ready_agent(programs.react_rule(programs.stop_watch), robot=programs.Stopwatch())
     watch, person = engine.robot, programs.person("yes")
     thread = threading.Thread(target=engine.run)
@@ -82,7 +82,7 @@ def posted_latencies(number: int) -> list[int]:
 
 
 def wakes(number: int) -> list[int]:
-    """Nanoseconds from a word written to a pipe in one thread to the moment when another one has read it."""
+    """Return times (ns) to wake a thread by writing to a pipe."""
     (reader, writer), took, watch = os.pipe(), [], programs.Stopwatch()
 
     def wait() -> None:
@@ -104,9 +104,9 @@ def wakes(number: int) -> list[int]:
 
 
 def host(scale: Scale) -> Figures:
-    """W6: memory of an agent, processor time of the import and of an agent with nothing to do.
+    """W6: memory per agent, processor time of the import and of an idle agent.
 
-    The import of asyncio, of about the same size, tells how quick the machine is just now with code it has not run yet.
+    The import of asyncio, of about the same size, shows the current speed of the machine for cold code.
     """
     return {
         "kib_per_agent": float(fresh("-m", "evaluation.engine_host", str(scale.agents))),
@@ -117,12 +117,12 @@ def host(scale: Scale) -> Figures:
 
 
 def import_ms(module: str) -> float:
-    """Processor time of an import in a fresh interpreter, beyond that interpreter's own start."""
+    """Return the processor time of an import in a fresh interpreter, without interpreter startup."""
     return min(int(fresh("-c", IMPORT.format(module))) for _ in range(IMPORTS)) / 1e6
 
 
 def idle_share(seconds: float) -> float:
-    """The share of a processor that an agent uses in `Engine.run` while nothing happens."""
+    """Return the processor share of an idle agent in `Engine.run`."""
     engine = programs.ready_agent(programs.react_rule())
     thread = threading.Thread(target=engine.run)
     thread.start()
@@ -137,7 +137,7 @@ def idle_share(seconds: float) -> float:
 
 
 def kib_per_agent(number: int) -> float:
-    """The memory of the process for each of many agents with the same plans, each of which has reacted once."""
+    """Return the process memory per agent, for agents with the same plans after one reaction each."""
     clock, library = WallClock(), Library(programs.react_rule())
 
     def make(name: str) -> Engine:
@@ -166,7 +166,11 @@ def kib_per_agent(number: int) -> float:
 
 
 def rss_kib() -> int:
-    """The memory of this process. Raises SocialbotError where the system does not tell."""
+    """Return the memory of this process.
+
+    Raises:
+        SocialbotError: The system does not provide it.
+    """
     try:
         lines = Path("/proc/self/status").read_text("ascii").splitlines()
     except OSError as error:
@@ -177,7 +181,6 @@ def rss_kib() -> int:
 
 
 def _await(took: list[int], number: int) -> None:
-    """Waits until so many events were acted upon. Raises SocialbotError when one is lost."""
     deadline = time.monotonic() + 5
     while len(took) < number:
         time.sleep(PAUSE_S / 4)
@@ -191,7 +194,11 @@ def _us(times: list[int], share: float) -> float | None:
 
 
 def fresh(*arguments: str) -> str:
-    """What a fresh interpreter prints. Raises SocialbotError when it fails."""
+    """Return the output of a fresh interpreter.
+
+    Raises:
+        SocialbotError: It fails.
+    """
     done = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
     if done.returncode:
         raise SocialbotError(f"a fresh interpreter failed: {done.stderr.strip()}", where=" ".join(arguments))

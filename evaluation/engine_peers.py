@@ -1,6 +1,6 @@
-"""Other engines that Python has, on the same workloads: python-agentspeak and py_trees, as far as they are installed.
+"""Other Python engines on the same workloads: python-agentspeak and py_trees, if installed.
 
-They come with ``pip install socialbot[bench]``. Each gets as many events as it can handle in a second or so.
+Install them with ``pip install socialbot[bench]``. Event counts are scaled to about one second per engine.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from evaluation.timing import timed
 
 PASSES = 3
 BUDGET_NS = 700_000_000
-"""Processor time of one pass, about."""
+"""Approximate processor time of one pass."""
 
 Rates = dict[str, float]
-"""By figure, such as ``engine_rate_1000`` for the same with 1000 plans."""
+"""Rates by figure; ``engine_rate_1000`` is the rate with 1000 plans."""
 
 Workload = Callable[[Scale], Rates]
 
 
 def peers() -> dict[str, dict[str, Workload]]:
-    """The workloads of each peer that is installed."""
+    """Return the workloads of each installed peer."""
     found: dict[str, dict[str, Workload]] = {}
     if importlib.util.find_spec("agentspeak"):
         found["agentspeak"] = AgentSpeak().workloads()
@@ -38,7 +38,7 @@ def peers() -> dict[str, dict[str, Workload]]:
 
 
 def rate(work: Callable[[int], object], most: int, least: int = 1) -> float:
-    """Units a second of ``work(units)``, with as many units as fit the budget."""
+    """Return units per second of ``work(units)``, with as many units as fit the budget."""
     probe = max(least, min(most, 20))
     cost = max(1.0, timed(lambda: work(probe)) / probe)
     units = int(max(least, min(most, BUDGET_NS / cost)))
@@ -50,7 +50,6 @@ class AgentSpeak:
     """python-agentspeak: an interpreter of AgentSpeak."""
 
     def workloads(self) -> dict[str, Workload]:
-        """What it can do."""
         return {
             "W1": self.react,
             "W2a": self.select,
@@ -115,7 +114,7 @@ class AgentSpeak:
         return found | {"engine_rate": found["engine_rate_1000_1"]}
 
     def hand_on(self, size: int, tokens: int, hops: int) -> int:
-        """The processor time (ns) of one turn with tokens in a ring."""
+        """Return the processor time (ns) of one turn with tokens in a ring."""
         from collections import defaultdict
 
         from agentspeak import StringSource  # type: ignore[import-not-found]
@@ -165,7 +164,7 @@ class AgentSpeak:
     # Parts
 
     def actions(self) -> tuple[Any, list[int]]:
-        """Its actions and ``tick``, and what that counts."""
+        """Return the actions including ``tick``, and the tick counter."""
         import agentspeak  # type: ignore[import-not-found]
         import agentspeak.stdlib  # type: ignore[import-not-found]
 
@@ -179,7 +178,7 @@ class AgentSpeak:
         return actions, counter
 
     def agent(self, text: str) -> tuple[Any, list[int]]:
-        """An agent of this text, and its counter."""
+        """Return an agent from text, and its tick counter."""
         from agentspeak import StringSource  # type: ignore[import-not-found]
         from agentspeak.runtime import Environment  # type: ignore[import-not-found]
 
@@ -189,20 +188,19 @@ class AgentSpeak:
         return agent, counter
 
     def literal(self, functor: str, *args: object) -> Any:
-        """A literal."""
         from agentspeak import Literal  # type: ignore[import-not-found]
 
         return Literal(functor, args)
 
     def believe(self, agent: Any, belief: Any) -> None:
-        """Adds a belief; that is an event."""
+        """Add a belief and post its event."""
         from agentspeak import GoalType, Trigger  # type: ignore[import-not-found]
         from agentspeak.runtime import Intention  # type: ignore[import-not-found]
 
         agent.call(Trigger.addition, GoalType.belief, belief, Intention())
 
     def post(self, agent: Any, beliefs: list[Any]) -> None:
-        """Adds beliefs, given as literals or as ``name(constant)``, and lets the agent run after each."""
+        """Add beliefs, given as literals or as ``name(constant)``, and run the agent after each."""
         known: dict[str, Any] = {}
         for belief in beliefs:
             if isinstance(belief, str):
@@ -214,15 +212,15 @@ class AgentSpeak:
             agent.run()
 
     def posting(self, agent: Any, beliefs: list[Any]) -> Callable[[int], None]:
-        """Work for `rate`: the beliefs come round again and again."""
+        """Return work for `rate` that cycles through the beliefs."""
         return lambda units: self.post(agent, [beliefs[i % len(beliefs)] for i in range(units)])
 
 
 class Trees:
-    """py_trees: behaviour trees. Keys of the blackboard stand for beliefs, a selector of sequences for plans."""
+    """py_trees: behaviour trees, with blackboard keys as beliefs and a selector of sequences as plans."""
 
     def workloads(self) -> dict[str, Workload]:
-        """What it can do: it has no facts with variables, no goals, messages or texts."""
+        """Return the supported workloads: no variables, goals, messages or texts."""
         return {"W1": self.react, "W2a": self.select, "W6": self.host}
 
     def react(self, scale: Scale) -> Rates:
@@ -245,7 +243,7 @@ class Trees:
         }
 
     def tree(self, names: list[str]) -> tuple[Any, Any]:
-        """A tree that reacts to each of the names, and its blackboard."""
+        """Return a tree that reacts to each name, and its blackboard."""
         import py_trees  # type: ignore[import-not-found]
         from py_trees.common import Access, ComparisonExpression, Status  # type: ignore[import-not-found]
 
@@ -276,19 +274,19 @@ class Trees:
         return tree, board
 
     def tick(self, tree: Any, board: Any, names: list[str], units: int) -> None:
-        """Sets a name and ticks the tree, again and again."""
+        """Set a name and tick the tree, repeatedly."""
         for i in range(units):
             board.set("event", names[i % len(names)])
             tree.tick()
         assert board.get("event") == "none", "the last event was not acted upon"
 
     def ticking(self, tree: Any, board: Any, names: list[str]) -> Callable[[int], None]:
-        """Work for `rate`."""
+        """Return work for `rate`."""
         return lambda units: self.tick(tree, board, names, units)
 
 
 def kib_per_agent(make: Callable[[], object], number: int) -> float:
-    """The memory of the process for each of many agents."""
+    """Return the process memory per agent."""
     kept = [make() for _ in range(10)]
     gc.collect()
     before = rss_kib()

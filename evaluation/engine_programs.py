@@ -1,6 +1,6 @@
-"""The agents that the engine is measured with, each in Python's notation and, where it is compared, in AgentSpeak.
+"""Agents for the engine benchmark, in Python notation and, for comparison, in AgentSpeak.
 
-A counter stands for the robot; ``tick`` is its only action.
+A counter replaces the robot; ``tick`` is its only action.
 """
 # ruff: noqa: D101, N801 - beliefs, goals and actions are written as agents write them
 
@@ -41,14 +41,14 @@ class count(Goal): ...
 
 
 class Counter:
-    """What the agents act upon."""
+    """Counter as the body of the agents."""
 
     def __init__(self) -> None:
         self.count = 0
 
 
 class Stopwatch:
-    """Acted upon, it notes the time (ns) since an event was posted."""
+    """Stopwatch that stores the time (ns) from post to action."""
 
     def __init__(self) -> None:
         self.posted = 0
@@ -57,13 +57,13 @@ class Stopwatch:
 
 @action
 def tick(engine: Any) -> None:
-    """Counts."""
+    """Increment the counter."""
     engine.robot.count += 1
 
 
 @action
 def stop_watch(engine: Any) -> None:
-    """Takes the time."""
+    """Store the elapsed time."""
     engine.robot.took.append(time.perf_counter_ns() - engine.robot.posted)
 
 
@@ -74,38 +74,38 @@ RING_TEXT = "+token(T,N) : N > 0 & nxt(A) <- -token(T,N)[source(_)]; .send(A, te
 
 
 def react_rule(then: type[Action] = tick) -> Plan:
-    """A person comes: the belief goes and something is done."""
+    """Return a plan for an arriving person: remove the belief and act."""
     return +person("yes") / ready("yes") >> [-person("yes"), then()]
 
 
 def plan_for_each(events: Iterable[str]) -> list[Plan]:
-    """A plan for each constant."""
+    """Return a plan for each constant."""
     return [+ev(name) / ready("yes") >> [-ev(name), tick()] for name in events]
 
 
 def join_rule() -> Plan:
-    """An event whose condition joins two kinds of facts."""
+    """Return a plan with a condition that joins two kinds of facts."""
     return +ev(K) / (at(K, R) & light(R, "on")) >> [-ev(K), tick()]
 
 
 def count_rules(*, stacked: bool) -> list[Plan]:
-    """Counts down, goal by goal; ``stacked`` has an action left to do after each."""
+    """Return plans that count down by subgoals; ``stacked`` adds an action after each subgoal."""
     then = [tick()] if stacked else []
     return [count(0) >> [], count(N) / (N > 0) >> [count(N - 1), *then]]
 
 
 def ring_rule() -> Plan:
-    """Hands a token on to the next agent."""
+    """Return a plan that forwards a token to the next agent."""
     return +token(T, N) / ((N > 0) & nxt(A)) >> [-token(T, N), send(A, token(T, N - 1))]
 
 
 def plan_texts(number: int, start: int = 0) -> list[str]:
-    """AgentSpeak plans of which no two are alike."""
+    """Return distinct AgentSpeak plans."""
     return [f"+!g{i}(X) : c{i}(X) <- a(X); !h{i}(X)." for i in range(start, start + number)]
 
 
 def agent(*rules: Plan | list[Plan], text: str = "", name: str = "agent", **options: Any) -> Engine:
-    """An agent with a counter, of rules or of AgentSpeak text; idle."""
+    """Return an idle agent with a counter, from plans or AgentSpeak text."""
     options.setdefault("robot", Counter())
     engine = Engine(name, WallClock(), **options)
     engine.add_action(tick)
@@ -117,7 +117,7 @@ def agent(*rules: Plan | list[Plan], text: str = "", name: str = "agent", **opti
 
 
 def ready_agent(*rules: Plan | list[Plan], **options: Any) -> Engine:
-    """An agent that believes ``ready("yes")``."""
+    """Return an agent with the belief ``ready("yes")``."""
     engine = agent(*rules, **options)
     engine.believe(ready("yes"))
     engine.run_until_idle()

@@ -1,4 +1,4 @@
-"""The workloads: the engine and the hand-written loop do the same by turns, and their rates are compared.
+"""Benchmark workloads: the engine and the hand-written loop run by turns.
 
 Rates are per second of processor time. Each workload returns its figures by their keys in the JSON.
 """
@@ -24,7 +24,7 @@ Figures = dict[str, Value]
 
 @dataclass(frozen=True)
 class Scale:
-    """How much of everything: ``events`` a pass, ``depths`` of goals, ``plans`` in text."""
+    """Workload sizes: ``events`` per pass, ``depths`` of goals, ``plans`` in text."""
 
     events: int = 100_000
     depths: tuple[int, int] = (100_000, 1_000_000)
@@ -50,11 +50,11 @@ QUICK = Scale(
     idle_s=1.0,
     passes=Passes(least=5, budget_s=2.0),
 )
-"""For a first look; the figures vary more."""
+"""Fast scale with less stable figures."""
 
 
 def react(scale: Scale) -> Figures:
-    """W1: an event, a condition, a change of belief, an action."""
+    """W1: event, condition, belief change and action."""
     units = scale.events
     rules = programs.ready_agent(programs.react_rule())
     text = programs.agent(text=programs.REACT_TEXT)
@@ -97,7 +97,7 @@ def react(scale: Scale) -> Figures:
 
 
 def select(scale: Scale) -> Figures:
-    """W2a: many plans for one kind of event, told apart by a constant."""
+    """W2a: selection among many plans for one kind of event by a constant."""
     figures: Figures = {}
     contenders: dict[str, Pass] = {}
     for number in scale.plans:
@@ -121,7 +121,7 @@ def select(scale: Scale) -> Figures:
 
 
 def join(scale: Scale) -> Figures:
-    """W2b: a condition that joins two kinds of facts, with many of them."""
+    """W2b: condition that joins two kinds of facts, with many facts."""
     figures: Figures = {}
     contenders: dict[str, Pass] = {}
     for number in scale.facts:
@@ -144,7 +144,7 @@ def join(scale: Scale) -> Figures:
 
 
 def descend(scale: Scale) -> Figures:
-    """W3: goals of goals, deep down."""
+    """W3: deeply nested goals."""
     figures: Figures = {}
     agents = {
         "engine": programs.agent(*programs.count_rules(stacked=False)),
@@ -170,7 +170,7 @@ def descend(scale: Scale) -> Figures:
 
 
 def ring(scale: Scale) -> Figures:
-    """W4: agents in a ring hand tokens on."""
+    """W4: agents in a ring forward tokens."""
     figures: Figures = {}
     for size, tokens in scale.rings:
         hops = scale.events // tokens
@@ -192,7 +192,7 @@ def ring(scale: Scale) -> Figures:
 
 
 def texts(scale: Scale) -> Figures:
-    """W5: AgentSpeak plans, each different, are read and added."""
+    """W5: parsing and adding distinct AgentSpeak plans."""
     number, turn = scale.texts, [0]
 
     def adding(*, eagerly: bool) -> Pass:
@@ -223,7 +223,7 @@ def texts(scale: Scale) -> Figures:
 
 
 def compared(timing: Timing, name: str = "", suffix: str | None = None) -> Figures:
-    """The rates of the engine and of the hand-written loop, and their ratio."""
+    """Return the rates of the engine and of the hand-written loop, and their ratio."""
     contender = f"_{name}" if name else ""
     suffix = contender if suffix is None else suffix
     return {
@@ -234,7 +234,7 @@ def compared(timing: Timing, name: str = "", suffix: str | None = None) -> Figur
 
 
 def post(engine: Engine, beliefs: Sequence[Belief]) -> int:
-    """Posts one belief after the other and lets the engine run; returns the processor time (ns)."""
+    """Post beliefs one by one and run the engine; return the processor time (ns)."""
 
     def work() -> None:
         believe, run = engine.believe, engine.run_until_idle
@@ -249,14 +249,14 @@ def post(engine: Engine, beliefs: Sequence[Belief]) -> int:
 
 
 def pursue(engine: Engine, depth: int) -> None:
-    """Has a goal of so many goals pursued to its end."""
+    """Pursue nested goals to their end."""
     engine.achieve(programs.count(depth))
     while engine.run_until_idle():
         pass
 
 
 def peak_kib(engine: Engine, depth: int) -> float:
-    """The most memory that Python's objects take, beyond what they took before, while goals are pursued."""
+    """Return the peak memory (KiB) of Python objects allocated while goals are pursued."""
     gc.collect()
     tracemalloc.start()
     try:
@@ -276,7 +276,6 @@ def _reacting(agent: hand.Hand, facts: list[hand.Fact]) -> Pass:
 
 
 def _post_new(engine: Engine, units: int) -> None:
-    """Posts beliefs made for the purpose, as sensors do."""
     believe, run, person = engine.believe, engine.run_until_idle, programs.person
     for _ in range(units):
         believe(person("yes"))
@@ -344,4 +343,4 @@ WORKLOADS: dict[str, Callable[[Scale], Figures]] = {
     "W4": ring,
     "W5": texts,
 }
-"""By the names that the command line takes; W6 and the latencies are in `evaluation.engine_host`."""
+"""Workloads by their names on the command line; W6 and the latencies are in `evaluation.engine_host`."""

@@ -1,8 +1,8 @@
-"""Whether the graph keeps working, and says what is wrong, when networks, processes and strangers are bad.
+"""Fault injection for a running graph: networks, processes and unauthorized senders.
 
-``python -m evaluation.faults`` tries one fault after the other with real processes and the real middleware, and holds
-what it measures against what is required: docs/reliability.md. ``--only lossy,outage`` tries some of them. It takes
-root for the two machines, which are network namespaces; without, these rows are skipped and say why.
+``python -m evaluation.faults`` injects faults one by one with real processes and middleware, and compares the results
+with the requirements in docs/reliability.md. ``--only lossy,outage`` selects faults. The two machines are network
+namespaces, which need root; rows that need them are skipped without it.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ UNMET_EXIT = 1
 
 @dataclass(frozen=True)
 class Row:
-    """One row of the table: a fault, and what is required. ``place`` is the function that tries it.
+    """Table row: a fault with its requirement. ``place`` names the function that injects it.
 
-    It takes the report, to which it adds its figures, and the plan, and returns what it measured in a line.
+    The function takes the report, adds its figures, and returns the result as one line.
     """
 
     place: str
@@ -39,7 +39,12 @@ class Row:
     required: str
 
     def measure(self, report: Report, plan: Plan) -> str:
-        """Tries the fault. Raises Skipped where it cannot be tried, SocialbotError when it came to nothing."""
+        """Inject the fault.
+
+        Raises:
+            Skipped: This machine cannot run the row.
+            SocialbotError: The measurement failed.
+        """
         module, _, function = self.place.partition(":")
         return getattr(importlib.import_module(module), function)(report, plan)
 
@@ -103,7 +108,11 @@ OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Where recor
 
 
 def chosen(only: str) -> list[str]:
-    """The rows called ``only``, or all, in their order. Raises ParameterError."""
+    """Return the rows called ``only``, or all, in their order.
+
+    Raises:
+        ParameterError: A name is unknown.
+    """
     names = [name.strip() for name in only.split(",") if name.strip()]
     for name in names:
         if name not in ROWS:
@@ -112,7 +121,7 @@ def chosen(only: str) -> list[str]:
 
 
 def try_all(rows: Mapping[str, Row], report: Report, plan: Plan) -> None:
-    """Tries the faults one after the other, and adds the table to the report; one that comes to nothing is not met."""
+    """Run all rows and add the table to the report; a failed measurement counts as unmet."""
     table = report.tables.setdefault("faults", {})
     for name, row in rows.items():
         plan.tell(f"{name}: {row.fault}")

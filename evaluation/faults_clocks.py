@@ -1,9 +1,8 @@
-"""Whether Waldo goes on as ever when somebody sets the computer's clock, back and forward, while he is at work.
+"""Clock row: Waldo's behaviour while the system clock is set back and forward.
 
-``socialbot up`` runs the whole graph, with keys; its camera shows the scene of `evaluation.faults_deaths` again and
-again, in each pass of which one person comes, is greeted and offered help. A small library (`set_clock.c`) stands
-between all its processes and the computer's clock, so that the clock can be set for them alone; the clocks that nobody
-can set it leaves as they are. What happened is read from the record.
+``socialbot up`` runs the whole graph with keys. Its camera repeats the scene of `evaluation.faults_deaths`: in each
+pass one person comes, is greeted and offered help. A preloaded library (`set_clock.c`) shifts the realtime clock for
+these processes only; monotonic clocks are unchanged. The results come from the record of the run.
 """
 
 from __future__ import annotations
@@ -28,18 +27,18 @@ from socialbot.runs.record import TRACE
 
 SOURCE = Path(__file__).with_name("set_clock.c")
 CLOCK_VARIABLE = "SET_CLOCK"
-"""Names the file that tells the library by how much (ns) the clock is set."""
+"""Environment variable of the library: a file with the shift (ns) of the clock."""
 
 STEPS_S = (-2, 3600, -3600, 2, -3600, 86400)
-"""By how much (s) the clock is set, one after the other."""
+"""Successive shifts (s) of the clock."""
 QUICK_STEPS_S = (-3600, 3600)
 
 LOST_S = 2.0
-"""Longest gap without detections (s) that hides nobody: shorter than `WaldoConfig.vanish_s`."""
+"""Longest tolerated gap (s) without detections: shorter than `WaldoConfig.vanish_s`."""
 
 
 def clocks(report: Report, plan: Plan) -> str:
-    """Sets the clock in the middle of passes, and holds each pass against what it should be."""
+    """Shift the clock in the middle of passes, and compare each pass with the usual behaviour."""
     folder = plan.records("clocks")
     library = build_library(folder)
     new_key("robot", folder / "keys")
@@ -69,7 +68,11 @@ def clocks(report: Report, plan: Plan) -> str:
 
 
 def build_library(folder: Path) -> Path:
-    """The library by which the clock is set. Raises Skipped where there is no compiler."""
+    """Build the preloaded library.
+
+    Raises:
+        Skipped: No compiler is installed.
+    """
     compiler = shutil.which("cc")
     if compiler is None:
         raise Skipped("there is no C compiler (cc) to build what sets the clock")
@@ -79,7 +82,7 @@ def build_library(folder: Path) -> Path:
 
 
 def set_clock(file: Path, ahead_s: int) -> None:
-    """Sets the clock of all who look at ``file``, so that it is ahead by so much."""
+    """Set the clock shift of all processes that read ``file``."""
     with file.open("r+b" if file.exists() else "wb") as clock:
         clock.write(struct.pack("q", ahead_s * SECOND))
 
@@ -114,6 +117,6 @@ def _many(count: int) -> bool:
 
 
 def _begins(stamps: Sequence[int]) -> list[int]:
-    """When the passes began that were shown to their end: the camera shows them one after the other."""
+    """Return the begins of completed passes, which follow one another."""
     length = round(PASS_S * SECOND)
     return list(range(stamps[0], stamps[-1] - length, length))

@@ -1,19 +1,17 @@
-"""Whether Waldo goes on when each of his processes is killed (SIGKILL), in turn, while somebody comes and goes.
+"""Kill row: Waldo's behaviour while each of his processes is killed (SIGKILL) in turn.
 
-``socialbot up`` runs the whole graph; its camera shows a scene again and again: nobody is there, one person comes,
-stays until help is offered, and has gone. One process is killed in each pass, at a moment that chance chooses.
+``socialbot up`` runs the whole graph. Its camera repeats a scene: one person comes, stays until help is offered, and
+leaves. In each pass one process is killed at a random time.
 
-*Back* is a node when it says on /health that it is well, after the kill and from a new process, and does its work
-again: of a frame taken after the kill there are detections (camera, converter, detector), of the agent there is a mind.
+A node is *back* when a new process reports health and works again: detections of a frame after the kill (camera,
+converter, detector), or a mind (agent).
 
-*Unchanged apart from the gap*: a gap is from the kill of the agent, or of a node by which it sees, to when the node is
-back, and on for what Waldo needs to be sure again. A pass that no gap touches, whatever else is killed in it, has to
-have the same actions in the same order as the one before the first kill. A gap may bring ``stayIdle`` and ``attend``
-(Waldo sees nothing, Waldo sees again), and an offer may come late or, as its time begins anew, be missing. But in every
-pass the person is greeted, then asked, and neither twice: neither by the agent's actions, nor by voice.
+A *gap* lasts from the kill of the agent, or of a node of its perception, until the node is back and Waldo is sure
+again. Passes outside of gaps must have the same actions in the same order as the pass before the first kill. A gap may
+add ``stayIdle`` and ``attend``, and may delay or suppress an offer. In every pass the person must be greeted and asked,
+each exactly once, by actions and by voice.
 
-A camera that starts again begins the scene anew: the pass that it breaks off does not count, except that nobody may be
-greeted twice in it.
+A restarted camera begins the scene again. The interrupted pass counts only for repeated greetings.
 """
 
 from __future__ import annotations
@@ -38,7 +36,7 @@ from socialbot.graph.health import HEALTH_TOPIC
 TIMES, QUICK_TIMES = 20, 1
 BACK_S = 2.0
 GIVEN_UP_S = 30.0
-"""Who is not back by then will not be."""
+"""Limit (s) for a node to be back."""
 
 RATE_HZ = 10
 EMPTY, COMING, STAYING, LEAVING = [0] * 50, range(95, 115), [*range(115, 135)] * 2, [0] * 30
@@ -54,9 +52,9 @@ SETTINGS = {
     "speech.playback": "off",
 }
 SURE_S = 1.5
-"""So long after a node is back Waldo may need to know what he knew: he loses sight, and sees again."""
+"""Time (s) after a node is back in which Waldo may lose and regain sight."""
 CLEAR_PASSES = 2
-"""Passes before the first kill, of which the last is what others are compared with."""
+"""Passes before the first kill; the last one is the reference."""
 
 DETECTIONS, ACTIONS, MIND, INFO = "/humans/bodies/detections", "/waldo/actions", "/waldo/mind", "/camera/camera_info"
 SPEECH = "/speech/status"
@@ -69,14 +67,15 @@ TOPICS: dict[str, type[Message]] = {
     HEALTH_TOPIC: Health,
 }
 WORK = {"camera": DETECTIONS, "image_converter": DETECTIONS, "person_detector": DETECTIONS, "bdi_engine": MIND}
-"""By what it is seen that a node does its work; that the others do, by what they say of themselves. What Waldo does
-depends on these nodes only."""
+"""Topics that show that a node works; other nodes only report their health. Waldo's behaviour depends on these nodes
+only.
+"""
 GREETING = "Hello!"
 
 
 @dataclass(frozen=True)
 class Kill:
-    """One kill: when (ns), and when the node was back; None if it never was."""
+    """Kill of a node: its time (ns), and when the node was back; None if it never was."""
 
     node: str
     at: int
@@ -84,17 +83,17 @@ class Kill:
 
     @property
     def took_s(self) -> float:
-        """How long it took."""
+        """Recovery time."""
         return (self.back - self.at) / SECOND if self.back is not None else float("inf")
 
     def touches(self, begin: int, end: int) -> bool:
-        """Whether its gap reaches into that time (ns)."""
+        """Return whether the gap overlaps an interval (ns)."""
         return self.at < end and (self.back is None or self.back + round(SURE_S * SECOND) > begin)
 
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass of the scene: when it began and ended (ns), and whether it was shown to its end."""
+    """Pass of the scene: begin and end (ns), and whether it was completed."""
 
     begin: int
     end: int
@@ -103,7 +102,7 @@ class Pass:
 
 @dataclass(frozen=True)
 class Judged:
-    """What was found of the passes: how many there were, and those that are not as they should be."""
+    """Evaluated passes: their number, and the deviating ones."""
 
     passes: int = 0
     clear: int = 0
@@ -112,25 +111,24 @@ class Judged:
     greeted_twice: int = 0
     asked_twice: int = 0
     odd: tuple[str, ...] = ()
-    """Of the changed ones, what was done, and who was killed."""
+    """Actions and killed nodes of the changed passes."""
 
 
 @dataclass
 class Witness:
-    """What was heard of the graph."""
+    """Messages received from the graph."""
 
     actions: list[ActionRequest] = field(default_factory=list)
     greetings: list[int] = field(default_factory=list)
-    """When a greeting began to be said (ns)."""
+    """Times (ns) of spoken greetings."""
     begun: list[int] = field(default_factory=list)
-    """When a camera began to show the scene (ns)."""
+    """Times (ns) when a camera began the scene."""
     latest: dict[str, int] = field(default_factory=dict)
-    """The stamps (ns) of the latest detections and mind."""
+    """Stamps (ns) of the latest detections and mind."""
     well: dict[str, int] = field(default_factory=dict)
-    """When (ns) each node said the last time how it is."""
+    """Time (ns) of the last health report of each node."""
 
     def note(self, topic: str, message: Message) -> None:
-        """Takes a message."""
         match message:
             case ActionRequest():
                 self.actions.append(message)
@@ -147,12 +145,12 @@ class Witness:
                 self.latest[topic] = message.stamp
 
     def is_back(self, node: str, since: int) -> bool:
-        """Whether ``node`` is well and does its work, as of after ``since`` (ns)."""
+        """Return whether ``node`` is healthy and works since ``since`` (ns)."""
         return self.well.get(node, 0) > since and self.latest.get(WORK.get(node, ""), since + 1) > since
 
 
 def passes(begun: Sequence[int], until: int) -> list[Pass]:
-    """The passes of the scene, which began at the times ``begun`` and was shown ``until`` (ns)."""
+    """Return the passes of the scene with the given begins, shown ``until`` (ns)."""
     found, length = [], round(PASS_S * SECOND)
     for begin, end in zip(begun, [*begun[1:], until], strict=True):
         found += [Pass(at, min(at + length, end), at + length <= end) for at in range(begin, end, length)]
@@ -160,12 +158,12 @@ def passes(begun: Sequence[int], until: int) -> list[Pass]:
 
 
 def deeds(actions: Sequence[ActionRequest], begin: int, end: int) -> list[str]:
-    """What was done in that time (ns): the situation of what is said, the names of other actions."""
+    """Return the actions in an interval (ns): situations of utterances, names of other actions."""
     return [str(one.arguments[0]) if one.arguments else one.name for one in actions if begin <= one.stamp < end]
 
 
 def judge(shown: Sequence[Pass], witness: Witness, kills: Sequence[Kill], usual: list[str]) -> Judged:
-    """Holds each pass against the ``usual`` deeds, as far as gaps let it."""
+    """Compare each pass with the ``usual`` actions, as far as gaps allow."""
     clear = not_greeted = greeted_twice = asked_twice = 0
     odd: list[str] = []
     for one in shown:
@@ -190,7 +188,7 @@ def judge(shown: Sequence[Pass], witness: Witness, kills: Sequence[Kill], usual:
 
 
 def kills(report: Report, plan: Plan) -> str:
-    """Kills each node in turn, and holds what Waldo does against what he does otherwise."""
+    """Kill each node in turn, and compare Waldo's behaviour with the reference."""
     environment.prepare(domain=plan.domain)
     folder = plan.records("kills")
     pictures = write_pictures(folder / "pictures", SCENE)
@@ -224,7 +222,7 @@ def kills(report: Report, plan: Plan) -> str:
 
 
 def kill(node: str, witness: Witness, fates: LatestStatistics) -> Kill:
-    """Kills the process of ``node``, and waits until it is back."""
+    """Kill the process of ``node``, and wait until it is back."""
     before = fates.latest[node]["pid"]
     at = time.time_ns()
     os.kill(int(before), signal.SIGKILL)

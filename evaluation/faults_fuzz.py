@@ -1,6 +1,6 @@
-"""Whether everything that reads what others wrote survives a million inputs: the command ``evaluation.fuzz``.
+"""Fuzz row: a million inputs for all decoders of foreign data, by ``evaluation.fuzz``.
 
-It is run as users run it, in processes of its own, which share nothing with those of the other rows.
+It runs in separate processes, as in normal use.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ UNMET_EXIT = 1
 
 
 def fuzz(report: Report, plan: Plan) -> str:
-    """Gives all decoders their share of the inputs, and counts what does harm."""
+    """Give all decoders their share of the inputs, and count harmful ones."""
     folder = plan.records("fuzz")
     file = folder / "fuzz.json"
     command = [sys.executable, "-m", "evaluation.fuzz", "--inputs", str(plan.of(INPUTS, QUICK_INPUTS))]

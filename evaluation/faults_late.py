@@ -1,4 +1,4 @@
-"""Row late: the robot is alone for a while, as if the workstation never came; then it comes."""
+"""Row late: the robot runs alone until its workstation joins."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from evaluation.report import Report
 from socialbot.core.clock import SECOND
 
 SAYS_S = 10.0
-"""So long the robot may take, from its start, to say that it is alone: its nodes start, and wait a while for others."""
+"""Limit (s) from the robot's start to its report of a missing workstation: nodes start, then wait for others."""
 
 JOINED_S = 30.0
-"""So long a workstation may take from its start until the robot acts by it: all of its nodes start in that time."""
+"""Limit (s) from the workstation's start until the robot follows it, including the start of all nodes."""
 
 
 def late(report: Report, plan: Plan) -> str:
-    """What the robot does alone, and how soon it is led once the workstation is started."""
+    """Observe the robot alone, and measure the time until the workstation controls it."""
     alone_s = plan.of(60.0, 10.0)
     with scene(plan.records("late")) as here:
         begin = time.time_ns()

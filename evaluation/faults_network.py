@@ -1,4 +1,4 @@
-"""Rows clear and lossy: what arrives of a camera's pictures, how soon it is acted upon, and what the robot pays."""
+"""Rows clear and lossy: arrived images, latency to action, and load of the robot."""
 
 from __future__ import annotations
 
@@ -17,37 +17,37 @@ MOST_ROBOT_SHARE = 0.30
 MOST_LOST_SHARE = 0.05
 MOST_FRAME_P99_MS = 250.0
 MOST_BLOCKED_MS = 10.0
-"""What is required."""
+"""Required limit."""
 
 LINK_MBIT_S, LOST_PERCENT = 20.0, 5
 STILL_COMING_S = 1.5
-"""After so long nothing of what was taken before is on its way any more; diagnostics come once a second."""
+"""Longest delivery time of earlier messages; diagnostics come once a second."""
 
 
 @dataclass(frozen=True)
 class Frames:
-    """The stamps of the frames that were taken, and when each of them came there (ns), of those that did."""
+    """Stamps of the captured frames, and the arrival time (ns) of each arrived one."""
 
     taken: tuple[int, ...]
     came: Mapping[int, int]
 
     @property
     def arrived(self) -> int:
-        """How many came."""
+        """Number of arrived frames."""
         return len(self.came)
 
     @property
     def lost_share(self) -> float:
-        """The share of those taken that did not come."""
+        """Share of captured frames that did not arrive."""
         return 1 - len(self.came) / len(self.taken) if self.taken else 1.0
 
     def ages_ms(self) -> list[float]:
-        """How old each was when it came."""
+        """Age of each frame on arrival."""
         return [(at - stamp) / MS for stamp, at in self.came.items()]
 
 
 def frames(taken: Iterable[Heard], came: Iterable[Heard], begin: int, end: int) -> Frames:
-    """The frames taken from ``begin`` until ``end`` (ns); of several arrivals of one the first counts."""
+    """Return the frames captured from ``begin`` until ``end`` (ns); the first arrival of each counts."""
     stamps = tuple(sorted({one.stamp for one in taken if begin <= one.stamp < end}))
     first: dict[int, int] = {}
     for one in came:
@@ -56,16 +56,16 @@ def frames(taken: Iterable[Heard], came: Iterable[Heard], begin: int, end: int) 
 
 
 def overheads_ms(acted: Mapping[int, int], there: Mapping[int, int], seen: Mapping[int, int]) -> list[float]:
-    """What each action took apart from the detector: from frame to picture, and from detection to action.
+    """Return the latency of each action without the detector: from frame to image, and from detection to action.
 
-    All by the stamp of the frame (ns): when it was acted upon, was there for the detector, and was seen (ns).
+    All arguments map the stamp of a frame (ns) to the time (ns) of the action, the image and the detection.
     """
     both = acted.keys() & there.keys() & seen.keys()
     return [(acted[stamp] - stamp - max(0, seen[stamp] - there[stamp])) / MS for stamp in both]
 
 
 def highest(told: Iterable[Heard], figure: str, begin: int, end: int) -> dict[str, float]:
-    """The most that each node told of ``figure`` on /diagnostics from ``begin`` until ``end`` (ns)."""
+    """Return the maximum of ``figure`` on /diagnostics by node from ``begin`` until ``end`` (ns)."""
     most: dict[str, float] = {}
     for one in told:
         if begin <= one.at < end and figure in one.said:
@@ -76,7 +76,7 @@ def highest(told: Iterable[Heard], figure: str, begin: int, end: int) -> dict[st
 
 @dataclass(frozen=True)
 class Stretch:
-    """What was measured of one stretch of time."""
+    """Measurements of one interval."""
 
     frames: Frames
     answered: Frames
@@ -88,7 +88,7 @@ class Stretch:
 
 
 def measure(scene: Scene, seconds: float) -> Stretch:
-    """Measures for so long."""
+    """Measure for ``seconds``."""
     cpu_s, clock_s, begin = scene.cpu_s("robot"), time.monotonic(), time.time_ns()
     time.sleep(seconds)
     share = (scene.cpu_s("robot") - cpu_s) / (time.monotonic() - clock_s)
@@ -113,12 +113,12 @@ def measure(scene: Scene, seconds: float) -> Stretch:
 
 
 def own_latencies_ms(scene: Scene) -> list[float]:
-    """From a sentence or turn of the head that Waldo decided on until the robot was told (ms)."""
+    """Return the times (ms) from Waldo's decision to the command, for speech and head motion."""
     return [(one.at - one.stamp) / MS for one in scene.heard("robot", SAY, HEAD)]
 
 
 def clear(report: Report, plan: Plan) -> str:
-    """All on a link that carries everything."""
+    """Measure on an unlimited link."""
     with scene(plan.records("clear")) as here, here.up("robot"), here.up("workstation"):
         here.await_greeting()
         plan.tell("clear: the robot has greeted")
@@ -156,7 +156,7 @@ def clear(report: Report, plan: Plan) -> str:
 
 
 def lossy(report: Report, plan: Plan) -> str:
-    """On a slow link that loses packets."""
+    """Measure on a slow link with packet loss."""
     with scene(plan.records("lossy")) as here, here.up("robot"), here.up("workstation"):
         here.await_greeting()
         here.hosts.limit(LINK_MBIT_S)
@@ -203,5 +203,5 @@ def _text(value: float | None, digits: int = 0) -> str:
 
 
 def _most(told: Mapping[str, float]) -> tuple[str, float | None]:
-    """Who told the most, and what."""
+    """Return the node with the highest value, and the value."""
     return max(told.items(), key=lambda one: one[1], default=("nobody told", None))

@@ -1,4 +1,4 @@
-"""Row outage: the link between robot and workstation is cut for a while; what both do meanwhile, and afterwards."""
+"""Row outage: behaviour of robot and workstation during and after a cut link."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from evaluation.report import Report
 from socialbot.core.clock import SECOND
 
 BELIEVED_S = 0.5
-"""Within this time the workstation has to believe that it sees nothing."""
+"""Limit (s) for the workstation to believe that it sees nothing."""
 
 AT_REST_S = 1.0
-"""After this time the robot looks straight on and says nothing new; what it had begun to say it ends."""
+"""Limit (s) for the robot to centre its head and begin no new speech; current speech may end."""
 
 OUTAGES = ((5.0, 1.0), (30.0, 3.0))
-"""For how long the link is down, and within which time data and behaviour have to be back (s)."""
+"""Duration of each outage, and limit for the recovery of data and behaviour (s)."""
 
 PATIENCE_S = 20.0
 CALM_S = 8.0
@@ -28,7 +28,7 @@ CENTRED_RAD = 0.01
 
 @dataclass(frozen=True)
 class Outage:
-    """One outage: when it began and ended (ns), and what was seen of it; times in s, None where nothing came."""
+    """Outage with its begin and end (ns) and observations; times in s, None without a message."""
 
     begin: int
     end: int
@@ -42,17 +42,17 @@ class Outage:
 
 
 def after_s(heard: Iterable[Heard], begin: int) -> float | None:
-    """How long after ``begin`` (ns) the first of ``heard`` came (s); None when none did."""
+    """Return the time (s) from ``begin`` (ns) to the first of ``heard``; None without one."""
     return min(((one.at - begin) / SECOND for one in heard if one.at >= begin), default=None)
 
 
 def is_centred(motion: Heard) -> bool:
-    """Whether a head told to move so looks straight on."""
+    """Return whether a head command looks straight ahead."""
     return all(abs(position) < CENTRED_RAD for position in motion.said["positions"])
 
 
 def judged(scene: Scene, begin: int, end: int) -> Outage:
-    """What is known by now of the outage from ``begin`` to ``end``."""
+    """Return the current observations of the outage from ``begin`` to ``end``."""
     silences = [
         one.stamp
         for one in scene.heard("workstation", TRACE)
@@ -75,7 +75,7 @@ def judged(scene: Scene, begin: int, end: int) -> Outage:
 
 
 def suffer(scene: Scene, seconds: float) -> Outage:
-    """Cuts the link for so long, and waits until the head follows people again, but not for ever."""
+    """Cut the link for ``seconds``, and wait until the head follows people again, up to a limit."""
     begin = time.time_ns()
     scene.hosts.cut()
     time.sleep(max(0.0, seconds - (time.time_ns() - begin) / SECOND))
@@ -88,7 +88,7 @@ def suffer(scene: Scene, seconds: float) -> Outage:
 
 
 def outage(report: Report, plan: Plan) -> str:
-    """Two outages, one after the other; somebody is there all the time, and was greeted before."""
+    """Run two outages with a person present who was greeted before."""
     texts = []
     with scene(plan.records("outage")) as here, here.up("robot"), here.up("workstation"):
         here.await_greeting()

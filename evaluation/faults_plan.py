@@ -1,4 +1,4 @@
-"""How much of each fault is tried, and where its records are kept."""
+"""Extent of the fault evaluation, and the folder of its records."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ T = TypeVar("T")
 
 
 class Skipped(Exception):  # noqa: N818 - it is none
-    """A row that cannot be measured on this machine; the text says why."""
+    """Row that this machine cannot measure; the text gives the reason."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What all rows are told: the ``folder`` for records, the ROS ``domain`` on this machine, where to ``tell`` lines.
+    """Settings of all rows: ``folder`` for records, ROS ``domain``, and ``tell`` for progress lines.
 
-    With ``quick`` a row does enough to see that it works; else all that is required.
+    With ``quick`` a row only checks that it works, instead of all requirements.
     """
 
     folder: Path
@@ -27,11 +27,10 @@ class Plan:
     quick: bool = False
 
     def of(self, full: T, quick: T) -> T:
-        """The one that holds for this plan."""
         return quick if self.quick else full
 
     def records(self, name: str) -> Path:
-        """A new folder of that name for records."""
+        """Create a folder for records."""
         path = self.folder / name
         path.mkdir(parents=True, exist_ok=False)
         return path

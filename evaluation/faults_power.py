@@ -1,9 +1,8 @@
-"""Whether what was recorded is there after a power cut: all processes are killed at once, again and again.
+"""Power row: integrity of recordings after all processes are killed at once, repeatedly.
 
-``socialbot up`` keeps the trace of Waldo's graph, ``socialbot bag record`` its messages, and each second time its
-pictures, too. Beside them this process listens itself. After the cut, what it heard a second or more before has to be
-found by those who read bags and traces. All processes end, the computer does not: what Linux has not written to the
-disk yet is not lost here, as it would be with the computer.
+``socialbot up`` records the trace of Waldo's graph, ``socialbot bag record`` its messages and, every second time, its
+images. This process subscribes as well. Messages that it received a second or more before the cut must be readable. The
+computer keeps running, so data in the page cache survives, unlike in a real power cut.
 """
 
 from __future__ import annotations
@@ -26,21 +25,21 @@ from socialbot.core.messages import Message, PersonDetections, TraceRecord
 
 CUTS, QUICK_CUTS = 10, 2
 LAST_S = 1.0
-"""What came longer than this before the cut has to be there."""
+"""Longest time (s) before the cut whose messages may be lost."""
 DETECTIONS, PICTURES = "/humans/bodies/detections", "/camera/image_raw"
 TOPICS = ((DETECTIONS,), (DETECTIONS, PICTURES))
-"""What is recorded, in turn: pictures fill the file fast, messages alone hardly."""
+"""Recorded topics, in turn: images fill the file fast, messages slowly."""
 FRAMES = range(90, 130)
-"""Somebody comes near and stays, so that there is something to record."""
+"""Frames with a person who approaches and stays."""
 LEAST_S, MOST_S = 3.0, 8.0
-"""The cut comes so long after the recording has begun."""
+"""Range of the time (s) from the start of the recording to the cut."""
 READY_S = 120.0
 BEGINNING_BYTES = 256
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What was readable after one cut: stamps of detections, and when the newest message of the bag came (ns)."""
+    """Readable data after a cut: stamps of detections, and the time of the newest message in the bag (ns)."""
 
     in_bag: frozenset[int]
     in_trace: frozenset[int]
@@ -48,7 +47,11 @@ class Kept:
 
 
 def read(bag: Path, trace: Path) -> Kept:
-    """What can be read of a recording that was killed. Raises BagError where nothing can."""
+    """Return the readable data of a killed recording.
+
+    Raises:
+        BagError: Nothing is readable.
+    """
     with open_bag(bag) as opened:
         messages = [message for _, message in opened.messages({DETECTIONS: DETECTIONS})]
         bag_until = opened.end
@@ -58,19 +61,23 @@ def read(bag: Path, trace: Path) -> Kept:
 
 
 def whole_lines(trace: Path) -> list[TraceRecord]:
-    """The records of a trace; the last line, where it breaks off, is none. Raises msgspec.MsgspecError for others."""
+    """Return the records of a trace without a truncated last line.
+
+    Raises:
+        msgspec.MsgspecError: Another line is damaged.
+    """
     decoder = msgspec.json.Decoder(TraceRecord)
     return [decoder.decode(line) for line in trace.read_bytes().split(b"\n")[:-1]]
 
 
 def missing(heard: Iterable[tuple[int, int]], kept: frozenset[int], cut: int) -> int:
-    """How many of those ``heard`` (when, stamp; ns) long enough before the ``cut`` are not among the ``kept``."""
+    """Return how many of ``heard`` (time, stamp; ns) long enough before the ``cut`` are missing in ``kept``."""
     due = cut - round(LAST_S * SECOND)
     return sum(at <= due and stamp not in kept for at, stamp in heard)
 
 
 def power(report: Report, plan: Plan) -> str:
-    """Cuts the power of recordings at different moments, and reads what is left."""
+    """Kill recordings at different times, and read the remaining data."""
     environment.prepare(domain=plan.domain)
     folder = plan.records("power")
     pictures = write_pictures(folder / "pictures", FRAMES)
@@ -128,5 +135,5 @@ def _cut(plan: Plan, folder: Path, pictures: Path, after_s: float, recorded: Seq
 
 
 def _size(bag: Path) -> int:
-    """Bytes of the bag's messages so far, without those that each bag begins with."""
+    """Return the bytes of the bag's messages without the fixed ones at its start."""
     return sum(max(0, file.stat().st_size - BEGINNING_BYTES) for file in bag.glob("*.mcap"))
