@@ -1,4 +1,4 @@
-"""The command line run beside an evaluation, with all processes that come of it, and pictures for its camera."""
+"""CLI processes of the fault evaluation, their descendants, and camera images."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ENDED_S = 20.0
 def beside(
     plan: Plan, folder: Path, name: str, *arguments: object, variables: Mapping[str, str] | None = None
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """``socialbot *arguments`` for as long as the block lasts; what it prints goes to NAME.log in ``folder``.
+    """Run ``socialbot *arguments`` during the block, with its output in NAME.log in ``folder``.
 
     ``variables`` are added to its environment.
     """
@@ -46,7 +46,11 @@ def beside(
 
 
 def await_(holds: Callable[[], bool], timeout_s: float, lack: str, where: Path) -> float:
-    """Waits until ``holds`` does; returns how long it took (s). Raises NodeError when it takes too long."""
+    """Wait until ``holds`` returns true, and return the time taken (s).
+
+    Raises:
+        NodeError: It takes longer than ``timeout_s``.
+    """
     begun = time.monotonic()
     while not holds():
         if time.monotonic() > begun + timeout_s:
@@ -56,7 +60,7 @@ def await_(holds: Callable[[], bool], timeout_s: float, lack: str, where: Path) 
 
 
 def descendants(pid: int) -> list[int]:
-    """``pid`` and the processes that descend from it."""
+    """Return ``pid`` and its descendants."""
     parents: dict[int, int] = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdecimal():
@@ -70,7 +74,7 @@ def descendants(pid: int) -> list[int]:
 
 
 def kill_all(roots: Sequence[int]) -> int:
-    """Kills these processes and all that descend from them, at once; returns when (ns)."""
+    """Kill these processes and their descendants at once; return the time (ns)."""
     doomed = {pid for root in roots for pid in descendants(root)}
     at = time.time_ns()
     for pid in doomed:
@@ -80,7 +84,7 @@ def kill_all(roots: Sequence[int]) -> int:
 
 
 def process_name(pid: int) -> str:
-    """The node of a process of socialbot, or else its command; empty when it has ended or is none of socialbot's."""
+    """Return the node of a socialbot process, or else its command; empty for other or ended processes."""
     try:
         words = Path(f"/proc/{pid}/cmdline").read_bytes().decode("utf-8", "replace").split("\0")
         title = Path(f"/proc/{pid}/comm").read_text("utf-8").strip()
@@ -95,7 +99,7 @@ def process_name(pid: int) -> str:
 
 
 def write_pictures(folder: Path, numbers: Sequence[int]) -> Path:
-    """These pictures of the corridor, in this order, as a folder for a camera."""
+    """Write images of the corridor, in this order, to a folder for a camera."""
     folder.mkdir()
     with open_bag(CORRIDOR) as bag:
         topic = bag.choose_image_topic().name

@@ -1,9 +1,8 @@
-"""Waldo on two machines: camera, speech and head on the robot, the rest on the workstation, and somebody is there.
+"""Waldo on two machines with a person present: camera, speech and head on the robot, the rest on the workstation.
 
-The machines are network namespaces with a cable between them. The camera plays a film, 640x480 at 30 Hz, in which one
-person walks up and down before it and never leaves: whoever is greeted twice was greeted twice for nothing. Beside
-Waldo an agent answers every frame that the detector has looked at, so that the way from frame to action is measured
-thirty times a second and not only when Waldo has something to say.
+The machines are network namespaces with a virtual cable. The camera plays a 640x480 film at 30 Hz, in which one person
+walks up and down and never leaves, so a second greeting is an error. An additional agent answers every processed frame,
+to measure the latency from frame to action thirty times a second.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from socialbot.vision.images import bgr_from_compressed
 ROOT = Path(__file__).parents[1]
 CORRIDOR = ROOT / "data" / "synthetic" / "corridor"
 NEAR_S = (9.5, 12.0)
-"""The part of the corridor in which one person comes from 5 m to 3 m."""
+"""Part of the corridor in which one person comes from 5 m to 3 m."""
 
 FRAME_HZ, BAG_HZ = 30, 10
 GREETING = "Hallo"
@@ -89,7 +88,7 @@ TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
 
 @dataclass(frozen=True)
 class Scene:
-    """The two machines, and what is heard on each."""
+    """Both machines with the messages received on each."""
 
     hosts: TwoHosts
     folder: Path
@@ -98,7 +97,7 @@ class Scene:
 
     @contextmanager
     def up(self, machine: str) -> Iterator[subprocess.Popen[bytes]]:
-        """Brings up the half of ``machine`` as users do, for as long as the block lasts."""
+        """Start the half of ``machine`` for the block, as users do."""
         command = (sys.executable, "-m", "socialbot", "up", self.folder / "waldo.yaml", "--machine", machine)
         with self._started(machine, f"{machine}.log", *command, "--out", self.folder / machine) as process:
             self.halves[machine] = process
@@ -121,7 +120,7 @@ class Scene:
 
     @contextmanager
     def watched(self) -> Iterator[None]:
-        """Watches both machines for as long as the block lasts."""
+        """Record messages on both machines during the block."""
         with ExitStack() as undo:
             for machine, topics in WATCHED.items():
                 command = (sys.executable, "-m", "evaluation.faults_watch", self.folder / "waldo.yaml", machine)
@@ -131,29 +130,28 @@ class Scene:
             yield
 
     def host(self, machine: str) -> Host:
-        """The machine of that name."""
         return self.hosts.robot if machine == "robot" else self.hosts.workstation
 
     def file(self, machine: str) -> Path:
-        """What is heard on ``machine``."""
+        """Return the file of recorded messages."""
         return self.folder / f"{machine}.jsonl"
 
     def heard(self, machine: str, *topics: str) -> list[Heard]:
-        """What has been heard of ``topics`` on ``machine`` so far."""
+        """Return the messages of ``topics`` received on ``machine`` so far."""
         return [one for one in heard(self.file(machine)) if one.topic in topics]
 
     def spoken(self, begin: int = 0) -> list[Heard]:
-        """The sentences that the robot has begun to say since ``begin`` (ns)."""
+        """Return the utterances started since ``begin`` (ns)."""
         return [one for one in self.heard("robot", SPEECH) if one.said["state"] == "started" and one.at >= begin]
 
     def await_greeting(self) -> None:
-        """Waits until the robot has greeted and every frame is answered."""
+        """Wait until the robot has greeted and every frame is answered."""
         self.await_(
             lambda: len(self.heard("robot", ACTIONS)) > FRAME_HZ and bool(self.spoken()), READY_S, "nobody was greeted"
         )
 
     def await_(self, holds: Callable[[], bool], timeout_s: float, lack: str) -> None:
-        """Waits until ``holds`` does. Raises NodeError, with what was lacking, when that takes too long."""
+        """Wait until ``holds`` returns true; on timeout raise NodeError with ``lack``."""
         deadline = time.monotonic() + timeout_s
         while not holds():
             for machine, half in self.halves.items():
@@ -164,7 +162,7 @@ class Scene:
             time.sleep(LOOK_S)
 
     def cpu_s(self, machine: str) -> float:
-        """Processor seconds of all processes of ``machine`` that live, without those that only watch."""
+        """Return the processor seconds of all live processes of ``machine`` without observers."""
         host = self.host(machine)
         pids = subprocess.check_output(["ip", "netns", "pids", host.name], text=True).split()
         aside = {host.keeper, self.watchers[machine].pid}
@@ -173,7 +171,11 @@ class Scene:
 
 @contextmanager
 def scene(folder: Path) -> Iterator[Scene]:
-    """The two machines, watched, with nothing brought up yet; records go to ``folder``. Raises Skipped without them."""
+    """Yield both machines, observed and without nodes, with records in ``folder``.
+
+    Raises:
+        Skipped: The machines cannot be created.
+    """
     for name in ("robot", "workstation"):
         new_key(name, folder / "keys")
     make_film(folder / "film.avi")
@@ -190,7 +192,7 @@ def scene(folder: Path) -> Iterator[Scene]:
 
 
 def make_film(path: Path) -> None:
-    """Somebody comes nearer and goes back: played again and again, it has no cut."""
+    """Write a film of an approaching and retreating person, which loops without a cut."""
     pictures = []
     begin_s, end_s = NEAR_S
     with open_bag(CORRIDOR) as bag:

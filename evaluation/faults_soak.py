@@ -1,9 +1,8 @@
-"""Whether Waldo's graph over ROS stays what it is for four hours: memory, threads, files, shared memory, and deeds.
+"""Soak row: Waldo's graph over ROS for four hours, with checks of memory, threads, files, shared memory and actions.
 
-A bag of the same lap again and again, 50 s in which people come, stay and go and then nobody is there, goes through
-``socialbot replay`` as fast as the detector looks: every picture is converted and looked at. Once a second each process
-is looked at from outside. The lap has one picture a second, as a detector on one core can look at no more than some ten
-in the same time that four hours are to take 30 minutes.
+A bag repeats one lap of 50 s: people come, stay and go, and then nobody is present. ``socialbot replay`` plays it at
+the speed of the detector, with every image processed. Each process is sampled once a second. Laps have one image a
+second, as four hours must fit into 30 minutes at about ten detections a second on one core.
 """
 
 from __future__ import annotations
@@ -30,32 +29,31 @@ from socialbot.core.messages import CameraInfo, CompressedImage
 
 PICTURES, INFO = "/camera/image_raw/compressed", "/camera/camera_info"
 EVERY = 10
-"""Of the bag's pictures, ten a second, each tenth is taken."""
+"""Subsampling of the ten images a second in the bag."""
 EMPTY = 8
-"""So many pictures (s) of nobody end a lap, so that each begins as the first."""
+"""Images (s) without people at the end of a lap, so that all laps begin alike."""
 LAPS, QUICK_LAPS = 288, 12
 RATE = 12.0
-"""How much faster than life at most: enough for the time below, and for what was late."""
+"""Maximum playback speed, with some reserve to catch up."""
 WALL_MIN = 30.0
 GROWTH_LIMIT, QUICK_GROWTH_LIMIT = 0.01, 0.1
-"""By what share the memory of a process may grow over the last two thirds of the time. In a quick run processes are
-still warming up."""
+"""Allowed memory growth of a process over the last two thirds of the time. Processes of a quick run still warm up."""
 APART_S = 2.0
-"""By so much the same deed may be earlier or later in another lap: two pictures."""
+"""Tolerance (s) for the time of an action in another lap: two images."""
 LOOK_S = 1.0
 PLAYER = {"bag_player", "bag play"}
-"""What `process_name` calls the process that plays the bag: as a fork, and where it was started by itself."""
+"""Names of the player process from `process_name`, forked or started separately."""
 SEGMENTS = "/dev/shm/fastrtps_"
-"""What the names of Fast DDS' segments begin with."""
+"""Name prefix of Fast DDS' shared-memory segments."""
 KIB = 1024
 
 Deed = tuple[float, str, tuple[object, ...]]
-"""When in its lap (s), what, and with which arguments."""
+"""Time in the lap (s), action and arguments."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What one process has at one moment; ``segments`` is the shared memory that it maps: bytes by name."""
+    """Resources of a process at one time; ``segments`` is its mapped shared memory: bytes by name."""
 
     rss_kib: int
     threads: int
@@ -65,18 +63,17 @@ class Look:
 
 @dataclass
 class Course:
-    """What was seen of all processes by name, second by second."""
+    """Resource samples of all processes by name."""
 
     looks: dict[str, list[Look]] = field(default_factory=lambda: defaultdict(list))
     shared: list[tuple[int, float]] = field(default_factory=list)
-    """How many segments of shared memory all of them map, and how large (MiB)."""
+    """Number and size (MiB) of the mapped shared-memory segments."""
     segments: set[str] = field(default_factory=set)
-    """Those that were mapped, but for the ``found`` ones."""
+    """Mapped segments except for the ``found`` ones."""
     found: frozenset[str] = field(default_factory=lambda: frozenset(glob(f"{SEGMENTS}*")))
-    """What others, who were killed, had left there before."""
+    """Segments left by earlier killed processes."""
 
     def note(self, looks: Mapping[str, Look]) -> None:
-        """Takes one look at each process."""
         mapped: dict[str, int] = {}
         for name, look in looks.items():
             self.looks[name].append(look)
@@ -86,7 +83,7 @@ class Course:
 
 
 def write_laps(path: Path, laps: int) -> float:
-    """Writes the bag of so many laps; returns how long a lap is (s)."""
+    """Write the bag with ``laps`` laps; return the duration of a lap (s)."""
     with open_bag(CORRIDOR) as bag:
         start = bag.start
         messages = list(bag.messages({PICTURES: PICTURES, INFO: INFO}))
@@ -102,7 +99,7 @@ def write_laps(path: Path, laps: int) -> float:
 
 
 def look(pid: int) -> Look | None:
-    """What the process has now; None when it has ended."""
+    """Return the current resources of a process; None after its end."""
     process = Path(f"/proc/{pid}")
     try:
         status = dict(line.split(":", 1) for line in (process / "status").read_text("utf-8").splitlines())
@@ -122,7 +119,7 @@ def look(pid: int) -> Look | None:
 
 
 def deeds_of_laps(actions: Iterable[Mapping[str, object]], lap_s: float, laps: int) -> list[list[Deed]]:
-    """What was done in each lap, of the ``actions`` of results.json."""
+    """Return the actions in each lap, from ``actions`` of results.json."""
     found: list[list[Deed]] = [[] for _ in range(laps)]
     for action in actions:
         number, within_s = divmod(float(str(action["t_s"])), lap_s)
@@ -133,25 +130,25 @@ def deeds_of_laps(actions: Iterable[Mapping[str, object]], lap_s: float, laps: i
 
 
 def same(deeds: Sequence[Deed], others: Sequence[Deed]) -> bool:
-    """Whether the same was done, at the same times as far as pictures tell."""
+    """Return whether the actions are equal, at the same times within `APART_S`."""
     return len(deeds) == len(others) and all(
         one[1:] == other[1:] and abs(one[0] - other[0]) <= APART_S for one, other in zip(deeds, others, strict=True)
     )
 
 
 def more(counts: Sequence[float]) -> float:
-    """By how much the most of the last third exceeds the most of the third before."""
+    """Return the excess of the maximum of the last third over that of the middle third."""
     third = len(counts) // 3
     return max(counts[2 * third :]) - max(counts[third : 2 * third]) if third else 0.0
 
 
 def steady(counts: Sequence[int]) -> list[int]:
-    """What was there at two looks in a row, each time: a file that is read in between is gone at the next."""
+    """Return the counts present in two consecutive samples, without transient files."""
     return [min(pair) for pair in pairwise(counts)]
 
 
 def soak(report: Report, plan: Plan) -> str:
-    """Replays hours of laps, and looks at what the processes have and the agent does."""
+    """Replay hours of laps, and check resources and actions."""
     if not CORRIDOR.is_dir():
         raise Skipped(f"there is no {CORRIDOR}")
     folder = plan.records("soak")
@@ -176,7 +173,11 @@ def soak(report: Report, plan: Plan) -> str:
 
 
 def replayed(folder: Path, bag_s: float, plan: Plan) -> Course:
-    """The course of a replay of the bag of laps; each look is kept. Raises NodeError when it does not end well."""
+    """Replay the bag of laps and return all resource samples.
+
+    Raises:
+        NodeError: The replay fails.
+    """
     command = ["replay", folder / "laps", "--rate", RATE, "--no-video", "--out", folder / "run"]
     settings = ("speech.playback=off", "person_detector.threads=2")
     command += [word for setting in settings for word in ("--set", setting)]
@@ -201,9 +202,9 @@ def replayed(folder: Path, bag_s: float, plan: Plan) -> Course:
 
 
 def judge_deeds(report: Report, laps: Sequence[Sequence[Deed]], frames: int, pictures: int) -> None:
-    """Adds whether all pictures were looked at, and whether each lap had the deeds of the second.
+    """Add whether all images were processed, and whether each lap had the actions of the second.
 
-    Before the first it is not known yet that nobody is there.
+    Only after the first lap does the agent believe that nobody is present.
     """
     first, others = laps[1], laps[2:]
     lost = sum(max(0, len(first) - len(lap)) for lap in others)
@@ -216,7 +217,7 @@ def judge_deeds(report: Report, laps: Sequence[Sequence[Deed]], frames: int, pic
 
 
 def judge_course(report: Report, course: Course, limit: float) -> None:
-    """Adds what has grown."""
+    """Add the growth of all resources."""
     rows: dict[str, dict[str, Value]] = {}
     for name, looks in course.looks.items():
         memory = [one.rss_kib / KIB for one in looks]

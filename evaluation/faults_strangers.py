@@ -1,9 +1,9 @@
-"""Whether a stranger in the same ROS domain can have anything done where keys are set.
+"""Strangers row: unauthorized messages in the same ROS domain while keys are set.
 
-``socialbot up`` runs a voice, a head, a listener and an agent that takes beliefs, desires and requests. A friend, who
-has the key, tells each of them something once. A stranger hears that and says 10 000 things of eight kinds over DDS: in
-plain text, unreadable, under an unknown or a false name or altered, for another topic, an hour late or early, and what
-the friend said, again. Each has to be refused and counted on /diagnostics under its own reason.
+``socialbot up`` runs speech, a head, a listener and an agent that takes beliefs, desires and requests. An authorized
+sender sends each of them one message. An attacker records these and sends 10 000 messages of eight kinds over DDS:
+plain text, unreadable, with an unknown or wrong sender, altered, for another topic, an hour late or early, and
+replayed. Nodes must refuse all and count each on /diagnostics under its reason.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from socialbot.graph.node import Delivery
 
 COUNT, QUICK_COUNT = 10_000, 960
 BATCH = 288
-"""48 for each topic: fewer than what waits for a node at most, so that nothing is lost before it can be refused."""
+"""48 messages for each topic: below the queue limit of a node, so that none is lost before its refusal."""
 READY_S, COUNTED_S = 90.0, 30.0
 HOUR = 3600 * SECOND
 MOTION = "/head_controller/joint_trajectory"
@@ -70,7 +70,7 @@ nodes:
 
 
 def say(word: str) -> dict[str, Structured]:
-    """For each topic that a stranger would like to use, a message that says ``word``."""
+    """Return a message with ``word`` for each attacked topic."""
     fact = Fact(name=word, pddl_type=INSTANCE, type="box")
     desire = Desire(name=word, value=(Fact(name="fully_loaded", params=("carrier_a",)),))
     speak = (word, f"{word} acts")
@@ -96,17 +96,16 @@ EFFECTS: dict[str, type[Message]] = {
     "/agents/replies": AgentReply,
 }
 TOLD = {"/speech/status", "/speech/say", "/head/command", "/carrier_a/belief_set", "/agents/replies"}
-"""Where it is seen that the friend is obeyed."""
+"""Topics that show the effects of authorized messages."""
 
 
 @dataclass
 class Effects:
-    """What nodes did: how often each thing was seen, as the topic and what it says."""
+    """Observed effects: counts by topic and content."""
 
     seen: Counter[tuple[str, str]] = field(default_factory=Counter)
 
     def note(self, topic: str, message: Message) -> None:
-        """Takes what a node says."""
         match message:
             case SpeechStatus():
                 self.seen[topic, f"{message.state} {message.text}"] += 1
@@ -123,13 +122,13 @@ class Effects:
                 self.seen[topic, message.id] += 1
 
     def told(self) -> set[str]:
-        """The topics on which something of the friend's was seen to be done."""
+        """Topics with observed effects of authorized messages."""
         return {topic for (topic, what), _ in self.seen.items() if "friend" in what}
 
 
 @dataclass(frozen=True)
 class Stranger:
-    """Makes what a stranger can say on one topic, by the reason for which it should be refused."""
+    """Generator of attacks on one topic, by their expected refusal reason."""
 
     topic: str
     realm: str
@@ -138,7 +137,7 @@ class Stranger:
     plain: str
 
     def attacks(self) -> Mapping[str, Callable[[int], str]]:
-        """What it can say: a text for each number."""
+        """Return the attack texts by reason, each a function of a number."""
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
         own = Keys(self.keys.name, Ed25519PrivateKey.generate(), {})
@@ -170,7 +169,7 @@ class Stranger:
 
 @contextmanager
 def with_keys(folder: Path) -> Iterator[Keys]:
-    """Has this process, and those that it starts, use the keys in ``folder``."""
+    """Set the keys in ``folder`` for this process and its children."""
     before = os.environ.get(KEYS_VARIABLE)
     os.environ[KEYS_VARIABLE] = str(folder)
     try:
@@ -183,7 +182,7 @@ def with_keys(folder: Path) -> Iterator[Keys]:
 
 
 def refusals(latest: Mapping[str, Mapping[str, str]]) -> Counter[str]:
-    """What all nodes have refused so far, by reason, as /diagnostics tells it."""
+    """Return the refusals of all nodes by reason, from /diagnostics."""
     found: Counter[str] = Counter()
     for values in latest.values():
         for part in filter(None, values.get("refusals", "").split(", ")):
@@ -193,7 +192,7 @@ def refusals(latest: Mapping[str, Mapping[str, str]]) -> Counter[str]:
 
 
 def strangers(report: Report, plan: Plan) -> str:
-    """Says what a stranger can say, and counts what is done and what is refused."""
+    """Send attacks, and count effects and refusals."""
     environment.prepare(domain=plan.domain)
     folder = plan.records("strangers")
     count = plan.of(COUNT, QUICK_COUNT)
@@ -224,7 +223,7 @@ def _reason(number: int) -> str:
 def _besiege(
     plan: Plan, folder: Path, keys: Keys, count: int
 ) -> tuple[Counter[tuple[str, str]], Counter[tuple[str, str]], Counter[str], float]:
-    """What had been done when the friend had spoken, and in the end; what was refused; how long it took (s)."""
+    """Return the effects before and after the attacks, the refusals, and the duration (s)."""
     from socialbot.bridge.graph_observer import LatestStatistics, observe_graph
     from socialbot.bridge.topics import publish_once
 
@@ -265,7 +264,7 @@ def _standing(latest: Mapping[str, Mapping[str, str]], nodes: int) -> bool:
 
 
 class Mouth:
-    """Says on one topic what it likes, and hears what others say there."""
+    """Raw publisher and subscriber on one topic."""
 
     def __init__(self, ros: Any, topic: str) -> None:
         from std_msgs.msg import String
@@ -283,9 +282,9 @@ class Mouth:
 
     @property
     def connected(self) -> bool:
-        """Whether a node hears it besides this process."""
+        """Whether another process subscribes."""
         return self._publisher.get_subscription_count() >= 2
 
     def say(self, text: str) -> None:
-        """Says ``text`` as it is."""
+        """Publish ``text`` unchanged."""
         self._publisher.publish(self._string(data=text))

@@ -1,8 +1,8 @@
-"""Watches one machine of a deployment from beside it, and writes down what can be heard there, and when.
+"""Recorder of the messages on one machine of a deployment, with arrival times.
 
-``python -m evaluation.faults_watch DEPLOYMENT MACHINE FILE TOPIC...`` adds a line of JSON to FILE for each message of
-the topics, of which those of pictures are taken as bytes, for their stamps only, and for what nodes say on
-/diagnostics. It is a process of its own, which no node waits for and whose cost counts for none of them.
+``python -m evaluation.faults_watch DEPLOYMENT MACHINE FILE TOPIC...`` adds a line of JSON to FILE for each message on
+the topics and for /diagnostics. Images are taken as bytes, for their stamps only. The separate process delays no node,
+and its load counts for none.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from socialbot.runtime.deployment import Deployment, load_deployment
 
 DIAGNOSTICS = "/diagnostics"
 STAMP_ENDS = 12
-"""Where in the bytes of a picture the stamp ends, with which it begins after four bytes that tell the encoding."""
+"""End offset of the stamp in an image message; it starts after the four encoding bytes."""
 
 
 class Heard(msgspec.Struct, frozen=True):
-    """One message: when it came (ns), its topic, its stamp (ns) and, of all but pictures, what it says."""
+    """Message with its arrival time (ns), topic, stamp (ns) and, except for images, its content."""
 
     at: int
     topic: str
@@ -43,7 +43,7 @@ class Heard(msgspec.Struct, frozen=True):
 
 
 def heard(file: Path) -> Iterator[Heard]:
-    """All that was written into ``file`` so far; a line that is not complete yet is left out."""
+    """Yield the messages in ``file`` without an incomplete last line."""
     if not file.exists():
         return
     decoder = msgspec.json.Decoder(Heard)
@@ -52,14 +52,14 @@ def heard(file: Path) -> Iterator[Heard]:
 
 
 def stamp_of(data: bytes) -> int:
-    """The stamp (ns) of a message with a header, in the bytes that DDS carries."""
+    """Return the stamp (ns) of a serialized message with a header."""
     order = "little" if data[1] & 1 else "big"
     seconds, rest = int.from_bytes(data[4:8], order, signed=True), int.from_bytes(data[8:STAMP_ENDS], order)
     return seconds * SECOND + rest
 
 
 def watch(deployment: Deployment, topics: list[str], file: Path, end: threading.Event) -> None:
-    """Watches ``topics`` until the ``end``, in an environment that is prepared."""
+    """Record ``topics`` until ``end`` is set; the environment must be prepared."""
     from socialbot.bridge.graph_observer import observe_graph
     from socialbot.bridge.transport import message_class, subscription_qos
 

@@ -1,9 +1,9 @@
-"""Whether everything that reads what others wrote survives rubbish: nothing crashes, hangs or fills the memory.
+"""Fuzz test of all decoders for foreign data: no crash, hang or excessive memory.
 
-``python -m evaluation.fuzz --inputs 1000000`` gives each decoder its share of the inputs: what socialbot itself writes
-(messages, files, bags, programs), with something changed. They are the same for the same ``--seed``. Child processes
-do the work, with limits of time and memory. The exit code is 1 when one of the inputs did what none may do; ``--keep``
-has those inputs as files, and ``--decoder NAME --first NUMBER --inputs 1`` does one of them again.
+``python -m evaluation.fuzz --inputs 1000000`` gives each decoder its share of the inputs: mutated messages, files, bags
+and programs of socialbot. Equal ``--seed`` gives equal inputs. Child processes with time and memory limits do the work.
+The exit code is 1 after a harmful input. ``--keep`` saves such inputs as files, and ``--decoder NAME --first NUMBER
+--inputs 1`` repeats one of them.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from tests.fuzz.decoders import Decoder, decoders
 from tests.fuzz.mutations import numbered
 
 HANG_S = 1.0
-"""So much CPU time an input may take."""
+"""CPU time limit of an input."""
 STUCK_S = 20.0
-"""A child that has been at one input for so long is killed: it waits for something, or cannot be interrupted."""
+"""Time after which a child stuck at one input is killed."""
 GROWTH_MB = 200
-"""By so much the memory of a child may grow in all."""
+"""Limit for the memory growth of a child."""
 GUARD_MB = 4096
-"""What a child cannot get more of, for the sake of the machine."""
+"""Hard memory limit of a child, to protect the machine."""
 SLICE = 5000
-"""Inputs a child does before it is replaced."""
+"""Inputs per child process."""
 LOOK_S = 0.05
 UNMET_EXIT = 1
 
@@ -56,12 +56,12 @@ KeepOption = Annotated[Path | None, typer.Option(help="A folder for the inputs t
 
 
 class TooLong(BaseException):
-    """An input took too long. No decoder may take it for an error of its own."""
+    """Input exceeded its time limit; a BaseException, so that no decoder catches it."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """An input that did what none may do; ``what`` is the same for all that did so at the same place."""
+    """Harmful input; ``what`` is equal for all inputs that fail at the same place."""
 
     decoder: str
     number: int
@@ -71,7 +71,7 @@ class Finding:
 
 @dataclass
 class Tally:
-    """How one decoder fared."""
+    """Results of one decoder."""
 
     inputs: int = 0
     taken: int = 0
@@ -81,11 +81,9 @@ class Tally:
     findings: list[Finding] = field(default_factory=list)
 
     def count(self, how: How) -> int:
-        """How many inputs did so."""
         return sum(finding.how == how for finding in self.findings)
 
     def row(self) -> dict[str, Value]:
-        """As a row of a table."""
         return {
             "inputs": self.inputs,
             "taken": round(self.taken / max(1, self.inputs), 3),
@@ -100,7 +98,7 @@ class Tally:
 
 @dataclass(frozen=True)
 class Slice:
-    """Some inputs for one decoder: numbers from ``first`` to before ``end``."""
+    """Inputs of one decoder: numbers from ``first`` to before ``end``."""
 
     decoder: Decoder
     first: int
@@ -108,14 +106,14 @@ class Slice:
 
 
 def peak_mb() -> float:
-    """The most memory that this process has had."""
+    """Return the peak memory of this process."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def _work(part: Slice, seed: int, at: Any, results: Connection) -> None:
-    """Does the inputs of ``part``, ``at`` telling which one; sends findings, then the tally.
+    """Process the inputs of ``part`` and send findings, then the tally.
 
-    It stops when memory has grown.
+    The number of the current input is in ``at``. The child stops when its memory exceeds the limit.
     """
     _prepare()
     tally, decoder, before_mb = Tally(), part.decoder, peak_mb()
@@ -149,7 +147,7 @@ def _work(part: Slice, seed: int, at: Any, results: Connection) -> None:
 
 
 def _prepare() -> None:
-    """Limits and quiet for a child."""
+    """Set the limits of a child and silence its output."""
     logging.disable(logging.CRITICAL)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries in C complain there
     resource.setrlimit(resource.RLIMIT_DATA, (GUARD_MB << 20, GUARD_MB << 20))
@@ -170,14 +168,14 @@ def _attempt(decoder: Decoder, data: bytes) -> bool:
 
 
 def _place(error: BaseException) -> str:
-    """What was raised, and where in socialbot."""
+    """Return the error and its location in socialbot."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if f"{os.sep}socialbot{os.sep}" in frame.filename] or frames
     return f"{type(error).__name__} at {Path(own[-1].filename).name}:{own[-1].lineno}"
 
 
 class Child:
-    """A process that does a slice."""
+    """Child process for one slice."""
 
     def __init__(self, part: Slice, seed: int) -> None:
         context = multiprocessing.get_context("fork")
@@ -191,7 +189,7 @@ class Child:
         self._findings: list[Finding] = []
 
     def look(self) -> tuple[Tally, int] | None:
-        """How it fared, and the input to go on with; None while it works. One that is stuck is killed."""
+        """Return the tally and the next input, or None while the child works; kill a stuck child."""
         alive = self._process.is_alive()  # asked first: what it sends before its end is read below
         while self._results.poll():
             try:
@@ -221,7 +219,7 @@ class Child:
 
 
 def slices(chosen: Sequence[Decoder], inputs: int, first: int) -> Iterator[Slice]:
-    """``inputs`` in all, shared out evenly."""
+    """Divide ``inputs`` evenly among decoders."""
     for index, decoder in enumerate(chosen):
         end = first + inputs // len(chosen) + (index < inputs % len(chosen))
         for begin in range(first, end, SLICE):
@@ -229,7 +227,7 @@ def slices(chosen: Sequence[Decoder], inputs: int, first: int) -> Iterator[Slice
 
 
 def fuzz(parts: Sequence[Slice], seed: int, jobs: int) -> dict[str, Tally]:
-    """Does all ``parts``, ``jobs`` at once; the tally of each decoder."""
+    """Run all ``parts`` in ``jobs`` processes; return the tally of each decoder."""
     tallies = {part.decoder.name: Tally() for part in parts}
     waiting, children = list(reversed(parts)), list[Child]()
     with Bar("slices", len(parts)) as bar:
@@ -261,7 +259,11 @@ def _add(sum_: Tally, more: Tally) -> None:
 
 
 def choose(names: Sequence[str]) -> list[Decoder]:
-    """The decoders called ``names``, or all. Raises ParameterError."""
+    """Return the decoders called ``names``, or all.
+
+    Raises:
+        ParameterError: A name is unknown.
+    """
     known = {decoder.name: decoder for decoder in decoders()}
     for name in names:
         if name not in known:

@@ -1,12 +1,12 @@
-"""The hospital: whether missions are completed though problems come up, and what that costs; beside the paper.
+"""Hospital benchmark: mission completion and recovery cost under problems, compared with the paper.
 
-``python -m evaluation.hospital`` plays missions in the paper's ward, at 6 rates of problems, without agents, with BDI
-agents, and with BDI agents that recover, 30 seeds each, in simulated time; then a sample of each cell over ROS, each
-node a process of its own, one mission after the other. It prints the figures beside what is required, and tables
-beside what the paper tells; ``--out`` has all of it as files. The exit code is 1 when something required is missed.
+``python -m evaluation.hospital`` runs missions in the paper's ward in simulated time: 6 problem rates, 30 seeds, and
+three configurations (no agents, BDI agents, BDI agents with recovery). A sample of each cell then runs over ROS with
+one process per node. It prints figures with their requirements and tables with the paper's values; ``--out`` writes all
+files. The exit code is 1 if a requirement is not met.
 
-The seeds are the same for all rates and configurations: a problem that a seed meets at 25 % it meets at 50 %, too.
-Durations differ by up to 2 % from seed to seed. Nothing looks ahead, as in the paper: problems are met, not seen.
+Rates and configurations share their seeds: a problem at 25 % occurs at 50 %, too. Durations vary by up to 2 % between
+seeds. As in the paper, agents meet problems and do not foresee them.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ from socialbot.core.errors import ParameterError, SocialbotError
 INLINE_S = 60.0
 GROWTH_PERCENT = 8.0
 RECOVERY_MS = 50.0
-"""What is required."""
+"""Required limit."""
 GROWTH_SAMPLE = 10
-"""So many missions with recovery are done over ROS where none meets a problem, and where each does."""
+"""Number of recovery missions over ROS at the lowest and the highest problem rate."""
 UNMET_EXIT = 1
 
 ALL_RATES = ",".join(map(str, RATES))
 
 Setting = tuple[Configuration, float, int]
-"""A mission: its configuration, rate and seed."""
+"""Mission: configuration, rate and seed."""
 
 RunnerOption = Annotated[Literal["inline", "ros", "both"], typer.Option(help="In simulated time, over ROS, or both.")]
 RatesOption = Annotated[str, typer.Option(metavar="LIST", help="Rates of problems, %.")]
@@ -75,7 +75,7 @@ SampleOption = Annotated[
 
 @dataclass(frozen=True)
 class Scale:
-    """How many missions of each cell there are, how many of them over ROS, and how many more for the growth there."""
+    """Missions per cell: simulated ones, those over ROS, and additional ones for the growth."""
 
     seeds: int = SEEDS
     sample: int = 1
@@ -86,7 +86,11 @@ QUICK = Scale(seeds=5, sample=0, growth=1)
 
 
 def parse_rates(text: str) -> tuple[float, ...]:
-    """Rates from a list with commas, in order, each once. Raises ParameterError."""
+    """Parse a list with commas into sorted unique rates.
+
+    Raises:
+        ParameterError: The list is invalid.
+    """
     try:
         rates = sorted({float(word) for word in text.split(",")})
     except ValueError as error:
@@ -97,12 +101,12 @@ def parse_rates(text: str) -> tuple[float, ...]:
 
 
 def settings(rates: Sequence[float], seeds: int) -> list[Setting]:
-    """All missions, by configuration, rate and seed."""
+    """Return all missions by configuration, rate and seed."""
     return [(configuration, rate, seed) for configuration in CONFIGURATIONS for rate in rates for seed in range(seeds)]
 
 
 def sample(rates: Sequence[float], count: int, growth: int) -> list[Setting]:
-    """The missions that are done over ROS: so many of each cell, and enough for the growth."""
+    """Return the missions over ROS: ``count`` per cell, and enough for the growth."""
 
     def of(configuration: Configuration, rate: float) -> int:
         return max(count, growth) if configuration == WITH and rate in (0.0, 100.0) else count
@@ -116,7 +120,7 @@ def sample(rates: Sequence[float], count: int, growth: int) -> list[Setting]:
 
 
 def play_inline(todo: Sequence[Setting], jobs: int, scheduler: str | None) -> list[MissionRecord]:
-    """Plays the missions in simulated time, many side by side."""
+    """Run missions in simulated time in parallel."""
     from socialbot.vision.metrics.workers import run_in_processes, run_on_dask
 
     with Bar("in simulated time", len(todo)) as bar:
@@ -126,7 +130,7 @@ def play_inline(todo: Sequence[Setting], jobs: int, scheduler: str | None) -> li
 
 
 def play_ros(todo: Sequence[Setting], folder: Path) -> list[MissionRecord]:
-    """Has the missions done over ROS, one after the other."""
+    """Run missions over ROS one by one."""
     from evaluation.hospital_ros import run_ros
 
     records: list[MissionRecord] = []
@@ -143,7 +147,7 @@ def play_ros(todo: Sequence[Setting], folder: Path) -> list[MissionRecord]:
 
 
 def add_figures(report: Report, experiments: Experiments) -> None:
-    """Adds the figures and tables of all missions."""
+    """Add the figures and tables of all missions."""
     for runner, name in (("inline", ""), ("ros", ", ROS")):
         if experiments.of(runner):
             _add_missions(report, experiments, runner, name)
@@ -220,13 +224,21 @@ def _rounded(value: float | None) -> float | None:
 
 
 def write_missions(folder: Path, records: Sequence[MissionRecord]) -> None:
-    """Writes missions as JSON lines. Raises SocialbotError where it cannot."""
+    """Write missions as JSON lines.
+
+    Raises:
+        SocialbotError: The file cannot be written.
+    """
     with _writing(folder):
         (folder / "missions.jsonl").write_bytes(msgspec.json.Encoder().encode_lines(records))
 
 
 def write_files(folder: Path, experiments: Experiments) -> None:
-    """Writes missions as CSV, tables, and figures. Raises SocialbotError where it cannot."""
+    """Write missions as CSV, tables, and figures.
+
+    Raises:
+        SocialbotError: A file cannot be written.
+    """
     found = charts(experiments)
     with _writing(folder):
         (folder / "tables.md").write_text(markdown(all_tables(experiments)), "utf-8")
@@ -238,7 +250,7 @@ def write_files(folder: Path, experiments: Experiments) -> None:
 
 @contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """Makes the ``folder``; what cannot be written is a SocialbotError."""
+    """Create ``folder``, and convert write errors to SocialbotError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         yield
@@ -247,7 +259,7 @@ def _writing(folder: Path) -> Iterator[None]:
 
 
 def tell_what_went_wrong(records: Sequence[MissionRecord], console: Console) -> None:
-    """Prints each mission that did not go as it should."""
+    """Print each failed mission."""
     for one in records:
         recovers = one.configuration == WITH
         if one.drawn is not one.met or one.completed is not (recovers or not one.met):
@@ -294,7 +306,6 @@ def main(
 
 
 def _timed_inline(report: Report, todo: Sequence[Setting], jobs: int, scheduler: str | None) -> list[MissionRecord]:
-    """As `play_inline`; adds how long that took."""
     begun, used = time.monotonic(), _children_s()
     records = play_inline(todo, jobs, scheduler)
     text = f"wall s of the {len(todo)} missions in simulated time, {scheduler or f'{jobs} processes'}"
@@ -305,7 +316,7 @@ def _timed_inline(report: Report, todo: Sequence[Setting], jobs: int, scheduler:
 
 
 def _children_s() -> float:
-    """The processor time of all child processes that have ended, s."""
+    """Return the processor time (s) of all ended child processes."""
     times = os.times()
     return times.children_user + times.children_system
 

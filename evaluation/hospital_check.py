@@ -1,8 +1,8 @@
-"""An independent check of what was done in a ward, from the commands and their results alone.
+"""Independent check of a ward's commands and results.
 
-Each command has one result, and nobody does two things at once. Partners do joint actions together. Each room is
-disinfected only after what has to come before: its nurse, who has made sure of the robot, allows it a patrol; the
-patrol finds the room fit; the robot that patrolled lets the other one in.
+Each command has one result, and no agent acts in parallel. Partners do joint actions together. A room may be
+disinfected only in this order: its nurse, who has confirmed the robot, permits a patrol; the patrol finds the room fit;
+the patrolling robot admits the other one.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from socialbot.agents.hospital.ward.ward import JOINT
 from socialbot.core.clock import SECOND, nanoseconds
 
 ROUNDED_NS = 1000
-"""Durations are told in s; so much may be lost."""
+"""Rounding of durations, which are reported in s."""
 
 
 def violations(
     homes: Mapping[str, str], commands: Iterable[ActionCommand], results: Sequence[ActionResult]
 ) -> list[str]:
-    """What is wrong with a run; ``homes`` are the rooms of the nurses."""
+    """Return the violations of a run; ``homes`` are the rooms of the nurses."""
     done = [result for result in results if result.outcome == "success"]
     return [*_unasked(commands, results), *_at_once(results), *_alone(done), *_out_of_order(homes, done)]
 
@@ -33,7 +33,7 @@ def _text(result: ActionResult) -> str:
 
 
 def _unasked(commands: Iterable[ActionCommand], results: Sequence[ActionResult]) -> Iterator[str]:
-    """Results of no command, or of one that has another result already."""
+    """Yield results without a command, and repeated results."""
     told = {command.id: (command.robot, command.action, command.args) for command in commands}
     times = Counter(result.id for result in results)
     for result in results:
@@ -44,7 +44,7 @@ def _unasked(commands: Iterable[ActionCommand], results: Sequence[ActionResult])
 
 
 def _at_once(results: Iterable[ActionResult]) -> Iterator[str]:
-    """What somebody begins before what they do is over; what the ward refused at once was not begun."""
+    """Yield actions that overlap with others of the same agent; immediately refused ones do not count."""
     by_robot: dict[str, list[tuple[int, ActionResult]]] = defaultdict(list)
     for result in results:
         if result.outcome == "success" or result.duration_s > 0.0:
@@ -57,7 +57,7 @@ def _at_once(results: Iterable[ActionResult]) -> Iterator[str]:
 
 
 def _alone(done: Iterable[ActionResult]) -> Iterator[str]:
-    """Joint actions that not all partners did at the same time."""
+    """Yield joint actions that the partners did at different times."""
     for (_, _, args), some in _joint(done).items():
         if {result.robot for result in some} != set(args):
             yield f"{_text(some[0])} was done alone"
@@ -73,7 +73,7 @@ def _joint(done: Iterable[ActionResult]) -> dict[tuple[int, str, tuple[str, ...]
 
 @dataclass
 class _Permissions:
-    """Who may do what at the moment: robots, and the nurse or room that it is about."""
+    """Current permissions of robots by nurse or room."""
 
     known: dict[str, str] = field(default_factory=dict)
     allowed: dict[str, str] = field(default_factory=dict)
@@ -82,7 +82,7 @@ class _Permissions:
 
 
 def _out_of_order(homes: Mapping[str, str], done: Iterable[ActionResult]) -> Iterator[str]:
-    """What was done without what has to come before."""
+    """Yield actions without their prerequisites."""
     may = _Permissions()
     for result in done:
         match result.action, result.args:

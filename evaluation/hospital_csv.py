@@ -1,14 +1,12 @@
-"""The missions of the hospital's experiments as CSV, with the columns that the paper's authors write.
+"""Missions of the hospital benchmark as CSV with the columns of the paper's authors.
 
-Both of their forms, a file for each cell, named as theirs. The earlier one knows whether a mission can be planned anew,
-the later one whether there is BDI, too; as the earlier one does not, it has folders ``plain`` and ``bdi``.
-``Runtime (s)`` of missions over ROS is as theirs, from before the first process starts until the last has ended; of
-missions in simulated time it is the mission's.
+Both of their forms have one file per cell, with their file names. The earlier form has a column for replanning, the
+later one also for BDI; the earlier one is therefore split into ``plain`` and ``bdi``. ``Runtime (s)`` is the process
+time from first start to last exit over ROS, and the mission time in simulated time.
 
-In the later form some columns have no counterpart, as the paper's ward has nothing of the kind: batteries never run
-low (``Batery Failures``, their spelling, is 0), there is no intensive care (``ICU Failures`` is 0), and there is one
-mission a run (``Total Missions`` is 1). ``Dirty Failures`` counts missions that met a dirty room, as often as that
-was. ``Total Actions`` are those done or tried; it is not known whether theirs are those planned.
+Some columns of the later form have no counterpart in the paper's ward: ``Batery Failures`` (their spelling) and ``ICU
+Failures`` are 0, and ``Total Missions`` is 1. ``Dirty Failures`` counts dirty rooms met. ``Total Actions`` counts
+executed or attempted actions; theirs may count planned ones.
 """
 
 from __future__ import annotations
@@ -30,9 +28,10 @@ LATER = (
 
 
 def write_csv(folder: Path, experiments: Experiments) -> None:
-    """Writes a file of each form for each cell, below ``folder``; a runner has a folder of its own.
+    """Write a file of each form for each cell and runner below ``folder``.
 
-    Raises OSError where that cannot be.
+    Raises:
+        OSError: A file cannot be written.
     """
     for cell in experiments.cells:
         replan, bdi = cell.configuration == WITH, cell.configuration != "plain"

@@ -1,6 +1,6 @@
-"""The nodes of the hospital as they are, each of which notes when it works and when it says something.
+"""Hospital nodes that log their working times and published messages.
 
-The notes are kept in memory and written to a file when the node stops, so that taking them costs next to nothing.
+Notes stay in memory until the node stops, to minimize overhead.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from socialbot.graph.node import Context, Graph, Node, Output, Parameter, Timer
 R = TypeVar("R")
 
 HANDLERS = ("on_heard", "on_state", "on_result", "on_command", "on_cancel")
-"""The methods of the nodes that take messages."""
+"""Message handlers of the nodes."""
 
 
 class Work(msgspec.Struct, frozen=True):
-    """A node was busy from ``begun`` to ``ended`` (ns), with the message ``taken`` if it was with one.
+    """Busy interval of a node from ``begun`` to ``ended`` (ns), with its message ``taken``, if any.
 
-    ``plans`` is how many plans it had made by the end.
+    ``plans`` is the total number of plans at the end.
     """
 
     begun: int
@@ -40,14 +40,14 @@ class Work(msgspec.Struct, frozen=True):
 
 
 class Said(msgspec.Struct, frozen=True):
-    """A node published a message at a ``time`` (ns)."""
+    """Publication at a ``time`` (ns)."""
 
     time: int
     message: str
 
 
 class Notes(msgspec.Struct):
-    """What one node has noted; it was started at ``begun`` (ns)."""
+    """Notes of a node started at ``begun`` (ns)."""
 
     begun: int = 0
     works: list[Work] = []
@@ -55,18 +55,18 @@ class Notes(msgspec.Struct):
 
 
 def name_of(message: Message) -> str:
-    """What tells a message from others on the same topic: its type with its id, or with its stamp."""
+    """Return a unique name of a message on its topic: its type with id or stamp."""
     return f"{type(message).__name__} {getattr(message, 'id', message.stamp)}"
 
 
 class _NotedContext:
-    """The context of a node, which notes what it publishes and how long it is busy."""
+    """Node context that logs publications and busy intervals."""
 
     def __init__(self, context: Context, notes: Notes) -> None:
         self._context = context
         self._notes = notes
         self.plans: Callable[[], int] = lambda: 0
-        """How many plans the node has made."""
+        """Number of plans made by the node."""
 
     @property
     def clock(self) -> Clock:
@@ -86,7 +86,7 @@ class _NotedContext:
         self._context.run_in_background(work, then)
 
     def work(self, taken: str, callback: Callable[[], None]) -> None:
-        """Calls back, and notes how long that takes."""
+        """Run the callback and log its duration."""
         begun = self.clock.now()
         try:
             callback()
@@ -95,7 +95,7 @@ class _NotedContext:
 
 
 class Noting:
-    """Mixed into the type of a node, has it take notes, in its parameter ``notes_file``."""
+    """Mixin for nodes that write notes to their parameter ``notes_file``."""
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         self._notes = Notes()
@@ -117,12 +117,10 @@ class Noting:
                 return 0
 
     def start(self) -> None:
-        """Begins."""
         self._notes.begun = self._noted.clock.now()
         super().start()  # type: ignore[misc]
 
     def stop(self) -> None:
-        """Writes the notes."""
         super().stop()  # type: ignore[misc]
         Path(str(self.notes_file)).write_bytes(msgspec.json.encode(self._notes))  # type: ignore[attr-defined]
 
@@ -140,12 +138,12 @@ NOTING: Mapping[type[Node], type[Node]] = {
         ScriptedCoordinator, ScriptedSpot, ScriptedUvd, ScriptedNurse,
     )
 }  # fmt: skip
-"""Types of nodes with notes, by those without."""
+"""Node types with notes, by their original types."""
 globals().update({kind.__name__: kind for kind in NOTING.values()})  # where graph files find them
 
 
 def noting(graph: Graph, folder: Path) -> Graph:
-    """A hospital's graph with nodes that take notes, in the ``folder``."""
+    """Return a hospital graph whose nodes write notes to ``folder``."""
     return replace(
         graph,
         placements=tuple(
@@ -160,7 +158,11 @@ def noting(graph: Graph, folder: Path) -> Graph:
 
 
 def read_notes(graph: Graph, folder: Path) -> dict[str, Notes]:
-    """The notes of all nodes, by their names. Raises NodeError when one has left none."""
+    """Return the notes of all nodes by name.
+
+    Raises:
+        NodeError: The notes of a node are missing.
+    """
     return {placement.name: _read(_file_of(placement.name, folder), placement.name) for placement in graph.placements}
 
 

@@ -1,8 +1,8 @@
-"""What is known of the paper's experiments, and of those of its predecessor, by rate of problems (%).
+"""Published results of the paper and of its predecessor by problem rate (%).
 
-The paper is the one on plan recovery in multi-robot systems with BDI agents whose ward this is. Of its figures only
-Table 3 gives numbers; Figures 7 to 9 are read as it tells of them. The predecessor has no BDI: its figures are counted
-again from its two published sets of 30 runs a cell. Which of them the paper shows is not said.
+The paper covers plan recovery in multi-robot systems with BDI agents, and defines this ward. Only its Table 3 has
+numbers; values of Figures 7 to 9 come from its text. The predecessor has no BDI: its figures are recounted from two
+published sets of 30 runs per cell. The paper does not say which set it shows.
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 RUNS = 30
-"""Runs of each cell."""
 
 
 class Recovered(NamedTuple):
-    """A row of Table 3: missions of `RUNS` that met a problem, and the mean time of all, s."""
+    """Row of Table 3: missions of `RUNS` with a problem, and the mean time of all, s."""
 
     problems: int
     seconds: float
@@ -30,11 +29,11 @@ TABLE_3: Mapping[int, Recovered] = {
 }
 """BDI with recovery; all missions were completed."""
 GROWTH = 22.81
-"""By how much its mean time grows from 10 % to 100 %, in %."""
+"""Growth of its mean time from 10 % to 100 %, in %."""
 
 
 class Run(NamedTuple):
-    """A cell of the predecessor: problems and completed missions of `RUNS`, the mean time, s."""
+    """Cell of the predecessor: problems and completed missions of `RUNS`, and mean time, s."""
 
     problems: int
     completed: int
@@ -42,7 +41,7 @@ class Run(NamedTuple):
 
 
 class PastCell(NamedTuple):
-    """The predecessor with and without planning anew."""
+    """Predecessor with and without replanning."""
 
     replan: Run
     plain: Run
@@ -62,4 +61,4 @@ PREDECESSOR: tuple[Mapping[int, PastCell], ...] = (
         75: PastCell(Run(24, 30, 2.70), Run(20, 10, 2.58)),
     },
 )
-"""Its times are those of whole processes, of which a mission takes 1.05 s; a new plan takes 0.05 s."""
+"""Times are those of whole processes; a mission takes 1.05 s of these, a new plan 0.05 s."""

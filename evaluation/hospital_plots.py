@@ -1,4 +1,4 @@
-"""Figures 7 to 11 of the hospital's experiments as SVG, beside what is known of the paper's; for light and dark."""
+"""Figures 7 to 11 of the hospital benchmark as SVG with the paper's values, for light and dark themes."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ text{font:12px system-ui,sans-serif;fill:var(--soft)}
 WIDTH, HEIGHT = 470, 400
 _LEFT, _TOP, _RIGHT, _PLOT = 52, 34, 14, 250
 _INSIDE = 12
-"""From the frame to the ends of the axes, pixels."""
+"""Padding between the frame and the axes, pixels."""
 _APART = 5.0
-"""Marks with intervals that share an x stand so many pixels apart."""
+"""Distance of marks with intervals at the same x, pixels."""
 
 Point = tuple[float, float]
 Mark = Literal["circle", "square", "diamond", "triangle", ""]
@@ -38,7 +38,7 @@ Mark = Literal["circle", "square", "diamond", "triangle", ""]
 
 @dataclass(frozen=True)
 class Series:
-    """Marks at ``points``, joined by a line unless it is ``loose``; the paper's are ``hollow``.
+    """Marks at ``points``, joined by a line unless ``loose``; those of the paper are ``hollow``.
 
     ``intervals`` are those of y at each point.
     """
@@ -54,19 +54,19 @@ class Series:
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis from the first to the last of its ``ticks``."""
+    """Axis from the first to the last of its ``ticks``."""
 
     name: str
     ticks: Sequence[float]
 
     def share(self, value: float) -> float:
-        """Where ``value`` is along it, 0 to 1."""
+        """Return the position of ``value`` along the axis, 0 to 1."""
         return (value - self.ticks[0]) / (self.ticks[-1] - self.ticks[0])
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Series over two axes. ``band`` is an area that y is expected in: x, and y from and to."""
+    """Series over two axes. ``band`` is the expected area of y: x, lower and upper y."""
 
     title: str
     x: Axis
@@ -76,18 +76,18 @@ class Chart:
     band_name: str = ""
 
     def at(self, point: Point) -> Point:
-        """The pixel of a point."""
+        """Return the pixel of a point."""
         x = _LEFT + _INSIDE + self.x.share(point[0]) * (WIDTH - _LEFT - _RIGHT - 2 * _INSIDE)
         return x, _TOP + _PLOT - _INSIDE - self.y.share(point[1]) * (_PLOT - 2 * _INSIDE)
 
 
 def svg(chart: Chart) -> str:
-    """The chart as a file of its own."""
+    """Return the chart as an SVG file."""
     return _file(WIDTH, HEIGHT, _drawn(chart))
 
 
 def sheet(charts: Sequence[Chart], columns: int = 2) -> str:
-    """The charts in rows of so many ``columns`` as one file."""
+    """Return charts in ``columns`` columns as one SVG file."""
     rows = -(-len(charts) // columns)
     parts = (
         f'<g transform="translate({number % columns * WIDTH} {number // columns * HEIGHT})">{_drawn(chart)}</g>'
@@ -131,7 +131,7 @@ def _band(chart: Chart) -> Iterable[str]:
 
 
 def _all_series(chart: Chart) -> Iterable[str]:
-    """The series; where several have marks at one x, those stand side by side."""
+    """Yield the series, shifted sideways where several have marks at one x."""
     beside = [series for series in chart.series if series.intervals]
     for series in chart.series:
         aside = (beside.index(series) - (len(beside) - 1) / 2) * _APART if series.intervals else 0.0
@@ -171,7 +171,7 @@ def _mark(series: Series, point: Point) -> str:
 
 
 def _key(chart: Chart) -> Iterable[str]:
-    """What the marks mean, two a row."""
+    """Yield the legend in rows of two."""
     top = _TOP + _PLOT + 58
     for number, series in enumerate(chart.series):
         x, y = _key_place(number, top)
@@ -197,7 +197,7 @@ _SHARE = Axis("missions, %", (0, 20, 40, 60, 80, 100))
 
 
 def charts(experiments: Experiments) -> Mapping[str, Chart]:
-    """Figures 7 to 11 by name; those for which there are no missions are left out."""
+    """Return Figures 7 to 11 by name; figures without missions are left out."""
     found = {
         "figure7": _met(experiments),
         "figure8": _completed(experiments),
@@ -319,7 +319,7 @@ def _more(seconds: float, first: float) -> float:
 
 
 def _grown(line: Line, counts: Sequence[float]) -> list[Point]:
-    """The growth of the mean time, %, by numbers of problems in `RUNS` missions, from the first on."""
+    """Return the growth of the mean time, %, by number of problems in `RUNS` missions."""
     times = [line.start + line.slope * count / RUNS for count in counts]
     return [(count, _more(seconds, times[0])) for count, seconds in zip(counts, times, strict=True)]
 
@@ -338,6 +338,5 @@ def _paper(value: Callable[[Recovered], float]) -> list[Point]:
 
 
 def _past(name: str, value: Callable[[PastCell], float]) -> Series:
-    """Both sets of the predecessor."""
     points = [(float(rate), value(cell)) for some in PREDECESSOR for rate, cell in some.items()]
     return Series(name, "blue", points, mark="triangle", hollow=True, loose=True)

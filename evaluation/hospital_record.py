@@ -1,4 +1,4 @@
-"""One mission of the hospital's experiments, as it is written down."""
+"""Record of one mission in the hospital benchmark."""
 
 from __future__ import annotations
 
@@ -10,48 +10,46 @@ Configuration = Literal["plain", "bdi", "bdi+recovery"]
 CONFIGURATIONS: tuple[Configuration, ...] = ("plain", "bdi", "bdi+recovery")
 """No BDI and no recovery, BDI without recovery, BDI with recovery."""
 RATES = (0, 10, 25, 50, 75, 100)
-"""% of the missions that meet a problem."""
+"""Problem rates of the missions, %."""
 SEEDS = 30
 """Runs of each cell."""
 
 
 class Share(msgspec.Struct, frozen=True):
-    """Where the time of a mission, or of one recovery, goes; all in s."""
+    """Time shares of a mission or of one recovery, in s."""
 
     reasoning_s: float = 0.0
-    """Agents think: from when they hear or see something until they say or do something because of it."""
+    """Agents, from receiving a message to their resulting output."""
     planning_s: float = 0.0
-    """The coordinator plans: task networks, and what they become in AgentSpeak."""
+    """Coordinator: HTN planning and translation to AgentSpeak."""
     communication_s: float = 0.0
-    """Messages are on their way."""
+    """Message transport."""
     acting_s: float = 0.0
-    """Something is done in the ward."""
+    """Actions in the ward."""
 
 
 class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of one mission in the paper's ward."""
+    """Result of one mission in the paper's ward."""
 
     configuration: Configuration
     rate: float
     seed: int
     runner: Literal["inline", "ros"]
     drawn: bool
-    """Whether chance put a problem in the way of the mission."""
+    """Whether a problem was drawn for the mission."""
     met: bool
-    """Whether an agent told of a problem."""
+    """Whether an agent reported a problem."""
     completed: bool
-    """Whether the mission is over and its room disinfected."""
+    """Whether the mission ended with its room disinfected."""
     recoveries: int
-    """How often the coordinator found another way."""
+    """Number of successful replannings of the coordinator."""
     plans: int
-    """Plans that it made."""
     actions: int
-    """Actions that were done, or tried."""
+    """Executed or attempted actions."""
     mission_s: float
-    """From the start of the world to the end of the mission, in the time of the run: simulated inline, real on ROS."""
+    """Time from the start of the world to the end of the mission: simulated inline, real on ROS."""
     wall_s: float
-    """Real time from before the first process, or node, starts until all have ended."""
+    """Real time from the start of the first process or node to the end of all."""
     share: Share
-    """Where `mission_s` went."""
     recovered: tuple[Share, ...] = ()
-    """Where the time of each recovery went: from what failed to the first action of the new plan."""
+    """Shares of each recovery, from the failure to the first action of the new plan."""
