@@ -1,8 +1,8 @@
-"""Missions of the hospital's experiments on ROS, each node a process of its own, in real time; and where it went.
+"""Hospital missions on ROS in real time, with one process per node and a breakdown of the time.
 
-All processes read the same clock. What is done in the ward comes first, then planning, then reasoning: a moment in
-which there is more than one of them counts as the first. Messages are on their way from when they are published until
-their receiver begins with them. What is left of a mission is the ward itself, which ends actions a little late.
+All processes share one clock. Concurrent activities count once, in the order acting, planning, reasoning. Communication
+lasts from publication until the receiver handles the message. The rest of a mission is overhead of the ward, which ends
+actions slightly late.
 """
 
 from __future__ import annotations
@@ -37,17 +37,18 @@ TOPICS: Mapping[str, type[Message]] = {
     STATE: WardState,
 }
 START_S = 30.0
-"""So long the processes may take to start."""
+"""Limit (s) for the start of the processes."""
 LOOK_S = 0.02
 
 Span = tuple[int, int]
-"""From when until when, ns."""
+"""Begin and end, ns."""
 
 
 def run_ros(configuration: Configuration, rate: float, seed: int, folder: Path) -> MissionRecord:
-    """Has one mission done by processes in the ROS domain that is set; ``folder`` takes their logs and notes.
+    """Run one mission with processes in the current ROS domain; ``folder`` takes their logs and notes.
 
-    Raises NodeError when a process fails, or nodes of these names run already.
+    Raises:
+        NodeError: A process fails, or nodes with these names are already running.
     """
     graph = noting(graph_for(configuration, rate, seed), folder)
     seen = Seen()
@@ -77,20 +78,19 @@ def run_ros(configuration: Configuration, rate: float, seed: int, folder: Path) 
 
 @dataclass
 class Seen:
-    """What an onlooker saw of a mission."""
+    """Observations of a mission."""
 
     said: list[AclMessage] = field(default_factory=list)
     commands: list[ActionCommand] = field(default_factory=list)
     results: list[ActionResult] = field(default_factory=list)
     view: MissionView | None = None
     ended: int = 0
-    """When the coordinator told that the mission is over, ns; 0: it is not."""
+    """End of the mission reported by the coordinator, ns; 0 before."""
     ward: WardState | None = None
     wall_s: float = 0.0
-    """How long there were processes."""
 
     def watch(self, graph: Graph, folder: Path) -> None:
-        """Brings up ``graph`` and looks on until the mission is over, or too long."""
+        """Start ``graph`` and observe it until the mission ends or times out."""
         with observe_graph(TOPICS, self.note, LatestStatistics(graph).note) as onlooker:
             expect_free_names(onlooker.ros, graph)
             begun = time.monotonic()
@@ -101,7 +101,6 @@ class Seen:
             self.wall_s = time.monotonic() - begun
 
     def note(self, topic: str, message: Message) -> None:
-        """Takes a message."""
         match message:
             case AclMessage():
                 self.said.append(message)
@@ -119,7 +118,7 @@ class Seen:
                 pass
 
     def is_disinfected(self, room: str) -> bool:
-        """Whether the ward, when it was last seen, showed that."""
+        """Return whether the last state of the ward shows ``room`` as disinfected."""
         state = self.ward.room(room) if self.ward else None
         return state is not None and state.disinfected
 
@@ -128,7 +127,7 @@ class Seen:
 
 
 class Account:
-    """Where the time of a mission went, from the notes of its nodes and what was seen of it."""
+    """Time breakdown of a mission from the notes of its nodes and observations."""
 
     def __init__(self, notes: Mapping[str, Notes], seen: Seen) -> None:
         self._notes = notes
@@ -141,11 +140,11 @@ class Account:
         self._communication = union(self._ways())
 
     def share(self, begin: int, end: int) -> Share:
-        """Where the time between two moments (ns) went."""
+        """Return the time shares between two times (ns)."""
         return self._share(begin, end, self._communication)
 
     def recoveries(self) -> Iterator[Share]:
-        """Where the time of each recovery went; in one a message is always on its way when nobody does anything."""
+        """Yield the time shares of each recovery; idle time counts as communication."""
         planned = [begin for begin, _ in _told_apart(self._notes[COORDINATOR].works)[0]]
         taken = {work.taken: work.begun for work in self._notes[WORLD].works}
         arrivals = sorted(taken[name_of(command)] for command in self._seen.commands if name_of(command) in taken)
@@ -168,12 +167,12 @@ class Account:
         return Share(reasoning_s, planning_s, communication_s, acting_s)
 
     def _waiting(self) -> Iterator[Span]:
-        """The time until the first room comes to need disinfection, in which a nurse finds that out."""
+        """Yield the time until the first room needs disinfection and a nurse notices it."""
         begun = self._notes[WORLD].begun
         yield begun, begun + nanoseconds(min(time_s for time_s, _ in paper_ward().infections))
 
     def _deeds(self) -> Iterator[Span]:
-        """When each action was done; a joint one begins when the last partner is there."""
+        """Yield the interval of each action; a joint one begins with its last partner."""
         together: dict[tuple[str, tuple[str, ...], int], list[int]] = defaultdict(list)
         for result in self._seen.results:
             begin = result.stamp - nanoseconds(result.duration_s)
@@ -182,7 +181,7 @@ class Account:
             yield max(begins), end
 
     def _failures(self) -> list[int]:
-        """When the ward told that an action had failed."""
+        """Return the times of failed actions."""
         told = {said.message: said.time for said in self._notes[WORLD].said}
         failed = [name_of(result) for result in self._seen.results if result.outcome == "failure"]
         if strange := set(failed) - told.keys():
@@ -194,7 +193,7 @@ class Account:
         return sorted(told[result] for result in failed)
 
     def _ways(self) -> Iterator[Span]:
-        """When each message was on its way to who it is for."""
+        """Yield the transit time of each message to its receiver."""
         receivers = {name_of(message): (message.receiver,) for message in self._seen.said}
         receivers |= {name_of(result): (result.robot,) for result in self._seen.results}
         begun = {(node, work.taken): work.begun for node, notes in self._notes.items() for work in notes.works}
@@ -208,7 +207,7 @@ class Account:
 
 
 def _told_apart(works: Iterable[Work]) -> tuple[list[Span], list[Span]]:
-    """When a coordinator planned, and when it did something else."""
+    """Return the planning intervals of a coordinator, and the others."""
     planning: list[Span] = []
     other: list[Span] = []
     plans = 0
@@ -219,7 +218,7 @@ def _told_apart(works: Iterable[Work]) -> tuple[list[Span], list[Span]]:
 
 
 def union(spans: Iterable[Span]) -> list[Span]:
-    """The same time in spans apart from each other, in their order."""
+    """Return the union as disjoint spans in order."""
     found: list[Span] = []
     for begin, end in sorted(spans):
         if found and begin <= found[-1][1]:
@@ -230,7 +229,7 @@ def union(spans: Iterable[Span]) -> list[Span]:
 
 
 def without(spans: Iterable[Span], taken: Iterable[Span]) -> list[Span]:
-    """The time of ``spans`` that is not ``taken``; both are in order and apart."""
+    """Return ``spans`` without ``taken``; both must be disjoint and in order."""
     taken = list(taken)
     return [left for span in spans for left in functools.reduce(_cut, taken, [span])]
 
@@ -242,5 +241,5 @@ def _cut(spans: list[Span], taken: Span) -> list[Span]:
 
 
 def length(spans: Iterable[Span]) -> int:
-    """How long all are, ns."""
+    """Return the total length, ns."""
     return sum(end - begin for begin, end in spans)

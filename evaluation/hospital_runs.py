@@ -1,8 +1,7 @@
-"""Missions of the hospital's experiments in simulated time: their graphs, and what came of each.
+"""Hospital missions in simulated time: graphs and results.
 
-What takes simulated time is acting alone. Thinking and planning take none of it, and are measured as the processor time
-of the nodes, all of them one after the other; communication is that of the runner, which hands messages on in one
-thread and without a codec.
+Only actions take simulated time. Reasoning and planning are measured as processor time of the nodes in sequence.
+Communication is the overhead of the runner, which delivers messages in one thread without a codec.
 """
 
 from __future__ import annotations
@@ -27,14 +26,14 @@ from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
 
 NOISE = 0.02
-"""By how much durations differ at most from what they should be, by the seed: real ones are never quite the same."""
+"""Maximum relative deviation of durations, drawn by seed to imitate real ones."""
 LIMIT_S = 60.0
-"""A mission that goes on for longer is not completed."""
+"""Time limit of a mission, after which it counts as not completed."""
 CHECK_S = 0.2
 
 
 def graph_for(configuration: Configuration, rate: float, seed: int) -> Graph:
-    """The paper's ward in one configuration. Its coordinator reacts: it knows of rooms only what agents tell."""
+    """Return the paper's ward in one configuration; its coordinator knows rooms only from agents' reports."""
     recovers = configuration == "bdi+recovery"
     coordinator = {"policy": "auto" if recovers else "none", "proactive": False}
     graph = hospital(rate=rate, seed=seed, world={"noise": NOISE}, coordinator=coordinator)
@@ -45,23 +44,23 @@ def graph_for(configuration: Configuration, rate: float, seed: int) -> Graph:
 
 
 def is_drawn(rate: float, seed: int) -> bool:
-    """Whether chance puts a problem in the way of the mission."""
+    """Return whether a problem is drawn for the mission."""
     return bool(drawn_problems(paper_ward(), seed, rate))
 
 
 def play(configuration: Configuration, rate: float, seed: int) -> MissionRecord:
-    """Plays one mission to its end, or for `LIMIT_S` of simulated time."""
+    """Run one mission to its end, or for `LIMIT_S` of simulated time."""
     return Run(configuration, rate, seed).play()
 
 
 def hush() -> None:
-    """What goes wrong on purpose is no news."""
+    """Silence the logs of intended failures."""
     logging.disable(logging.CRITICAL)
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """The processor time (s) at a moment, and how much of it nodes had used until then (s)."""
+    """Processor time (s) at some point, and the part used by nodes (s)."""
 
     time_s: float = 0.0
     reasoning_s: float = 0.0
@@ -69,7 +68,7 @@ class Moment:
     world_s: float = 0.0
 
     def until(self, later: Moment, acting_s: float) -> Share:
-        """Where the time between two moments went."""
+        """Return the time shares until ``later``."""
         reasoning_s = later.reasoning_s - self.reasoning_s
         planning_s = later.planning_s - self.planning_s
         computed_s = reasoning_s + planning_s + later.world_s - self.world_s
@@ -82,9 +81,9 @@ class Moment:
 
 
 class TimedRunner(InlineRunner):
-    """An inline runner that knows the processor time of its nodes.
+    """Inline runner that measures the processor time of its nodes.
 
-    A turn of the coordinator in which it makes a plan is planning: with the plan's translation, and sending it.
+    A turn of the coordinator that makes a plan counts as planning, including its translation and sending.
     """
 
     def __init__(self, graph: Graph) -> None:
@@ -103,12 +102,11 @@ class TimedRunner(InlineRunner):
             self.reasoning_s += seconds
 
     def now(self) -> Moment:
-        """This moment."""
         return Moment(time.thread_time(), self.reasoning_s, self.planning_s, self.world_s)
 
     @property
     def plans(self) -> int:
-        """How many plans the coordinator has made."""
+        """Number of plans made by the coordinator."""
         match self.nodes[COORDINATOR]:
             case HospitalCoordinator(coordinator=coordinator) | (ScriptedCoordinator() as coordinator):
                 return len(coordinator.planning_s)
@@ -118,7 +116,7 @@ class TimedRunner(InlineRunner):
 
 @dataclass(frozen=True, slots=True)
 class _Failure:
-    """When an action failed, and how many plans there had been until then; ``at`` is simulated time (ns)."""
+    """Failed action with the number of plans until then; ``at`` is simulated time (ns)."""
 
     moment: Moment
     at: int
@@ -126,7 +124,7 @@ class _Failure:
 
 
 class Run:
-    """One mission as it goes on."""
+    """Running mission."""
 
     def __init__(self, configuration: Configuration, rate: float, seed: int) -> None:
         self._begun_s = time.perf_counter()
@@ -135,7 +133,7 @@ class Run:
         self.seed = seed
         self.runner = TimedRunner(graph_for(configuration, rate, seed))
         self.view: MissionView | None = None
-        """The mission as it was last told of."""
+        """Last published state of the mission."""
         self.ended: tuple[int, Moment] | None = None
         self._met = False
         self._failure: _Failure | None = None
@@ -146,7 +144,11 @@ class Run:
         self.runner.tap(COMMANDS, self._on_command)
 
     def play(self) -> MissionRecord:
-        """Plays it to its end. Raises RuntimeError where a node raised something: then there is nothing to record."""
+        """Run the mission to its end.
+
+        Raises:
+            RuntimeError: A node raised an exception.
+        """
         runner = self.runner
         begun = runner.now()
         runner.start()

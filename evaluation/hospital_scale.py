@@ -1,10 +1,9 @@
-"""Large wards: whether every room is disinfected whatever happens, and what more rooms and robots cost.
+"""Large wards: completeness of disinfection under faults, and cost of more rooms and robots.
 
-``python -m evaluation.hospital_scale`` plays a ward of 50 rooms in simulated time, with 4 robots of each kind and
-problems of all kinds, under many seeds; kills and restarts the coordinator in the middle of missions; lets the ward
-grow to 1000 rooms and 100 robots; plans 1000 rooms at once; and prints the figures beside what is required. An
-independent check (`evaluation.hospital_check`) follows who does what. The exit code is 1 when something required is
-missed.
+``python -m evaluation.hospital_scale`` runs a ward of 50 rooms in simulated time, with 4 robots of each kind, all kinds
+of problems and many seeds. It kills and restarts the coordinator during missions, grows the ward to 1000 rooms and 100
+robots, plans 1000 rooms at once, and prints the figures with their requirements. An independent check
+(`evaluation.hospital_check`) verifies all actions. The exit code is 1 if a requirement is not met.
 """
 
 from __future__ import annotations
@@ -32,16 +31,16 @@ from socialbot.planning.htn.planner import TaskPlanner
 
 RATES = (25.0, 50.0, 75.0, 100.0)
 MISSED_PERCENT = 15.0
-"""The paper's robots have to disinfect 85 % of the rooms."""
+"""Allowed share of rooms that the paper's robots miss; they must disinfect 85 %."""
 RUNS_S = 360.0
 PLAN_ROOMS, PLAN_S = 1000, 2.0
-"""What is required."""
+"""Required planning limit."""
 
 SIZES = ((1, 2), (10, 2), (10, 10), (100, 10), (100, 50), (100, 100), (1000, 50), (1000, 100))
-"""Rooms and robots, half of them of each kind, of the wards that grow."""
+"""Rooms and robots of the growing wards, half of the robots of each kind."""
 GROWN_RATE = 25.0
 PAUSE_S = 0.2
-"""In wards that grow states come so far apart."""
+"""Interval of states in growing wards."""
 
 PLAIN, OTHER, KILLED, GROWN = "looks ahead", "other conduct", "coordinator killed", "growth"
 UNMET_EXIT = 1
@@ -52,7 +51,7 @@ SeedsOption = Annotated[int | None, typer.Option(min=1, help="Seeds for each rat
 
 @dataclass(frozen=True)
 class Scale:
-    """How often everything is done: seeds for each rate, by default and in each other conduct; moments of a kill."""
+    """Repetition counts: seeds per rate by default and in each other conduct, and times of a kill."""
 
     seeds: int = 50
     other: int = 5
@@ -65,7 +64,7 @@ QUICK = Scale(seeds=1, other=1, killed=3, sizes=SIZES[:4], times=2)
 
 
 def stories(scale: Scale) -> dict[str, list[Story]]:
-    """All runs that are judged, by kind."""
+    """Return all evaluated runs by kind."""
     conducts: list[tuple[Policy, bool]] = [("auto", False), ("replan", True), ("replan", False)]
     return {
         PLAIN: [Story(seed, rate) for rate in RATES for seed in range(scale.seeds)],
@@ -79,25 +78,25 @@ def stories(scale: Scale) -> dict[str, list[Story]]:
 
 
 def killed(seed: int) -> Story:
-    """A story in which the coordinator of a small ward is killed in the middle of missions, at a moment by chance."""
+    """Return a story with a random kill of a small ward's coordinator during missions."""
     chance = random.Random(f"kill {seed}")
     kill = Kill(round(chance.uniform(1.5, 12.0), 2), round(chance.uniform(0.1, 5.0), 1))
     return Story(seed, chance.choice(RATES), rooms=10, spots=2, uvds=2, every_s=0.0, kills=(kill,))
 
 
 def grown(rooms: int, robots: int) -> Story:
-    """A story in which all rooms of a ward come to need disinfection at once."""
+    """Return a story in which all rooms of a ward need disinfection at once."""
     pairs = robots // 2
     return Story(0, GROWN_RATE, rooms=rooms, spots=pairs, uvds=pairs, every_s=0.0, pause_s=PAUSE_S)
 
 
 def hush() -> None:
-    """What goes wrong on purpose is no news."""
+    """Silence the logs of intended failures."""
     logging.disable(logging.CRITICAL)
 
 
 def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]]:
-    """Plays all runs, so many side by side; what comes out, and its order, does not depend on how many that are."""
+    """Run all stories in ``jobs`` processes; results and their order do not depend on ``jobs``."""
     from socialbot.vision.metrics.workers import run_in_processes
 
     everything = [(story,) for some in kinds.values() for story in some]
@@ -107,7 +106,7 @@ def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]
 
 
 def grow(sizes: Sequence[tuple[int, int]]) -> list[Result]:
-    """Plays a run in each ward, one after the other, each in a process of its own as its memory is measured."""
+    """Run each ward in its own process, one by one, to measure its memory."""
     from socialbot.vision.metrics.workers import run_in_processes
 
     with Bar("wards that grow", len(sizes)) as bar:
@@ -118,7 +117,7 @@ def grow(sizes: Sequence[tuple[int, int]]) -> list[Result]:
 
 
 def add_runs(report: Report, results: dict[str, list[Result]], wall_s: float | None = None) -> None:
-    """Adds the figures of all runs that are judged; ``wall_s`` is what those of the first kind took together."""
+    """Add the figures of all evaluated runs; ``wall_s`` is the total time of the first kind."""
     _add_rooms(report, "ward", "50 rooms, looks ahead", results[PLAIN])
     if wall_s is not None:
         report.add("ward_wall_s", "50 rooms, looks ahead: wall s of all runs together", round(wall_s, 1), RUNS_S)
@@ -155,7 +154,7 @@ def _add_checks(report: Report, results: Sequence[Result]) -> None:
 
 
 def _alike(results: Sequence[Result]) -> list[list[Result]]:
-    """The results of the same conduct at the same rate, together."""
+    """Group the results by conduct and rate."""
     return [list(some) for _, some in itertools.groupby(results, key=lambda one: _conduct(one.story))]
 
 
@@ -181,7 +180,7 @@ def _row(results: Sequence[Result]) -> dict[str, Value]:
 
 
 def add_growth(report: Report, results: Sequence[Result]) -> None:
-    """Adds what came of the wards that grow."""
+    """Add the results of the growing wards."""
     report.add("growth_lost", "wards that grow: rooms lost", sum(len(one.lost) for one in results), 0)
     unfinished = sum(one.infections - one.missions for one in results)
     report.add("growth_unfinished", "wards that grow: missions not completed", unfinished, 0)
@@ -210,7 +209,7 @@ def _grown_row(one: Result) -> dict[str, Value]:
 
 
 def add_planning(report: Report, times: int) -> None:
-    """Measures planning many rooms at once, and adds the figures."""
+    """Measure planning of many rooms at once, and add the figures."""
     nurses = {f"nurse{number}": f"room{number}" for number in range(PLAN_ROOMS)}
     state = ward(nurses, ["spot", "uvd"], "dock")
     state.disinfected = dict.fromkeys(nurses.values(), False)
@@ -229,7 +228,7 @@ def add_planning(report: Report, times: int) -> None:
 
 
 def tell_what_went_wrong(results: Sequence[Result], console: Console) -> None:
-    """Prints each run that did not go as it should, and how to see it again."""
+    """Print each failed run with the command to repeat it."""
     for one in results:
         if not one.fine:
             what = [f"lost: {', '.join(one.lost)}"] if one.lost else []

@@ -1,4 +1,4 @@
-"""Runs of large wards in simulated time: what can be different from one to the next, and what came of each."""
+"""Runs of large wards in simulated time: their variations and results."""
 
 from __future__ import annotations
 
@@ -24,14 +24,13 @@ from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
 
 STILL_S = 60.0
-"""A run in which nothing is done for so long while a room waits stands still: nobody rests, charges or is away so long.
-"""
+"""Time without any action, while a room waits, after which a run counts as stuck; no rest or charge lasts so long."""
 CHECK_S = 1.0
 
 
 @dataclass(frozen=True)
 class Kill:
-    """The process of the coordinator is killed at ``time_s`` (s), and started anew ``down_s`` later."""
+    """Kill of the coordinator's process at ``time_s`` (s), with a restart ``down_s`` later."""
 
     time_s: float
     down_s: float
@@ -42,9 +41,9 @@ class Kill:
 
 @dataclass(frozen=True)
 class Story:
-    """A run: how large the ward is, chance by its ``seed``, the % of missions that meet a problem.
+    """Run parameters: size of the ward, random ``seed``, and % of missions with a problem.
 
-    ``faults`` go wrong besides, as ``7 silent uvdrobot1 5``. States of the ward come ``pause_s`` (s) apart or more.
+    ``faults`` adds faults such as ``7 silent uvdrobot1 5``. ``pause_s`` (s) is the minimum interval of ward states.
     """
 
     seed: int
@@ -69,11 +68,11 @@ class Story:
 
     @property
     def agents(self) -> int:
-        """How many robots and nurses there are."""
+        """Number of robots and nurses."""
         return self.rooms + self.spots + self.uvds
 
     def graph(self, memory_file: Path) -> Graph:
-        """The graph of it; the coordinator remembers in ``memory_file`` if it is to be killed."""
+        """Return the graph; a coordinator to be killed keeps its state in ``memory_file``."""
         coordinator = {
             "policy": self.policy,
             "proactive": self.proactive,
@@ -93,13 +92,12 @@ class Story:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a run.
+    """Result of a run.
 
-    ``drawn`` are faults that chance drew, ``met`` the reasons for which actions failed, ``problems`` those of them that
-    agents could not mend by themselves. ``lost`` are rooms that never were disinfected, ``stood_still`` is whether for
-    so long nothing was done about them. ``interrupted`` are missions that were running when the coordinator was killed.
-    ``violations`` are what the independent check found, ``failures`` the exceptions of nodes. ``planning_s`` is what
-    each plan took.
+    ``drawn`` are random faults, ``met`` the reasons of failed actions, ``problems`` those that agents could not repair
+    by themselves. ``lost`` are rooms never disinfected, ``stood_still`` marks a stuck run. ``interrupted`` are missions
+    running at a kill of the coordinator. ``violations`` come from the independent check, ``failures`` are exceptions of
+    nodes. ``planning_s`` is the duration of each planning.
     """
 
     story: Story
@@ -128,17 +126,17 @@ class Result:
 
     @property
     def share(self) -> float:
-        """The share of rooms disinfected of those that came to need it, in %."""
+        """Share of disinfected rooms among those in need, in %."""
         return 100.0 * (1 - len(self.lost) / max(self.infections, 1))
 
     @property
     def fine(self) -> bool:
-        """Whether all is as it should be."""
+        """Whether all requirements are met."""
         return not (self.lost or self.open or self.stood_still or self.violations or self.failures)
 
 
 class Run:
-    """One run as it goes on."""
+    """Run in progress."""
 
     def __init__(self, story: Story, folder: Path) -> None:
         self.story = story
@@ -149,12 +147,12 @@ class Run:
         self.problems = 0
         self.plans = 0
         self.finished: dict[int, tuple[int, int]] = {}
-        """Missions that are finished, with their recoveries and revisions."""
+        """Finished missions with their recoveries and revisions."""
         self.open = 0
         self.interrupted = 0
         self.planning_s: list[float] = []
         self.done_at = 0
-        """When something was last done (ns)."""
+        """Time of the last action (ns)."""
         self.runner = InlineRunner(story.graph(folder / "memory.json"))
         taps = {STATE: self._see, TOPIC: self._hear, MISSIONS: self._count, COMMANDS: self._told, RESULTS: self._done}
         for topic, tap in taps.items():
@@ -162,13 +160,13 @@ class Run:
 
     @property
     def world(self) -> HospitalWorld:
-        """The ward as it really is."""
+        """True state of the ward."""
         node = self.runner.nodes[WORLD]
         assert isinstance(node, HospitalWorld)
         return node
 
     def play(self) -> Result:
-        """Plays it until all is done, or nothing is done any more."""
+        """Run until all is done or the run is stuck."""
         wall, processor = time.perf_counter(), time.process_time()
         ward = self.world.world.ward
         last_s = max((time_s for time_s, _ in ward.infections), default=0.0)
@@ -191,7 +189,7 @@ class Run:
 
     @property
     def coordinator(self) -> Coordinator:
-        """The one that is alive."""
+        """Coordinator that is alive."""
         node = self.runner.nodes[COORDINATOR]
         assert isinstance(node, HospitalCoordinator)
         return node.coordinator
@@ -272,7 +270,7 @@ class Run:
 
 
 def play(story: Story) -> Result:
-    """Plays a story; the same story comes to the same result, but for the times it takes and the memory."""
+    """Run a story; results are deterministic except for times and memory."""
     paths.allow(Path(tempfile.gettempdir()))
     with tempfile.TemporaryDirectory(prefix="socialbot-hospital-") as folder:
         return Run(story, Path(folder)).play()

@@ -1,6 +1,6 @@
-"""The tables of the hospital's experiments: what came of each cell, and Figures 7 to 11 and Table 3 in numbers.
+"""Tables of the hospital benchmark: results by cell, Figures 7 to 11 and Table 3 in numbers.
 
-A table is a row of values for each name, as `evaluation.report` shows and writes them.
+A table maps each row name to its values, for `evaluation.report`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ RECOVERY: tuple[tuple[Configuration, str], ...] = ((WITH, "with"), (WITHOUT, "wi
 
 @dataclass(frozen=True)
 class Cell:
-    """All missions of one configuration and rate on one runner; at least one."""
+    """Missions of one configuration and rate on one runner; at least one."""
 
     configuration: Configuration
     rate: float
@@ -34,37 +34,37 @@ class Cell:
 
     @property
     def runs(self) -> int:
-        """How many there are."""
+        """Number of missions."""
         return len(self.records)
 
     @cached_property
     def drawn(self) -> int:
-        """In how many a problem was drawn."""
+        """Number of missions with a drawn problem."""
         return sum(record.drawn for record in self.records)
 
     @cached_property
     def met(self) -> int:
-        """In how many an agent told of a problem."""
+        """Number of missions with a reported problem."""
         return sum(record.met for record in self.records)
 
     @cached_property
     def completed(self) -> int:
-        """How many were completed."""
+        """Number of completed missions."""
         return sum(record.completed for record in self.records)
 
     @cached_property
     def seconds(self) -> tuple[float, ...]:
-        """How long each mission took, s."""
+        """Duration of each mission, s."""
         return tuple(record.mission_s for record in self.records)
 
     @cached_property
     def mean_s(self) -> float:
-        """How long a mission took, s."""
+        """Mean duration, s."""
         return statistics.fmean(self.seconds)
 
 
 def cells(records: Iterable[MissionRecord]) -> list[Cell]:
-    """The missions by runner, configuration and rate, in this order."""
+    """Group the missions by runner, configuration and rate, in this order."""
     found: dict[tuple[str, int, float], list[MissionRecord]] = {}
     for record in records:
         key = (record.runner, CONFIGURATIONS.index(record.configuration), record.rate)
@@ -76,13 +76,13 @@ def cells(records: Iterable[MissionRecord]) -> list[Cell]:
 
 
 class Experiments:
-    """All missions by their cells."""
+    """All missions by cell."""
 
     def __init__(self, records: Iterable[MissionRecord]) -> None:
         self.cells = cells(records)
 
     def of(self, runner: str, configuration: Configuration | None = None) -> list[Cell]:
-        """The cells of a runner and, if one is given, of a configuration, by rate."""
+        """Return the cells of a runner and, if given, of a configuration, by rate."""
         return [
             cell
             for cell in self.cells
@@ -90,22 +90,20 @@ class Experiments:
         ]
 
     def at(self, runner: str, configuration: Configuration, rate: float) -> Cell | None:
-        """One cell."""
         return next((cell for cell in self.of(runner, configuration) if cell.rate == rate), None)
 
     def records(self, runner: str, configuration: Configuration) -> list[MissionRecord]:
-        """All missions of a configuration on a runner."""
         return [record for cell in self.of(runner, configuration) for record in cell.records]
 
     def drawn_share(self, rate: float) -> float:
-        """The share of missions in which a problem was drawn, of those in simulated time; without any, the rate."""
+        """Return the share of simulated missions with a drawn problem; the rate without any."""
         cell = self.at("inline", WITH, rate)
         return cell.drawn / cell.runs if cell is not None else rate / 100.0
 
     def ros_s(self, configuration: Configuration, rate: float) -> float | None:
-        """How long a mission takes over ROS, s: of those with and those without a problem, by the share drawn.
+        """Return the expected duration over ROS, s, weighted by the share of missions with a problem.
 
-        There are few of each cell over ROS. None where there is none with, or none without a problem.
+        None if the few missions of a cell over ROS lack either kind.
         """
         records = self.records("ros", configuration)
         with_ = [record.mission_s for record in records if record.met]
@@ -114,12 +112,11 @@ class Experiments:
 
     @property
     def rates(self) -> list[float]:
-        """All rates."""
         return sorted({cell.rate for cell in self.cells})
 
 
 def percent(count: float, of: int) -> float:
-    """A share in %."""
+    """Return a share in %."""
     return round(100.0 * count / of, 1)
 
 
@@ -130,7 +127,7 @@ def _range(interval: Interval | None, scale: float = 1.0, digits: int = 1) -> st
 
 
 def cell_rows(found: Sequence[Cell]) -> Rows:
-    """What came of each cell."""
+    """Return the results of each cell."""
     return {f"{cell.configuration} {cell.rate:g} %": _cell_row(cell) for cell in found}
 
 
@@ -152,7 +149,7 @@ def _cell_row(cell: Cell) -> dict[str, Value]:
 
 
 def figure_7(experiments: Experiments) -> Rows:
-    """The share of missions that met a problem, %."""
+    """Share of missions with a problem, %."""
     rows: Rows = {}
     for cell in experiments.of("inline", WITH):
         expected = binomial(cell.rate / 100.0, cell.runs)
@@ -169,7 +166,7 @@ def figure_7(experiments: Experiments) -> Rows:
 
 
 def figure_8(experiments: Experiments) -> Rows:
-    """The share of completed missions with BDI, with and without recovery, %."""
+    """Share of completed missions with BDI, with and without recovery, %."""
     rows: Rows = {}
     for rate in [cell.rate for cell in experiments.of("inline", WITH)]:
         rows[f"{rate:g} %"] = {
@@ -182,7 +179,7 @@ def figure_8(experiments: Experiments) -> Rows:
 
 
 def figure_9(experiments: Experiments) -> Rows:
-    """The share of completed missions of all configurations, %; that of the predecessor beside it."""
+    """Share of completed missions of all configurations and of the predecessor, %."""
     rows: Rows = {}
     for rate in [cell.rate for cell in experiments.of("inline", WITH)]:
         row: dict[str, Value] = {}
@@ -193,7 +190,6 @@ def figure_9(experiments: Experiments) -> Rows:
 
 
 def _share(name: str, cell: Cell | None) -> dict[str, Value]:
-    """The share of completed missions in a cell; nothing where it has none."""
     if cell is None:
         return {}
     known = _range(wilson(cell.completed, cell.runs), 100.0)
@@ -201,7 +197,7 @@ def _share(name: str, cell: Cell | None) -> dict[str, Value]:
 
 
 def figure_10(experiments: Experiments) -> Rows:
-    """How long a mission takes, s, with and without recovery, in simulated time, and over ROS as `ros_s` has it."""
+    """Mission duration, s, with and without recovery, in simulated time and over ROS (`ros_s`)."""
     rows: Rows = {}
     for rate in experiments.rates:
         row: dict[str, Value] = {}
@@ -218,7 +214,7 @@ def figure_10(experiments: Experiments) -> Rows:
 
 
 def table_3(experiments: Experiments) -> Rows:
-    """How problems and time grow from 10 % on, with recovery; of so many runs a cell."""
+    """Growth of problems and time from 10 % on, with recovery; cells of `RUNS` runs."""
     rows: Rows = {}
     found = [cell for cell in experiments.of("inline", WITH) if cell.rate > 0]
     for cell in found:
@@ -246,19 +242,19 @@ def _more(value: float, first: float, digits: int = 0) -> Value:
 
 
 def problem_line(records: Iterable[MissionRecord]) -> Line | None:
-    """The time of missions (s) over whether they met a problem (0 or 1): its slope is what a problem costs."""
+    """Fit mission time (s) over problem (0 or 1): the slope is the cost of a problem."""
     return fit([(float(record.met), record.mission_s) for record in records])
 
 
 def paper_line() -> Line:
-    """The line through Table 3: the mean time (s) over the share of missions with a problem."""
+    """Fit the mean time (s) over the share of missions with a problem in Table 3."""
     line = fit([(row.problems / RUNS, row.seconds) for row in TABLE_3.values()])
     assert line is not None
     return line
 
 
 def figure_11(experiments: Experiments) -> Rows:
-    """The line of least squares of the time over the problems, with recovery."""
+    """Least-squares line of time over problems, with recovery."""
     lines = {
         "inline": problem_line(experiments.records("inline", WITH)),
         "ros": problem_line(experiments.records("ros", WITH)),
@@ -280,7 +276,7 @@ PARTS = ("reasoning_s", "planning_s", "communication_s", "acting_s")
 
 
 def split_rows(experiments: Experiments) -> Rows:
-    """Where the time of a mission goes, ms, by configuration, and whether it met a problem: means."""
+    """Mean time shares of a mission, ms, by configuration and problem."""
     rows: Rows = {}
     for runner in ("inline", "ros"):
         for configuration in CONFIGURATIONS:
@@ -301,7 +297,7 @@ def _means(shares: Iterable[Share]) -> dict[str, Value]:
 
 
 def recovered_ms(records: Iterable[MissionRecord]) -> list[float]:
-    """What each recovery took without acting, ms."""
+    """Duration of each recovery without acting, ms."""
     return [
         1000.0 * (share.reasoning_s + share.planning_s + share.communication_s)
         for record in records
@@ -310,7 +306,7 @@ def recovered_ms(records: Iterable[MissionRecord]) -> list[float]:
 
 
 def recovery_rows(experiments: Experiments) -> Rows:
-    """Where the time of a recovery goes, ms: from what failed to the first action of the new plan."""
+    """Time shares of a recovery, ms, from the failure to the first action of the new plan."""
     rows: Rows = {}
     for runner in ("inline", "ros"):
         records = experiments.records(runner, WITH)
@@ -327,7 +323,7 @@ def recovery_rows(experiments: Experiments) -> Rows:
 
 
 def all_tables(experiments: Experiments) -> dict[str, Rows]:
-    """All tables by their titles; those that would be empty are left out."""
+    """Return all non-empty tables by title."""
     found = {
         "cells, inline": cell_rows(experiments.of("inline")),
         "cells, ros": cell_rows(experiments.of("ros")),
@@ -348,13 +344,12 @@ def _paper(rate: float, name: str, value: Callable[[int], Value]) -> dict[str, V
 
 
 def _both(rate: float, name: str, value: Callable[[PastCell], float]) -> dict[str, Value]:
-    """A value of both sets of the predecessor."""
     known = [f"{value(some[int(rate)]):g}" for some in PREDECESSOR if rate in some]
     return {name: " / ".join(known) or None}
 
 
 def markdown(tables: dict[str, Rows]) -> str:
-    """The tables as Markdown."""
+    """Return the tables as Markdown."""
     return "\n".join(line for title, rows in tables.items() for line in _markdown(title, rows))
 
 

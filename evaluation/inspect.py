@@ -1,9 +1,8 @@
-"""What the inspector costs, and how fast its page is served: ``python -m evaluation.inspect``.
+"""Inspector benchmark: cost for the agents and speed of its page, ``python -m evaluation.inspect``.
 
-Ten minutes of a run are scrubbed through, and the first picture of a page is waited for: what the server takes for
-them, and what somebody sees of them in headless Chromium. Then 100 agents are up in one process, and recorded. What a
-decision costs them is measured without the inspector and with a page that listens to it, in turns; and how often a page
-in Chromium is brought up to date. Exit code 10 when something is not as required.
+The first part measures the first image and the scrubbing of a ten-minute run, in the server and in headless Chromium.
+The second part records 100 agents in one process, and alternates runs with and without a listening page to compare the
+cost of a decision. It also measures the update rate in Chromium. The exit code is 10 if a requirement is not met.
 """
 
 from __future__ import annotations
@@ -61,14 +60,14 @@ nodes:
     remap: {{health: /bdi_engine/health}}
   head:       {{type: head, parameters: {{engine: bdi_engine}}, remap: {{health: /bdi_engine/health}}}}
 """
-"""Waldo's graph without what sees."""
+"""Waldo's graph without perception."""
 BEGINS_WITHIN_S = 120.0
 SETTLE_S = 5.0
 
 
 @dataclass(frozen=True)
 class Row:
-    """A figure, and the most it may be."""
+    """Figure with its upper limit."""
 
     what: str
     value: float
@@ -77,7 +76,7 @@ class Row:
 
     @property
     def well(self) -> bool:
-        """Whether it is as required."""
+        """Whether the limit is met."""
         return self.value < self.most
 
 
@@ -86,7 +85,7 @@ class Row:
 
 @contextmanager
 def crowd(folder: Path, agents: int, *, inspected: bool) -> Iterator[tuple[Path, int, str]]:
-    """Agents that never rest, up in one process: the record, that process, and the address of the page, if any."""
+    """Run busy agents in one process; yield the record, the process id, and the page address, if any."""
     file, out = folder / "crowd.yaml", folder / f"run{time.monotonic_ns()}"
     names = [f"agent{number}" for number in range(agents)]
     nodes = "".join(f"  {name}: {{type: 'evaluation.inspect_agents:Walker'}}\n" for name in names)
@@ -107,7 +106,7 @@ def crowd(folder: Path, agents: int, *, inspected: bool) -> Iterator[tuple[Path,
 
 
 def host_of(names: Sequence[str]) -> int:
-    """The process of some nodes, as soon as all of them are active."""
+    """Return the process of ``names`` as soon as all nodes are active."""
     hosts: dict[str, int] = {}
 
     def note(node: str, values: dict[str, str]) -> None:
@@ -124,13 +123,13 @@ def host_of(names: Sequence[str]) -> int:
 
 
 def cpu_s(pid: int) -> float:
-    """The processor time (s) that a process has taken."""
+    """Return the processor time (s) of a process."""
     fields = Path(f"/proc/{pid}/stat").read_text("utf-8").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def listen(address: str, got: list[int]) -> None:
-    """Is a page that takes the news of a live run, and counts their bytes."""
+    """Receive the events of a live run as a page, and count their bytes."""
     try:
         with httpx.stream("GET", f"{address}api/live", timeout=None) as events:
             for chunk in events.iter_bytes():
@@ -140,7 +139,7 @@ def listen(address: str, got: list[int]) -> None:
 
 
 def turn(folder: Path, agents: int, seconds: float, *, inspected: bool) -> tuple[float, float]:
-    """Processor time (ms) that a record of the agents costs them, and records a second, for a while."""
+    """Return the processor time (ms) per record of the agents, and the records per second."""
     with crowd(folder, agents, inspected=inspected) as (out, pid, address):
         got = [0]
         if inspected:
@@ -157,7 +156,7 @@ def turn(folder: Path, agents: int, seconds: float, *, inspected: bool) -> tuple
 
 
 def cost(folder: Path, agents: int, seconds: float, turns: int) -> list[Row]:
-    """What a record costs the agents with a page that listens, beside that without."""
+    """Compare the cost of a record with and without a listening page."""
     alone, watched = [], []
     for _ in range(turns):
         alone.append(turn(folder, agents, seconds, inspected=False))
@@ -172,7 +171,7 @@ def cost(folder: Path, agents: int, seconds: float, turns: int) -> list[Row]:
 
 
 def update(folder: Path, agents: int, seconds: float) -> Row:
-    """How often a page in a browser shows what the agents do now."""
+    """Measure the update rate of a live page in a browser."""
     with crowd(folder, agents, inspected=True) as (_, _, address), page() as visit:
         time.sleep(SETTLE_S)
         return Row(
@@ -184,7 +183,7 @@ def update(folder: Path, agents: int, seconds: float) -> Row:
 
 
 def long_run(folder: Path, seconds: int) -> Path:
-    """A run of Waldo of so many seconds, to whom people come and go, with a bag of ten pictures of each second."""
+    """Create a run of Waldo with changing persons and a bag of ten images a second."""
     bag, stamps = folder / "bag", [START + tenth * SECOND // 10 for tenth in range(seconds * 10)]
     shades = np.add.outer(np.arange(480), np.arange(640)).astype(np.uint8)
     with BagWriter(bag) as writer:
@@ -209,7 +208,7 @@ def long_run(folder: Path, seconds: int) -> Path:
 
 
 def people(stamp: int) -> PersonDetections:
-    """Whom a camera sees at ``stamp``: in each minute somebody new comes, stays for half of it, and goes."""
+    """Return the persons at ``stamp``: each minute a new one comes and stays for half of it."""
     minute, within_s = divmod((stamp - START) / SECOND, 60.0)
     far_m = 3.0 + abs(within_s - 25.0) / 4.0
     one = PersonDetection(
@@ -221,7 +220,7 @@ def people(stamp: int) -> PersonDetections:
 
 @contextmanager
 def inspector(run: Path) -> Iterator[str]:
-    """The address of a page of ``run``, served as users do it."""
+    """Serve a page of ``run`` as users do; yield its address."""
     command = [sys.executable, "-m", "socialbot", "inspect", str(run), "--port", "0"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
@@ -237,7 +236,7 @@ def inspector(run: Path) -> Iterator[str]:
 
 
 def speed(folder: Path, seconds: int, steps: int) -> list[Row]:
-    """How long a page waits for its first picture, and for each step through the run; both in a browser, too."""
+    """Measure the time of the first image and of each step, from the server and in a browser."""
     with inspector(long_run(folder, seconds)) as url, httpx.Client() as client:
 
         def timed(*paths: str) -> float:

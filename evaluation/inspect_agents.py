@@ -1,4 +1,4 @@
-"""The agents of `evaluation.inspect`: each decides something every second."""
+"""Agents of `evaluation.inspect`, which decide something every second."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ at(0).
 
 
 class Walker(AgentNode):
-    """Walks in a circle, and notes what it sees."""
+    """Agent that walks in a circle and notes its percepts."""
 
     actions = Output(ActionRequest, "~/actions")
     mind = Output(Mind, "~/mind", Delivery.LATCHED)

@@ -1,4 +1,4 @@
-"""How fast the inspector's page is in a browser, headless Chromium: a part of `evaluation.inspect`."""
+"""Browser part of `evaluation.inspect`: speed of the page in headless Chromium."""
 
 from __future__ import annotations
 
@@ -45,7 +45,11 @@ UPDATES = """seconds => new Promise(done => {
 
 @contextmanager
 def page() -> Iterator[Page]:
-    """An empty page of a browser. Raises NodeError where there is none."""
+    """Yield an empty browser page.
+
+    Raises:
+        NodeError: No browser is available.
+    """
     path = shutil.which("chromium")
     if path is None:
         raise NodeError("there is no chromium", remedy="install Debian's package of that name")
@@ -58,20 +62,20 @@ def page() -> Iterator[Page]:
 
 
 def first_picture_ms(page: Page, url: str) -> float:
-    """How long (ms) somebody who opens ``url`` waits until a picture of the camera is there."""
+    """Return the time (ms) from opening ``url`` to the first camera image."""
     page.goto(url, timeout=PATIENCE_MS)
     page.wait_for_function("() => document.getElementById('picture').naturalWidth > 0", timeout=PATIENCE_MS)
     return page.evaluate("() => performance.now()")
 
 
 def steps_ms(page: Page, times: Sequence[float]) -> list[float]:
-    """How long (ms) each move of the scrubber takes, until all of that time (s) is shown. No time may come twice."""
+    """Return the time (ms) of each scrubber move until its state (s) is shown; times must be unique."""
     page.wait_for_selector("body[data-loaded]", timeout=PATIENCE_MS)
     return page.evaluate(STEP, list(times))
 
 
 def update_ms(page: Page, url: str, seconds: float) -> float:
-    """How long (ms) it is on average from one update of the page of a live run to the next."""
+    """Return the mean interval (ms) of updates on the page of a live run."""
     page.goto(url, timeout=PATIENCE_MS)
     page.wait_for_selector("body[data-loaded]", timeout=PATIENCE_MS)
     return 1e3 * seconds / max(1, page.evaluate(UPDATES, seconds))

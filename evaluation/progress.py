@@ -1,4 +1,4 @@
-"""A bar that shows how many of the runs of an evaluation are over."""
+"""Progress bar of evaluations."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 
 class Bar:
-    """A bar for ``total`` runs, on stderr while it is entered."""
+    """Progress bar for ``total`` runs, on stderr while it is entered."""
 
     def __init__(self, text: str, total: int) -> None:
         self._progress = Progress(
@@ -27,5 +27,4 @@ class Bar:
         self._progress.stop()
 
     def advance(self, number: int = 0, result: object = None) -> None:
-        """Hears of a run that is over."""
         self._progress.advance(self._task)

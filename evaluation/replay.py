@@ -1,7 +1,7 @@
-"""How fast and how faithful a replay is: inline against a bare loop of decoding and detecting, and ROS against inline.
+"""Replay benchmark: inline against a bare loop of decoding and detecting, and ROS against inline.
 
-``python -m evaluation.replay BAG`` lets the inline runner and the bare loop take turns in this process,
-compares the traces of the inline runs byte by byte, and the actions of a replay through ROS with theirs.
+``python -m evaluation.replay BAG`` alternates the inline runner and the bare loop in this process. It compares the
+traces of inline runs byte by byte, and their actions with those of a replay through ROS.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ DOMAIN = 78
 BAG = Path("data/synthetic/corridor")
 PASSES = 2
 QUICK_S = 4.0
-"""How much of the bag a quick run takes."""
+"""Length of the bag in a quick run."""
 
 OUTSIDE_LIMIT = 0.10
 
 
 @dataclass
 class Meter:
-    """Wall clock and processor time (s); ``with meter:`` adds what passes within."""
+    """Wall and processor time (s) accumulated inside ``with meter:``."""
 
     wall_s: float = 0.0
     cpu_s: float = 0.0
@@ -68,25 +68,25 @@ class Meter:
 
 @dataclass
 class Pass:
-    """One pass over the bag: its time in all, and that within the detector."""
+    """Pass over the bag: total time and detector time."""
 
     whole: Meter
     detector: Meter
 
     @property
     def outside_cpu(self) -> float:
-        """The share of processor time outside the detector."""
+        """Share of processor time outside the detector."""
         return 1 - self.detector.cpu_s / self.whole.cpu_s
 
     @property
     def outside_wall(self) -> float:
-        """The share of the wall clock outside the detector."""
+        """Share of wall time outside the detector."""
         return 1 - self.detector.wall_s / self.whole.wall_s
 
 
 @dataclass
 class InlinePass(Pass):
-    """An inline replay, with its trace and what the agent did."""
+    """Inline replay with its trace and actions."""
 
     trace: bytes
     actions: list[ActionRequest]
@@ -94,7 +94,7 @@ class InlinePass(Pass):
 
 
 def bare_pass(bag: Bag) -> Pass:
-    """The least there is to do: decode every picture and look for people, one thread."""
+    """Decode every image and detect persons in one thread, as a lower bound."""
     topic = bag.choose_image_topic().name
     cv2.setNumThreads(1)
     with metered_detector() as detector, Meter() as whole:
@@ -107,7 +107,7 @@ def bare_pass(bag: Bag) -> Pass:
 
 
 def inline_pass(bag: Bag, folder: Path) -> InlinePass:
-    """What ``socialbot replay BAG --runner inline --no-video`` does."""
+    """Run the equivalent of ``socialbot replay BAG --runner inline --no-video``."""
     with metered_detector() as detector, Meter() as whole:
         record = _replay(bag, "inline", folder)
     trace = (folder / "trace.jsonl").read_bytes()
@@ -115,12 +115,12 @@ def inline_pass(bag: Bag, folder: Path) -> InlinePass:
 
 
 def ros_actions(bag: Bag, folder: Path) -> list[ActionRequest]:
-    """What the agent does when the bag is replayed through nodes in processes of their own."""
+    """Return the actions of a replay with one process per node."""
     return _replay(bag, "ros", folder).actions
 
 
 def command_cpu_s(bag: Path, folder: Path) -> float:
-    """Processor time (s) of the whole command, from the start of Python to the end of the annotated video."""
+    """Return the processor time (s) of the whole command, including startup and video."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [sys.executable, "-m", "socialbot", "replay", str(bag), "--runner", "inline", "--out", str(folder)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
@@ -135,13 +135,13 @@ def _replay(bag: Bag, runner: Runner, folder: Path) -> RunRecord:
 
 
 def usual_detector() -> Detector:
-    """The detector of a graph that names none."""
+    """Return the default detector of a graph."""
     return DETECTORS[PersonDetector.detector.default].make(DetectorSettings())
 
 
 @contextmanager
 def metered_detector() -> Iterator[Meter]:
-    """Measures the time spent in the usual detector, whoever calls it."""
+    """Measure the time in the default detector during the block."""
     meter = Meter()
     kind = type(usual_detector())
     detect: Callable[..., Any] = kind.detect
@@ -155,7 +155,7 @@ def metered_detector() -> Iterator[Meter]:
 
 
 def shortened(bag: Bag, path: Path, seconds: float) -> Path:
-    """The first ``seconds`` of ``bag`` as a bag of its own."""
+    """Write the first ``seconds`` of ``bag`` to a new bag."""
     end = bag.start + round(seconds * SECOND)
     names = {topic.name: topic.name for topic in bag.topics if topic.count}
     with BagWriter(path) as writer:
@@ -165,7 +165,11 @@ def shortened(bag: Bag, path: Path, seconds: float) -> Path:
 
 
 def measure(bag_path: Path, domain: int, *, quick: bool) -> Report:
-    """Replays the bag, or the begin of it, in every way. Raises BagError when it holds no pictures."""
+    """Replay the bag, or its beginning, in every way.
+
+    Raises:
+        BagError: The bag has no images.
+    """
     environment.prepare(domain=domain)
     report = Report("replay", quick)
     with tempfile.TemporaryDirectory(prefix="replay-") as scratch:
@@ -192,7 +196,7 @@ def measure(bag_path: Path, domain: int, *, quick: bool) -> Report:
 
 
 def add_speed(report: Report, bare: list[Pass], inline: list[InlinePass]) -> None:
-    """Adds what inline replay costs beside the detector, and beside the bare loop."""
+    """Add the overhead of inline replay over the detector and the bare loop."""
     frames = len(inline[0].stamps)
     bare_cpu, inline_cpu = (min(one.whole.cpu_s for one in passes) for passes in (bare, inline))
     bare_wall, inline_wall = (min(one.whole.wall_s for one in passes) for passes in (bare, inline))
@@ -212,7 +216,7 @@ def add_speed(report: Report, bare: list[Pass], inline: list[InlinePass]) -> Non
 
 
 def add_faith(report: Report, inline: list[InlinePass], ros: list[ActionRequest]) -> None:
-    """Adds whether inline replays agree with each other, and with the one through ROS."""
+    """Add the agreement of inline replays with each other and with ROS."""
     first = inline[0]
     period = statistics.median(later - earlier for earlier, later in itertools.pairwise(first.stamps))
     apart = [abs(a.stamp - b.stamp) / period for a, b in zip(first.actions, ros, strict=False)]
