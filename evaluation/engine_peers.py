@@ -81,7 +81,7 @@ class AgentSpeak:
                 room = self.literal(f"r{i}")
                 agent.add_belief(self.literal("at", i, room), {})
                 agent.add_belief(self.literal("light", room, self.literal("on")), {})
-            # Ten keys that are spread evenly: with many facts it does not come to more.
+            # Ten evenly spread keys; more would exceed the budget with many facts.
             keys = range(0, number // 2, max(1, number // 20))
             work = self.posting(agent, [self.literal("ev", key) for key in keys])
             found[f"engine_rate_{number}"] = found["engine_rate"] = rate(work, scale.events, least=3)
@@ -125,7 +125,7 @@ class AgentSpeak:
         environment = Environment()
         agents = environment.build_agents(StringSource("ring", text), size, actions)
         for agent in agents:
-            agent.beliefs = defaultdict(set)  # the copies share one
+            agent.beliefs = defaultdict(set)  # not shared between copies
         for i, agent in enumerate(agents):
             agent.add_belief(self.literal("nxt", agents[(i + 1) % size].name), {})
 

@@ -80,7 +80,7 @@ def react(scale: Scale) -> Figures:
         units,
         scale.passes,
     )
-    # A trace makes garbage, which would slow down whoever comes next.
+    # Garbage of the trace would slow down the next contender.
     tracing = take_turns({"traced": lambda: post(traced, [person("yes")] * (units // 10))}, units // 10, scale.passes)
     return {
         **compared(timing),
@@ -321,7 +321,7 @@ def _ring(size: int, tokens: int, hops: int, *, text: bool) -> Pass:
 
         took = timed(work)
         for k in range(tokens):
-            # Where it ends tells that it has been handed on all the way.
+            # The last agent shows that all hops are done.
             assert programs.token(k, 0) in agents[(k + hops) % size].beliefs
             agents[(k + hops) % size].forget(programs.token(k, 0))
         _settle(society.run_until_idle)

@@ -232,7 +232,7 @@ def kill(node: str, witness: Witness, fates: LatestStatistics) -> Kill:
             return Kill(node, at, None)
         time.sleep(0.005)
     back = time.time_ns()
-    # A supervisor that tells of the dead names no process.
+    # Reports of a supervisor on ended nodes have no process.
     while fates.latest[node].get("pid", before) == before and time.monotonic() < deadline:
         time.sleep(0.02)
     return Kill(node, at, back)

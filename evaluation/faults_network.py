@@ -17,7 +17,7 @@ MOST_ROBOT_SHARE = 0.30
 MOST_LOST_SHARE = 0.05
 MOST_FRAME_P99_MS = 250.0
 MOST_BLOCKED_MS = 10.0
-"""Required limit."""
+"""Requirements of the figures."""
 
 LINK_MBIT_S, LOST_PERCENT = 20.0, 5
 STILL_COMING_S = 1.5
@@ -97,7 +97,7 @@ def measure(scene: Scene, seconds: float) -> Stretch:
     taken, told = scene.heard("robot", TAKEN), scene.heard("robot", DIAGNOSTICS)
     came = frames(taken, scene.heard("workstation", ARRIVED), begin, end)
     seen = frames(taken, scene.heard("workstation", DETECTIONS), begin, end)
-    # An answer carries the stamp of its frame as its argument.
+    # The argument of an answer is the stamp of its frame.
     answers = [Heard(one.at, one.topic, one.said["arguments"][0]) for one in scene.heard("robot", ACTIONS)]
     acted = frames(taken, answers, begin, end)
     busy = [one.said["call_p99_ms"] for one in told if one.said.get("node") == "person_detector" and "pid" in one.said]

@@ -67,7 +67,7 @@ def judged(scene: Scene, begin: int, end: int) -> Outage:
         centred_s=after_s(filter(is_centred, motions), begin),
         spoke=sum(one.at < end for one in scene.spoken(rest)),
         moved=sum(rest <= one.at < end and not is_centred(one) for one in motions),
-        # What had been on its way when the link failed tells of nothing new.
+        # Ignore messages in transit when the link failed.
         data_s=after_s((one for one in scene.heard("workstation", ARRIVED) if one.stamp >= end), end),
         acted_s=after_s((one for one in scene.heard("robot", ACTIONS) if one.said["arguments"][0] >= end), end),
         follows_s=after_s((one for one in scene.heard("robot", HEAD) if one.said["mode"] == "track"), end),

@@ -119,7 +119,7 @@ def _cut(plan: Plan, folder: Path, pictures: Path, after_s: float, recorded: Seq
     ):
         await_(lambda: len(heard) > 0, READY_S, "no detections", folder)
         await_(lambda: _size(folder / "bag") > 0, READY_S, "no recording", folder)
-        settled = time.time_ns() + SECOND  # by then it hears what is said
+        settled = time.time_ns() + SECOND  # all subscriptions are connected by then
         time.sleep(1.0 + after_s)
         cut = kill_all([graph.pid, recorder.pid])
     kept = read(folder / "bag", folder / "run" / "trace.jsonl")

@@ -65,7 +65,7 @@ def descendants(pid: int) -> list[int]:
     for entry in Path("/proc").iterdir():
         if entry.name.isdecimal():
             with contextlib.suppress(OSError):
-                # The name of the program, in brackets, may hold anything.
+                # The program name in parentheses may contain any character.
                 parents[int(entry.name)] = int((entry / "stat").read_text("utf-8").rpartition(")")[2].split()[1])
     found, fresh = {pid}, {pid}
     while fresh := {child for child, parent in parents.items() if parent in fresh} - found:

@@ -158,7 +158,7 @@ def soak(report: Report, plan: Plan) -> str:
     course = replayed(folder, laps * lap_s, plan)
     wall_s = time.monotonic() - begun
     results = msgspec.json.decode((folder / "run" / "results.json").read_bytes())
-    (folder / "laps" / "laps.mcap").unlink()  # it is large, and easily made again
+    (folder / "laps" / "laps.mcap").unlink()  # large, and easy to recreate
     report.add("soak_hours", "soak: bag time, h", round(laps * lap_s / 3600, 2))
     report.add("soak_wall_min", "soak: time it took, min", round(wall_s / 60, 1), plan.of(WALL_MIN, None))
     judge_deeds(report, deeds_of_laps(results["actions"], lap_s, laps), results["frames"], int(laps * lap_s))
@@ -186,7 +186,7 @@ def replayed(folder: Path, bag_s: float, plan: Plan) -> Course:
         while process.poll() is None:
             looks = {process_name(pid): found for pid in descendants(process.pid) if (found := look(pid))}
             looks.pop("", None)
-            if looks.keys() & PLAYER:  # all others have started before it
+            if looks.keys() & PLAYER:  # all others start before the player
                 course.note(looks)
                 kept.write(msgspec.json.encode(looks) + b"\n")
             minutes = int((time.monotonic() - begun) / 60)
@@ -230,7 +230,7 @@ def judge_course(report: Report, course: Course, limit: float) -> None:
             "files": max(one.files for one in looks),
             "more files": more(steady([one.files for one in looks])),
         }
-    # What replays keeps all detections, to score them and draw them.
+    # The replay process keeps all detections for scores and drawings.
     judged = {name: row for name, row in rows.items() if name != "replay"}
     text = "soak: growth of the memory of a process over the last two thirds, share, at most"
     report.add("soak_memory_growth", text, _most(judged, "growth"), limit)

@@ -117,7 +117,7 @@ class Effects:
                 self.seen[topic, f"{message.positions[0]:.1f}"] += 1
             case BeliefSet() | DesireSet():
                 for one in message.value:
-                    self.seen[topic, str(one.name if isinstance(one, Desire) else one)] = 1  # said again and again
+                    self.seen[topic, str(one.name if isinstance(one, Desire) else one)] = 1  # published repeatedly
             case AgentReply():
                 self.seen[topic, message.id] += 1
 
@@ -240,7 +240,7 @@ def _besiege(
         await_(lambda: all(mouth.heard for mouth in mouths.values()), READY_S, "not all was heard", folder)
         await_(lambda: effects.told() >= TOLD, READY_S, "the friend was not obeyed", folder)
         await_(lambda: all(mouth.connected for mouth in mouths.values()), READY_S, "no connections", folder)
-        time.sleep(3.0)  # what the friend has started comes to its end
+        time.sleep(3.0)  # authorized actions end
         friendly, begun = Counter(effects.seen), time.monotonic()
         words, realm = say("strange"), f"ROS domain {plan.domain}"
         attacks = [
@@ -255,7 +255,7 @@ def _besiege(
             said = min(first + BATCH, count)
             await_(lambda said=said: refusals(fates.latest).total() >= said, COUNTED_S, "not all was counted", folder)
         took_s = time.monotonic() - begun
-        time.sleep(3.0)  # for what might be done still
+        time.sleep(3.0)  # wait for late effects
         return friendly, Counter(effects.seen), refusals(fates.latest), took_s
 
 

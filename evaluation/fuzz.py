@@ -149,7 +149,7 @@ def _work(part: Slice, seed: int, at: Any, results: Connection) -> None:
 def _prepare() -> None:
     """Set the limits of a child and silence its output."""
     logging.disable(logging.CRITICAL)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries in C complain there
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # C libraries print warnings there
     resource.setrlimit(resource.RLIMIT_DATA, (GUARD_MB << 20, GUARD_MB << 20))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGPROF, _too_long)
@@ -190,7 +190,7 @@ class Child:
 
     def look(self) -> tuple[Tally, int] | None:
         """Return the tally and the next input, or None while the child works; kill a stuck child."""
-        alive = self._process.is_alive()  # asked first: what it sends before its end is read below
+        alive = self._process.is_alive()  # checked first, to read all results of an ended child below
         while self._results.poll():
             try:
                 result = self._results.recv()

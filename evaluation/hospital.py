@@ -47,7 +47,7 @@ from socialbot.core.errors import ParameterError, SocialbotError
 INLINE_S = 60.0
 GROWTH_PERCENT = 8.0
 RECOVERY_MS = 50.0
-"""Required limit."""
+"""Requirements of the figures."""
 GROWTH_SAMPLE = 10
 """Number of recovery missions over ROS at the lowest and the highest problem rate."""
 UNMET_EXIT = 1
@@ -143,7 +143,7 @@ def play_ros(todo: Sequence[Setting], folder: Path) -> list[MissionRecord]:
     return records
 
 
-# What came of it
+# Results
 
 
 def add_figures(report: Report, experiments: Experiments) -> None:
@@ -288,7 +288,7 @@ def main(
         count = jobs or len(os.sched_getaffinity(0))
         records += _timed_inline(report, settings(at, seeds or scale.seeds), count, scheduler)
     if out is not None:
-        # What takes long comes now: whatever becomes of it, this is kept.
+        # Saved before the long ROS runs.
         write_missions(out, records)
     if runner != "inline":
         count = scale.sample if sample_size is None else sample_size

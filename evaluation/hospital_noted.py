@@ -139,7 +139,7 @@ NOTING: Mapping[type[Node], type[Node]] = {
     )
 }  # fmt: skip
 """Node types with notes, by their original types."""
-globals().update({kind.__name__: kind for kind in NOTING.values()})  # where graph files find them
+globals().update({kind.__name__: kind for kind in NOTING.values()})  # for graph files
 
 
 def noting(graph: Graph, folder: Path) -> Graph:

@@ -190,7 +190,7 @@ def _key_place(number: int, top: int) -> tuple[int, int]:
     return _LEFT + 6 + number % 2 * 215, top + number // 2 * 18
 
 
-# The figures
+# Figures
 
 _RATES = Axis("problems, % of the missions", (0, 10, 25, 50, 75, 100))
 _SHARE = Axis("missions, %", (0, 20, 40, 60, 80, 100))

@@ -34,7 +34,7 @@ MISSED_PERCENT = 15.0
 """Allowed share of rooms that the paper's robots miss; they must disinfect 85 %."""
 RUNS_S = 360.0
 PLAN_ROOMS, PLAN_S = 1000, 2.0
-"""Required planning limit."""
+"""Requirements of the figures."""
 
 SIZES = ((1, 2), (10, 2), (10, 10), (100, 10), (100, 50), (100, 100), (1000, 50), (1000, 100))
 """Rooms and robots of the growing wards, half of the robots of each kind."""
@@ -113,7 +113,7 @@ def grow(sizes: Sequence[tuple[int, int]]) -> list[Result]:
         return [run_in_processes(play, [(grown(*size),)], 1, initializer=hush, done=bar.advance)[0] for size in sizes]
 
 
-# What came of it
+# Results
 
 
 def add_runs(report: Report, results: dict[str, list[Result]], wall_s: float | None = None) -> None:

@@ -204,7 +204,7 @@ class Run:
     def _infected(self) -> list[str]:
         return [name for name, room in self.world.world.rooms.items() if not room.disinfected]
 
-    # What is said and shown
+    # Messages
 
     def _see(self, topic: str, message: Message) -> None:
         assert isinstance(message, WardState)
@@ -219,7 +219,7 @@ class Run:
     def _count(self, topic: str, message: Message) -> None:
         assert isinstance(message, Missions)
         self.messages[topic] += 1
-        # Those that are over come first.
+        # Finished missions come first.
         over = list(itertools.takewhile(lambda view: view.status in ("finished", "failed"), message.missions))
         self.finished |= {view.id: (view.recoveries, view.revisions) for view in over if view.status == "finished"}
         self.open = len(message.missions) - len(over)

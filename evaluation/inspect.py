@@ -80,7 +80,7 @@ class Row:
         return self.value < self.most
 
 
-# What looking costs
+# Cost
 
 
 @contextmanager
@@ -135,7 +135,7 @@ def listen(address: str, got: list[int]) -> None:
             for chunk in events.iter_bytes():
                 got[0] += len(chunk)
     except httpx.HTTPError:
-        pass  # it has ended
+        pass  # the run has ended
 
 
 def turn(folder: Path, agents: int, seconds: float, *, inspected: bool) -> tuple[float, float]:
@@ -179,7 +179,7 @@ def update(folder: Path, agents: int, seconds: float) -> Row:
         )
 
 
-# How fast it is
+# Speed
 
 
 def long_run(folder: Path, seconds: int) -> Path:
@@ -246,7 +246,7 @@ def speed(folder: Path, seconds: int, steps: int) -> list[Row]:
             return 1e3 * (time.perf_counter() - begun)
 
         first = timed("", "api/run", "api/moment?t=0", "api/picture?t=0")
-        timed(f"api/picture?t={seconds}")  # all places of the bag are known from here on
+        timed(f"api/picture?t={seconds}")  # the bag is fully indexed from here on
         chance = random.Random(7)
         times = [chance.uniform(0.0, seconds) for _ in range(steps)]
         moments = sorted(timed(f"api/moment?t={at}") for at in times)

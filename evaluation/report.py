@@ -1,4 +1,4 @@
-"""What an evaluation found: figures beside what is required of them, as a table and as JSON."""
+"""Evaluation results: figures with their requirements, as a table, JSON and HTML."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ Value = float | int | bool | str | None
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure by its ``key`` in the JSON. ``required`` is the most it may be, or the truth value it must have.
+    """Figure with its ``key`` in the JSON. ``required`` is its upper limit or truth value.
 
-    ``others`` is what a paper or another program says of it.
+    ``others`` is the value of a paper or another program.
     """
 
     key: str
@@ -48,7 +48,7 @@ class Figure:
 
     @property
     def ok(self) -> bool | None:
-        """Whether the requirement is met; None when there is none."""
+        """Whether the requirement is met; None without one."""
         if self.required is None:
             return None
         if isinstance(self.required, bool):
@@ -58,7 +58,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Machine:
-    """Where the figures were taken, and how busy (processes, a minute's mean) it was with other things before."""
+    """Machine of the measurement, with its load (processes, one-minute mean) before."""
 
     processor: str
     cores: int
@@ -68,13 +68,11 @@ class Machine:
 
     @classmethod
     def here(cls) -> Machine:
-        """This machine."""
         cores = len(os.sched_getaffinity(0))
         system = f"{platform.system()} {platform.release()}"
         return cls(_processor(), cores, system, round(os.getloadavg()[0], 2), versions())
 
     def show(self, console: Console) -> None:
-        """Prints it in a line."""
         console.print(
             f"{self.processor}, {self.cores} cores, {self.system}, Python {self.versions['python']}; "
             f"load before: {self.load_before}",
@@ -85,7 +83,7 @@ class Machine:
 
 @dataclass
 class Report:
-    """The figures of one evaluation; ``tables`` go by node or the like: a row of values for each name."""
+    """Figures of one evaluation; ``tables`` map titles to rows by node or other name."""
 
     title: str
     quick: bool
@@ -94,16 +92,15 @@ class Report:
     tables: dict[str, dict[str, dict[str, Value]]] = field(default_factory=dict)
 
     def add(self, key: str, text: str, value: Value, required: float | bool | None = None, *, others: str = "") -> None:
-        """Adds a figure."""
         self.figures.append(Figure(key, text, value, required, others))
 
     @property
     def unmet(self) -> list[str]:
-        """The keys of the figures that are not as required."""
+        """Keys of unmet figures."""
         return [figure.key for figure in self.figures if figure.ok is False]
 
     def content(self) -> dict[str, Any]:
-        """Everything as plain data; each figure under its own key."""
+        """Return plain data; each figure under its own key."""
         return {
             "evaluation": self.title,
             "quick": self.quick,
@@ -116,13 +113,16 @@ class Report:
         }
 
     def finish(self, file: Path | None) -> None:
-        """Prints the report and, where a ``file`` is given, writes it: `write`. Raises SocialbotError if it cannot."""
+        """Print the report and, if ``file`` is given, `write` it.
+
+        Raises:
+            SocialbotError: The file cannot be written.
+        """
         if file is not None:
             write(self.content(), self.page(), file)
         self.show(Console(highlight=False, width=None if sys.stdout.isatty() else PAGE_WIDTH))
 
     def page(self) -> Page:
-        """The report as a page."""
         required = [figure for figure in self.figures if figure.ok is not None]
         missed = f"; not met: {', '.join(self.unmet)}" if self.unmet else ""
         return Page(
@@ -155,7 +155,6 @@ class Report:
         return html_table(heads, rows, right=(1, 2)) if rows else ""
 
     def show(self, console: Console) -> None:
-        """Prints the tables."""
         console.print(f"[bold]{self.title}[/]{' (quick)' if self.quick else ''}")
         self.machine.show(console)
         console.print(self._figures())
@@ -176,7 +175,11 @@ class Report:
 
 
 def write(content: Mapping[str, Any], page: Page, file: Path) -> None:
-    """Writes figures as JSON to ``file``, and their page beside it (.html). Raises SocialbotError if it cannot."""
+    """Write figures as JSON to ``file``, and their page beside it (.html).
+
+    Raises:
+        SocialbotError: A file cannot be written.
+    """
     try:
         file.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
     except OSError as error:
@@ -185,7 +188,7 @@ def write(content: Mapping[str, Any], page: Page, file: Path) -> None:
 
 
 def setting(machine: Machine) -> Section:
-    """Where and how figures were taken, for a page."""
+    """Return the page section on machine and setup."""
     told = {
         "command": " ".join(["python", "-m", _module(), *sys.argv[1:]]),
         "processor": f"{machine.processor}, {machine.cores} cores",
@@ -197,7 +200,7 @@ def setting(machine: Machine) -> Section:
 
 
 def run(command: Callable[..., None]) -> None:
-    """Runs ``command`` with the options of the command line; errors meant for users are one message."""
+    """Run ``command`` with the command-line options; print user errors as one message."""
     app = typer.Typer(
         add_completion=False, pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]}
     )
@@ -210,7 +213,7 @@ def run(command: Callable[..., None]) -> None:
 
 
 def percentile(values: list[float], share: float) -> float | None:
-    """The value that ``share`` of all do not exceed; None when there are none."""
+    """Return the smallest value not exceeded by ``share`` of all; None for an empty list."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else None
 
@@ -238,7 +241,7 @@ def _table_html(rows: dict[str, dict[str, Value]]) -> str:
 
 
 def _module() -> str:
-    """The module that was started, as ``python -m`` names it."""
+    """Return the module name given to ``python -m``."""
     spec = getattr(sys.modules["__main__"], "__spec__", None)
     return Path(sys.argv[0]).stem if spec is None else spec.name.removesuffix(".__main__")
 
@@ -248,7 +251,6 @@ def _limit(required: float | bool | None) -> str:
 
 
 def _text(value: Value) -> str:
-    """A value for the terminal."""
     return escape(_plain(value))
 
 

@@ -1,8 +1,8 @@
-"""Whether the engine keeps up with a busy life for as long as one likes: memory and latencies, minute by minute.
+"""Soak test of the engine: memory and latencies under steady load, minute by minute.
 
-``python -m evaluation.soak --minutes 30 --rate 10000`` posts so many events a second from another thread to two agents
-that remember, join, pursue goals, fail and recover, wait, talk to each other and learn and unlearn plans, with a trace
-of the latest records. Once a minute it prints a line.
+``python -m evaluation.soak --minutes 30 --rate 10000`` posts this number of events a second from another thread to two
+agents. They remember, join, pursue goals, fail and recover, wait, exchange messages and add and remove plans, with a
+trace of the latest records. The command prints one line a minute.
 """
 # ruff: noqa: D101, N801 - beliefs, goals and actions are written as agents write them
 
@@ -29,13 +29,13 @@ from socialbot.core.clock import WallClock
 from socialbot.core.errors import SocialbotError
 
 GROWTH_LIMIT = 0.01
-"""Memory is flat when a line through its samples grows by less than this share over the last two thirds of the time."""
+"""Limit for memory growth: slope of a line through the last two thirds of the samples."""
 
 P99_LIMIT = 1.5
-"""Latencies are stable when the median p99 of the last third of the minutes is at most so many times the first's."""
+"""Limit for latency drift: median p99 of the last third of the minutes, relative to the first third."""
 
 BEHIND_LIMIT_S = 1.0
-"""The process keeps up when neither what posts nor the agents are ever longer behind than this."""
+"""Limit (s) for the backlog of posts and agents."""
 
 BATCH_S = 0.001
 PROBE_EVERY = 50
@@ -80,7 +80,7 @@ class consult(Goal): ...
 
 @dataclass
 class Deeds:
-    """What the agents did, and when the probes were acted upon."""
+    """Counts of actions, and latencies of the probes."""
 
     counts: dict[str, int] = field(default_factory=dict)
     posted: dict[int, int] = field(default_factory=dict)
@@ -89,21 +89,21 @@ class Deeds:
 
 @action
 def note(engine: Any, what: str) -> None:
-    """Counts what was done."""
+    """Count an action."""
     counts = engine.robot.counts
     counts[what] = counts.get(what, 0) + 1
 
 
 @action
 def grasp(engine: Any, number: int) -> None:
-    """Fails for every seventh thing."""
+    """Fail for every seventh number."""
     if number % 7 == 0:
         raise PlanFailed("it slipped")
 
 
 @action
 def arrive(engine: Any, number: int) -> None:
-    """Takes the time since a probe was posted."""
+    """Record the time since a probe was posted."""
     deeds = engine.robot
     deeds.took.append(time.perf_counter_ns() - deeds.posted.pop(number))
 
@@ -128,7 +128,7 @@ OTHER_RULES = [+question(K) >> [-question(K), send("agent", answer(K, K + 1))]]
 
 
 class NodeThread:
-    """Two agents, and what is posted to them."""
+    """Two agents and their event source."""
 
     def __init__(self, rate: float, seed: int = 1) -> None:
         self.rate = rate
@@ -152,7 +152,7 @@ class NodeThread:
         return engine
 
     def post_until(self, begun: float, end: float) -> None:
-        """Posts what is due, moment by moment (monotonic seconds), as of a time long past if it is behind."""
+        """Post the due events (monotonic seconds); late ones keep their due times."""
         while (now := time.monotonic()) < end:
             due = int((now - begun) * self.rate)
             if due > self.events:
@@ -162,7 +162,6 @@ class NodeThread:
             time.sleep(max(0.0, BATCH_S - (time.monotonic() - now)))
 
     def post(self) -> None:
-        """Posts one event."""
         self.events += 1
         number = self.events
         if number % PROBE_EVERY == 0:
@@ -174,12 +173,12 @@ class NodeThread:
             self._random.choice(self._posts)(number)
 
     def backlog(self) -> int:
-        """How much is waiting to be looked at."""
+        """Number of waiting events."""
         return sum(
             len(engine.interpreter.inbox) + len(engine.interpreter.events) for engine in (self.agent, self.other)
         )
 
-    # What happens
+    # Events
 
     def _see(self, number: int) -> None:
         self.agent.believe(seen(self._random.randrange(PEOPLE), self._random.randrange(ROOMS)), source="percept")
@@ -199,7 +198,7 @@ class NodeThread:
         self.agent.achieve(consult(self._random.randrange(PEOPLE)))
 
     def _teach(self, number: int) -> None:
-        """A plan is learned, and the one of some time ago is forgotten."""
+        """Add a plan and remove an earlier one."""
         new, old = number % TEXTS, (number + TEXTS // 2) % TEXTS
         text = f"@taught{new} +seen(P, {new}) : light({new}, on) & not known(P) <- -seen(P, {new})."
         agent = self.agent
@@ -214,7 +213,7 @@ class NodeThread:
 
 @dataclass(frozen=True)
 class Minute:
-    """What was seen of one minute."""
+    """Measurements of one minute."""
 
     end_s: float
     events: int
@@ -226,7 +225,6 @@ class Minute:
     backlog: int
 
     def line(self) -> str:
-        """As a line of text."""
         return (
             f"{self.end_s / 60:6.2f} min  {self.events:8} events  {self.rss_mib:7.2f} MiB  "
             f"{self.cpu_share:4.0%} of a core  p50 {self.p50_us:6.0f} µs  p99 {self.p99_us:7.0f} µs  "
@@ -234,7 +232,6 @@ class Minute:
         )
 
     def row(self) -> dict[str, Value]:
-        """As a row of a table."""
         return {
             "events": self.events,
             "rss_mib": round(self.rss_mib, 2),
@@ -249,9 +246,10 @@ class Minute:
 def soak(
     life: NodeThread, seconds: float, period_s: float, tell: Callable[[str], object]
 ) -> tuple[list[Minute], list[float]]:
-    """Lets it live; returns the minutes (or shorter periods) and the memory (MiB) of each second.
+    """Run the load; return the minutes (or shorter periods) and the memory (MiB) of each second.
 
-    Raises SocialbotError when the agents stop.
+    Raises:
+        SocialbotError: The agents stop.
     """
     minutes: list[Minute] = []
     memory: list[float] = []
@@ -281,7 +279,7 @@ def soak(
 
 
 def growth(memory: list[float]) -> float:
-    """By what share memory grows over the last two thirds of the samples, along a line fitted to them."""
+    """Return the relative memory growth over the last two thirds of the samples, by a fitted line."""
     late = memory[len(memory) // 3 :]
     if len(late) < 2:
         return 0.0
@@ -290,14 +288,14 @@ def growth(memory: list[float]) -> float:
 
 
 def p99_drift(minutes: list[Minute]) -> float:
-    """The median p99 of the last third of the minutes, as a multiple of that of the first third."""
+    """Return the median p99 of the last third of the minutes, relative to that of the first third."""
     third = max(1, len(minutes) // 3)
     first, last = (statistics.median(m.p99_us for m in part) for part in (minutes[:third], minutes[-third:]))
     return last / first
 
 
 def verdict(report: Report, life: NodeThread, minutes: list[Minute], memory: list[float]) -> None:
-    """Adds what came of it."""
+    """Add the results to the report."""
     seconds, deeds = minutes[-1].end_s, life.deeds.counts
     report.add("seconds", "time, s", round(seconds, 1))
     report.add("events", "events posted", life.events)
@@ -329,7 +327,7 @@ def verdict(report: Report, life: NodeThread, minutes: list[Minute], memory: lis
 
 def main(minutes: MinutesOption = 30, rate: RateOption = 10_000, json: JsonOption = None) -> None:
     """Let two agents live for a while under a steady load, and tell whether memory and latencies stay what they are."""
-    logging.getLogger("socialbot.bdi").setLevel(logging.ERROR)  # failures are part of it
+    logging.getLogger("socialbot.bdi").setLevel(logging.ERROR)  # failures are intended
     report = Report("soak", quick=False)
     life = NodeThread(rate)
     gc.collect()

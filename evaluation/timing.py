@@ -1,4 +1,4 @@
-"""Rates of things that take turns: the least processor time of several passes, so that others do not count."""
+"""Rates of alternating contenders: the least processor time of several passes, to exclude other load."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 PASSES = 7
-"""So many passes are made at least."""
+"""Minimum number of passes."""
 
 STABLE = 0.01
-"""The measurement goes on until the last passes have improved nothing by more than this share."""
+"""Relative improvement below which the measurement ends."""
 
 SECOND = 1_000_000_000
 
 Pass = Callable[[], int]
-"""Does the work once; returns the processor time (ns) that it took."""
+"""Function that works once and returns its processor time (ns)."""
 
 
 @dataclass
 class Passes:
-    """How long to measure: ``budget_s`` ends it after `PASSES` passes, even when it is not stable by then."""
+    """Measurement length: ``budget_s`` ends it after `PASSES` passes, even if unstable."""
 
     least: int = PASSES
     budget_s: float = 20.0
@@ -29,27 +29,27 @@ class Passes:
 
 @dataclass
 class Timing:
-    """The least processor time (ns) of each contender, for ``units`` of work."""
+    """Least processor time (ns) of each contender for ``units`` of work."""
 
     units: int
     least: dict[str, int] = field(default_factory=dict)
     passes: int = 0
 
     def rate(self, name: str) -> float:
-        """Units a second."""
+        """Return units per second."""
         return self.units * SECOND / max(1, self.least[name])
 
     def ratio(self, name: str, of: str) -> float:
-        """The rate of one as a share of that of another."""
+        """Return the rate of a contender relative to another."""
         return self.least[of] / max(1, self.least[name])
 
     def cost_ns(self, name: str) -> float:
-        """Processor time for a unit (ns)."""
+        """Return the processor time per unit (ns)."""
         return self.least[name] / self.units
 
 
 def take_turns(contenders: Mapping[str, Pass], units: int, passes: Passes) -> Timing:
-    """Measures the contenders by turns, until the least times are stable or the budget is used up."""
+    """Run the contenders by turns, until the least times are stable or the budget is used up."""
     timing, begun, since_better = Timing(units), time.monotonic(), 0
     gc.collect()
     gc.freeze()
@@ -70,7 +70,7 @@ def take_turns(contenders: Mapping[str, Pass], units: int, passes: Passes) -> Ti
 
 
 def timed(work: Callable[[], object]) -> int:
-    """The processor time (ns) of one call."""
+    """Return the processor time (ns) of one call."""
     begun = time.process_time_ns()
     work()
     return time.process_time_ns() - begun

@@ -1,14 +1,13 @@
-"""An independent look at what an agent did: its trace against the text of its domain.
+"""Independent check of an agent's trace against its PDDL domain.
 
-Nothing here uses what plans and carries out plans: PDDL is read and evaluated anew, as much of it as the domains of
-the warehouse need, and what was believed when is put together from the records alone. These are violations:
+The check shares no code with planning and execution. It parses and evaluates the PDDL subset of the warehouse domains,
+and derives beliefs from the records alone. These are violations:
 
-* a step begins against a condition at its start, or one over all as it begins;
-* it begins while the same step runs, or one that excludes it: by what that has promised to change at its start, or by
-  what it needs over all;
-* it begins while sensors are silent;
-* it ends well though a condition over all did not hold for long, one at its end never did, or an effect is not there;
-* it changes a belief that it has no effect on, or for a second time; or it takes back what it did not change.
+* a step begins although a condition at its start, or one over all, does not hold;
+* a step begins during an equal or conflicting step, by its effects at start or its conditions over all;
+* a step begins during a sensor timeout;
+* a step succeeds although a condition over all was false for long, one at its end never held, or an effect is missing;
+* a step changes a belief without such an effect, or twice; or it reverts a change of another one.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from typing import Protocol
 from socialbot.core.clock import SECOND
 
 GAP_S = 3.0
-"""So long a condition over all may seem not to hold: sensors flicker, and see late that a step has begun or ended."""
+"""Longest apparent gap (s) of a condition over all: sensors flicker, and report steps late."""
 
 Expression = str | list["Expression"]
 Key = tuple[str, ...]
-"""A predicate or function and its objects."""
+"""Predicate or function with its objects."""
 Value = bool | float | None
-"""Whether a predicate is true; the value of a function, None if it has none."""
+"""Truth of a predicate, or value of a function (None if undefined)."""
 Edit = tuple[Key, Value]
 
 
 class Record(Protocol):
-    """What is needed of the record of a trace."""
+    """Interface of trace records."""
 
     @property
     def stamp(self) -> int: ...
@@ -51,7 +50,7 @@ class Record(Protocol):
 
 @dataclass(frozen=True)
 class Violation:
-    """What a step did that it must not, and when (s)."""
+    """Violation by a step, with its time (s)."""
 
     time_s: float
     step: str
@@ -61,12 +60,12 @@ class Violation:
         return f"{self.time_s:.2f} s: {self.step} {self.what}"
 
 
-# The domain
+# Domain
 
 
 @dataclass(frozen=True)
 class Action:
-    """An action of the domain, or with objects for parameters; times are start, all and end."""
+    """Action of the domain, lifted or ground; times are start, all and end."""
 
     parameters: tuple[str, ...]
     duration: Expression
@@ -74,7 +73,7 @@ class Action:
     effects: tuple[tuple[str, Expression], ...]
 
     def of(self, objects: tuple[str, ...]) -> Action:
-        """The action with these objects."""
+        """Return the ground action with these objects."""
         binding = dict(zip(self.parameters, objects, strict=True))
         binding["?duration"] = _text_of(_put(self.duration, binding))
         conditions = tuple((when, _put(what, binding)) for when, what in self.conditions)
@@ -82,12 +81,16 @@ class Action:
         return Action((), binding["?duration"], conditions, effects)
 
     def needs(self, *times: str) -> Iterator[Expression]:
-        """The conditions at some times."""
+        """Yield the conditions at some times."""
         return (what for when, what in self.conditions if when in times)
 
 
 def read_actions(text: str) -> dict[str, Action]:
-    """The actions of a domain by name. Raises ValueError for what is beyond this check."""
+    """Return the actions of a domain by name.
+
+    Raises:
+        ValueError: The domain needs unsupported PDDL.
+    """
     tokens = iter(re.findall(r"[()]|[^\s()]+", re.sub(r";[^\n]*", "", text).lower()))
     if next(tokens, "") != "(":
         raise ValueError("no PDDL")
@@ -108,7 +111,7 @@ def read_actions(text: str) -> dict[str, Action]:
 
 
 def _rest(tokens: Iterator[str]) -> list[Expression]:
-    """What stands up to the closing parenthesis."""
+    """Return the tokens up to the closing parenthesis."""
     found: list[Expression] = []
     for token in tokens:
         if token == ")":
@@ -118,7 +121,7 @@ def _rest(tokens: Iterator[str]) -> list[Expression]:
 
 
 def _parts(expression: Expression) -> list[Expression]:
-    """The members of a conjunction."""
+    """Return the members of a conjunction."""
     if isinstance(expression, str):
         raise ValueError(f"no condition or effect: {expression}")
     if expression and expression[0] == "and":
@@ -142,18 +145,22 @@ def _text_of(expression: Expression) -> str:
     return expression if isinstance(expression, str) else f"({' '.join(map(_text_of, expression))})"
 
 
-# The world
+# World
 
 
 class World(dict[Key, Value]):
-    """What is believed: predicates that are true, and functions with their values."""
+    """Believed world: true predicates, and functions with their values."""
 
     def after(self, edits: Iterable[Edit]) -> World:
-        """This world after some changes."""
+        """Return a copy with some changes."""
         return World({**self, **dict(edits)})
 
     def holds(self, condition: Expression) -> bool:
-        """Whether a condition without parameters holds. Raises ValueError for what is beyond this check."""
+        """Return whether a ground condition holds.
+
+        Raises:
+            ValueError: The condition needs unsupported PDDL.
+        """
         match condition:
             case ["and", *parts]:
                 return all(map(self.holds, parts))
@@ -173,7 +180,7 @@ class World(dict[Key, Value]):
         return self.get(_key(condition)) is True
 
     def number(self, expression: Expression) -> float | None:
-        """The value of an expression, if it has any."""
+        """Return the value of an expression, if defined."""
         if isinstance(expression, str):
             return float(expression)
         if expression[0] in _ARITHMETIC:
@@ -184,7 +191,7 @@ class World(dict[Key, Value]):
         return None if value is None else float(value)
 
     def change(self, effect: Expression) -> Edit:
-        """What an effect changes here."""
+        """Return the change by an effect."""
         match effect:
             case ["not", predicate]:
                 return _key(predicate), False
@@ -199,7 +206,7 @@ class World(dict[Key, Value]):
         return _key(effect), True
 
     def changes(self, action: Action, time: str) -> list[Edit]:
-        """What an action changes at its start or end: what it deletes first, then the rest."""
+        """Return the changes by an action at its start or end, deletions first."""
         edits = [self.change(what) for when, what in action.effects if when == time]
         return sorted(edits, key=lambda edit: edit[1] is not False)
 
@@ -233,32 +240,33 @@ def _is_number(text: str) -> bool:
     return re.fullmatch(r"[-+]?\d+(\.\d*)?", text) is not None
 
 
-# What was done
+# Steps and beliefs
 
 
 @dataclass(eq=False)
 class Step:
-    """A step that runs: what it has promised to change and nobody has seen yet, and what it has changed itself."""
+    """Running step: its expected effects, and the changes made so far."""
 
     call: str
     id: str
     action: Action
     promised: dict[Key, Value]
     expected: list[Edit]
-    """What has to be there at the end."""
+    """Effects required at the end."""
     ranges: dict[Key, tuple[float, float]]
-    """The least and greatest values of what it changes, since it began."""
+    """Ranges of the changed values since the start."""
     at_end: set[int] = field(default_factory=set)
-    """Which of the conditions at its end have held so far."""
+    """Indices of the end conditions that have held so far."""
     changed: dict[Key, int] = field(default_factory=dict)
-    """How often it has changed what."""
+    """Number of changes by key."""
     unmet_since: dict[int, int] = field(default_factory=dict)
 
 
 class TraceCheck:
-    """Follows the trace of one life of an agent; ``violations`` are those found so far, ``steps`` counts what began.
+    """Check of one agent process; ``violations`` holds the results, ``steps`` the number of started steps.
 
-    Raises ValueError for a domain that is beyond this check.
+    Raises:
+        ValueError: The domain needs unsupported PDDL.
     """
 
     def __init__(self, domain: str) -> None:
@@ -267,18 +275,18 @@ class TraceCheck:
         self._actions = read_actions(domain)
         self._world = World()
         self._replaced: dict[Key, Value] = {}
-        """The last values of numbers that have none now."""
+        """Last values of undefined numbers."""
         self._open: dict[str, Step] = {}
         self._failed: dict[str, Step] = {}
         self._silent: dict[str, int] = {}
 
     @property
     def running(self) -> tuple[str, ...]:
-        """The steps that have begun and not ended."""
+        """Names of the running steps."""
         return tuple(self._open)
 
     def take(self, record: Record) -> None:
-        """Takes the next record."""
+        """Check the next record."""
         match record.kind:
             case "belief" | "unbelief":
                 self._believe(record)
@@ -304,7 +312,7 @@ class TraceCheck:
         elif before == value:
             self._replaced[key] = self._world.pop(key, None)
         else:
-            return  # an old value goes after the new one has come
+            return  # the old value is removed after the new one
         after = self._world.get(key)
         self._attribute(record, key, before, after)
         for step in self._open.values():
@@ -316,9 +324,9 @@ class TraceCheck:
             self._watch(step, record.stamp)
 
     def _attribute(self, record: Record, key: Key, before: Value, after: Value) -> None:
-        """Looks whether a change that a step made is one of its own, made once; or taken back, made before."""
+        """Check that a step's change is one of its own effects, made once, or a reverted earlier one."""
         if _same(before, after) or (isinstance(before, float) and after is None):
-            return  # nothing new, or the old value, before the new one comes
+            return  # unchanged, or the removed old value
         step = next((step for step in self._open.values() if step.id == record.cause), None)
         if step is not None:
             times = step.changed.get(key, 0)
@@ -329,7 +337,7 @@ class TraceCheck:
             self._find(record, step.call, f"takes back {_shown(key)}, which it has not changed")
 
     def _has_effect(self, step: Step, key: Key, before: Value, after: Value, made: int) -> bool:
-        """Whether the change is that of an effect; ``made`` have been before."""
+        """Return whether the change is that of an effect; ``made`` counts earlier ones."""
         own = [what for _, what in step.action.effects if self._world.change(what)[0] == key]
         if made >= len(own):
             return False
@@ -338,7 +346,7 @@ class TraceCheck:
         return any((self._world.change(what)[1] is True) == (after is True) for what in own)
 
     def _watch(self, step: Step, now: int) -> None:
-        """Notes which conditions of a step that runs hold."""
+        """Update the conditions of a running step."""
         for number, condition in enumerate(step.action.needs("end")):
             if self._world.holds(condition):
                 step.at_end.add(number)
@@ -378,12 +386,12 @@ class TraceCheck:
         self._watch(step, record.stamp)
 
     def _conditions(self, action: Action, begun: World) -> Iterator[tuple[World, Expression]]:
-        """The conditions for its begin, each with the world in which it has to hold."""
+        """Yield the start conditions, each with its world."""
         yield from ((self._world, condition) for condition in action.needs("start"))
         yield from ((begun, condition) for condition in action.needs("all"))
 
     def _exclude(self, record: Record, action: Action, other: Step, begun: World) -> None:
-        """Looks whether a step may begin while another one runs."""
+        """Check that a step may begin while another one runs."""
         promise = other.promised.items()
         for world, condition in self._conditions(action, begun):
             if world.holds(condition) and not world.after(promise).holds(condition):
@@ -417,7 +425,7 @@ class TraceCheck:
                 other.promised.pop(key, None)
 
     def _is_there(self, step: Step, key: Key, value: Value) -> bool:
-        """Whether an effect is there; numbers may have gone on from there."""
+        """Return whether an effect is present; numbers may have changed since."""
         if isinstance(value, bool):
             added = (key, True) in step.expected
             return (self._world.get(key) is True) == (value or added)
@@ -428,7 +436,7 @@ class TraceCheck:
 
 
 def check(domain: str, records: Iterable[Record]) -> TraceCheck:
-    """Follows a whole trace."""
+    """Check a whole trace."""
     found = TraceCheck(domain)
     for record in records:
         found.take(record)
@@ -436,7 +444,7 @@ def check(domain: str, records: Iterable[Record]) -> TraceCheck:
 
 
 def _fact(text: str) -> Edit:
-    """A belief as the trace shows it: ``upon(gripper_a, base_1)``, ``stacked(base_1, 3)``."""
+    """Parse a belief of the trace: ``upon(gripper_a, base_1)``, ``stacked(base_1, 3)``."""
     name, _, rest = text.rstrip(")").partition("(")
     words = [word.strip() for word in rest.split(",")] if rest else []
     if words and _is_number(words[-1]):
@@ -449,7 +457,7 @@ def _shown(key: Key) -> str:
 
 
 def _same(first: Value, second: Value) -> bool:
-    """Whether two values are the same; what is not true is false, whether or not that was said."""
+    """Return whether two values are equal; None equals false."""
     if isinstance(first, float) or isinstance(second, float):
         return isinstance(first, float) and isinstance(second, float) and abs(first - second) <= 1e-6
     return (first or None) == (second or None)

@@ -1,8 +1,7 @@
-"""How well pictures travel: from camera over converter and detector to an agent's action, a process for each node.
+"""Image transport benchmark: camera, converter, detector and agent, one process per node.
 
-``python -m evaluation.transport`` runs the graph twice, with a fast detector and with a slow one, and
-prints what the way costs beside the detector's own time, which frames got lost, and how old the frames
-were that the slow detector worked on.
+``python -m evaluation.transport`` runs the graph with a fast and with a slow detector. It prints the latency without
+the detector, lost frames, and the age of the slow detector's frames.
 """
 
 from __future__ import annotations
@@ -34,21 +33,21 @@ DOMAIN = 77
 RATE_HZ = 30.0
 PERIOD_MS = 1000 / RATE_HZ
 SLOW_S = 0.08
-"""What the slow detector takes for a picture: more than two periods."""
+"""Processing time of the slow detector: more than two frame periods."""
 
 LATENCY_LIMIT_MS = 15.0
 GRAPH_TIMEOUT_S = 30.0
 SETTLE_S = 1.0
-"""How long the graph stands before the camera begins, so that the start of the processes is over."""
+"""Delay of the camera, to exclude the start of the processes."""
 
 DRAIN_S = 1.0
 PATIENCE_S = 10.0
-"""How much longer than planned the camera may take."""
+"""Allowed delay of the camera."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """When the agent decided on the action for a frame, and when another process heard of it (ns)."""
+    """Times (ns) of the agent's decision for a frame, and of its arrival in another process."""
 
     decided: int
     heard: int
@@ -56,18 +55,17 @@ class Answer:
 
 @dataclass
 class Cost:
-    """The processor time (s) that a node had used at some times (ns), and its memory, from /diagnostics."""
+    """Processor time (s) of a node at some times (ns), and its memory, from /diagnostics."""
 
     samples: list[tuple[int, float]] = field(default_factory=list)
     peak_rss_mb: float = 0.0
 
     def note(self, now: int, values: dict[str, str]) -> None:
-        """Takes the statistics of this node."""
         self.samples.append((now, float(values["cpu_s"])))
         self.peak_rss_mb = float(values["peak_rss_mb"])
 
     def cpu_share(self, begin: int, end: int) -> float | None:
-        """The share of one processor used between two times; None when there are too few samples."""
+        """Return the processor share between two times; None for too few samples."""
         within = [sample for sample in self.samples if begin <= sample[0] <= end]
         if len(within) < 2:
             return None
@@ -77,7 +75,7 @@ class Cost:
 
 @dataclass
 class Trial:
-    """One run of the graph with a detector that takes ``busy_s``, and what was seen of it."""
+    """Run of the graph with a detector that takes ``busy_s``, and its results."""
 
     frames: int
     busy_s: float
@@ -90,7 +88,11 @@ class Trial:
     ended: int = 0
 
     def run(self, folder: Path) -> Trial:
-        """Brings up the graph, lets the camera take its pictures, and collects. Raises NodeError when it fails."""
+        """Run the graph and collect the results.
+
+        Raises:
+            NodeError: The graph fails.
+        """
         graph = self.graph(folder)
         topics = {"/agent/actions": ActionRequest}
         with observe_graph(topics, self._hear, self._note) as onlooker, Launch(graph, folder) as launch:
@@ -103,31 +105,30 @@ class Trial:
         return self
 
     def overhead_ms(self) -> list[float]:
-        """From the stamp of each frame to the action, less the detector's own time."""
+        """Latency of each frame from stamp to action, without the detector's time."""
         return [(answer.decided - look.stamp - (look.ended - look.began)) / 1e6 for look, answer in self._answered()]
 
     def heard_ms(self) -> list[float]:
-        """The same, to the moment when another process has received the action."""
+        """Latency of each frame until another process receives the action, without the detector's time."""
         return [(answer.heard - look.stamp - (look.ended - look.began)) / 1e6 for look, answer in self._answered()]
 
     def arrival_ms(self) -> list[float]:
-        """From the stamp of each frame to the begin of the detector's work, while there were newer ones to come."""
+        """Latency of each frame until the detector begins, while the camera runs."""
         return [(look.began - look.stamp) / 1e6 for look in self._steady()]
 
     def age_ms(self) -> list[float]:
-        """How old each frame was when the detector had finished with it, likewise."""
+        """Age of each frame when the detector ends, while the camera runs."""
         return [(look.ended - look.stamp) / 1e6 for look in self._steady()]
 
     def work_ms(self) -> list[float]:
-        """What the detector took for each frame."""
+        """Processing time of each frame."""
         return [(look.ended - look.began) / 1e6 for look in self.looks]
 
     def skipped(self) -> int:
-        """How many of the frames sent the detector did not see."""
+        """Number of sent frames without processing."""
         return len(set(self.sent) - {look.stamp for look in self.looks})
 
     def nodes(self) -> dict[str, dict[str, Value]]:
-        """Memory and processor time of each node."""
         return {
             name: {"peak_rss_mb": cost.peak_rss_mb, "cpu_share": cost.cpu_share(self.begun, self.ended)}
             for name, cost in sorted(self.costs.items())
@@ -140,7 +141,7 @@ class Trial:
         return ((look, self.answers[look.stamp]) for look in self.looks if look.stamp in self.answers)
 
     def graph(self, folder: Path) -> Graph:
-        """Camera, converter, detector and agent; camera and detector leave their records in ``folder``."""
+        """Return camera, converter, detector and agent; camera and detector write their records to ``folder``."""
         camera = {"rate_hz": RATE_HZ, "frames": self.frames, "record": str(folder / "sent.json")}
         detector = {"busy_s": self.busy_s, "record": str(folder / "looks.json")}
         return Graph(
@@ -162,7 +163,7 @@ class Trial:
         self.costs.setdefault(name, Cost()).note(self.clock.now(), values)
 
     def _begin(self, graph: Graph, onlooker: GraphObserver, launch: Launch) -> None:
-        """Waits until all connections stand, and tells the camera to begin."""
+        """Wait for all connections, then start the camera."""
         begin = _Topic(onlooker.ros, "/evaluation/begin", Begin)
 
         def ended() -> bool:
@@ -195,7 +196,7 @@ def _expect_nobody_else(ros: Any, graph: Graph) -> None:
 
 
 class _Topic:
-    """A topic that the evaluating process publishes itself."""
+    """Topic published by the evaluating process."""
 
     def __init__(self, ros: Any, name: str, kind: type[Message]) -> None:
         self._name = name
@@ -210,7 +211,7 @@ class _Topic:
 
 
 def measure(seconds: float, domain: int, *, quick: bool = False) -> Report:
-    """Runs both trials for ``seconds`` each."""
+    """Run both trials for ``seconds`` each."""
     environment.prepare(domain=domain)
     report = Report("transport", quick)
     frames = round(seconds * RATE_HZ)
@@ -242,7 +243,7 @@ def _add_slow(report: Report, trial: Trial) -> None:
     add("slow_detector_p50_ms", "slow detector: its own time for a frame, p50, ms", _ms(own, 0.5))
     add("slow_detector_max_ms", "slow detector: its own time for a frame, longest, ms", _ms(own, 1.0))
     add("stale_age_max_ms", "slow detector: age of a frame when done, longest, ms", _ms(trial.age_ms(), 1.0))
-    # When a frame is done its age less the detector's time for it is its age when it was begun.
+    # The age at the begin of processing is the age at its end less the processing time.
     text = "slow detector: age of a frame less the detector's time for it, longest, ms"
     add("stale_excess_max_ms", text, _ms(trial.arrival_ms(), 1.0), round(PERIOD_MS, 2))
     add("stale_excess_p99_ms", "the same, p99, ms", _ms(trial.arrival_ms(), 0.99))

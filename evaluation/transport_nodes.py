@@ -1,4 +1,4 @@
-"""The nodes that a transport is measured with: a camera, a detector that only takes time, and an agent that answers."""
+"""Nodes of the transport benchmark: camera, busy-waiting detector and answering agent."""
 # ruff: noqa: N801 - beliefs and actions are written as in agents
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ HEIGHT, WIDTH = 480, 640
 
 
 class Begin(Structured, frozen=True, kw_only=True):
-    """Tells the camera to begin."""
+    """Start command for the camera."""
 
 
 class Look(msgspec.Struct, frozen=True):
-    """A frame as the detector saw it: its stamp, and when work on it began and ended (ns)."""
+    """Processed frame: its stamp, and begin and end of processing (ns)."""
 
     stamp: int
     began: int
@@ -33,7 +33,7 @@ class Look(msgspec.Struct, frozen=True):
 
 
 class Camera(Node):
-    """Publishes pictures of noise at a steady rate, from when it is told to begin."""
+    """Camera that publishes noise images at a steady rate after its start command."""
 
     begin = Input(Begin, "/evaluation/begin")
     image_raw = Output(Image, "/camera/image_raw", Delivery.NEWEST)
@@ -44,7 +44,7 @@ class Camera(Node):
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        # A few pictures that take turns; rgb8, so that the converter has something to do.
+        # A few alternating images in rgb8, which the converter must convert.
         self._pictures = np.random.default_rng(0).integers(0, 256, (4, HEIGHT * WIDTH * 3), np.uint8)
         self._stamps: list[int] = []
         self._due = 0
@@ -66,13 +66,13 @@ class Camera(Node):
         if len(self._stamps) == self.frames:
             Path(self.record).write_bytes(msgspec.json.encode(self._stamps))
             return
-        # The rate does not drift; yet a camera that was held up does not send several pictures at once.
+        # The rate does not drift, and a delayed camera does not send bursts.
         self._due = max(self._due + nanoseconds(1 / self.rate_hz), stamp)
         self.context.call_at(self._due, self._take)
 
 
 class IdleDetector(Node):
-    """Keeps the processor busy for ``busy_s`` on each picture, as a detector would, and finds nobody."""
+    """Detector that keeps the processor busy for ``busy_s`` per image and finds no persons."""
 
     image = Input(Image, "/camera/image_color", Delivery.NEWEST)
     detections = Output(PersonDetections, "/humans/bodies/detections")
@@ -108,25 +108,25 @@ class IdleDetector(Node):
 
 
 class looked(Reactor):
-    """The detector has looked at the frame of this stamp."""
+    """Processed frame with this stamp."""
 
 
 class answer(Action):
-    """Answers the frame of this stamp."""
+    """Answer to the frame with this stamp."""
 
     def execute(self, stamp: int) -> None:
         self.engine.robot.act(self, stamp)
 
 
 class FrameSensor(Sensor):
-    """Notices each frame that was looked at."""
+    """Sensor of processed frames."""
 
     def sense(self, percept: PersonDetections) -> Sensed:
         return +looked(percept.stamp)
 
 
 class Answerer(AgentNode):
-    """An agent that acts on every frame."""
+    """Agent that answers every frame."""
 
     detections = Input(PersonDetections, "/humans/bodies/detections")
 

@@ -1,7 +1,7 @@
-"""Two hosts out of one machine: network namespaces with a cable between them that can be slow, lossy and cut.
+"""Two hosts on one machine: network namespaces with a configurable virtual cable.
 
-Each host has an address and a /dev/shm of its own, so that nothing passes from one to the other but by the cable. It
-takes root, and ``ip`` and ``tc`` (iproute2), ``nsenter`` (util-linux) and ``nft`` (nftables).
+Each host has its own address and /dev/shm, so that all traffic uses the cable. This needs root, ``ip`` and ``tc``
+(iproute2), ``nsenter`` (util-linux) and ``nft`` (nftables).
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _numbers = itertools.count()
 
 
 class NoHostsError(Exception):
-    """Two hosts cannot be made here; the text says why."""
+    """Hosts cannot be created; the text gives the reason."""
 
 
 @dataclass(frozen=True)
 class Host:
-    """One of the two hosts; ``keeper`` is the process that keeps its namespaces."""
+    """Host; the process ``keeper`` holds its namespaces."""
 
     name: str
     address: str
@@ -47,23 +47,28 @@ class Host:
     keeper: int
 
     def command(self, *arguments: object) -> list[str]:
-        """The command line that runs ``arguments`` on this host, in the folder of the caller."""
+        """Return the command line that runs ``arguments`` on this host, in the current folder."""
         inside = ["nsenter", f"--target={self.keeper}", "--net", "--mount", "--"]
         return [*inside, "sh", "-c", 'cd "$0" && exec "$@"', os.getcwd(), *map(str, arguments)]
 
     def start(self, *arguments: object, variables: Mapping[str, str] | None = None, **options: Any) -> subprocess.Popen:
-        """Starts a process here, with more environment ``variables``; its pid is that of the command itself."""
+        """Start a process on this host with additional ``variables``; its pid is that of the command."""
         environment = {**os.environ, **(variables or {})}
         return subprocess.Popen(self.command(*arguments), env=environment, stdin=subprocess.DEVNULL, **options)
 
     def run(self, *arguments: object) -> str:
-        """What a command prints. Raises RuntimeError when it fails."""
+        """Return the output of a command.
+
+        Raises:
+            RuntimeError: The command fails.
+        """
         return _run(*self.command(*arguments))
 
     def wait_for_carrier(self) -> None:
-        """Waits until its end of the cable is up. Who starts before, Fast DDS too, finds no network.
+        """Wait until this end of the cable is up; earlier processes, such as Fast DDS, find no network.
 
-        Raises RuntimeError when it does not come up.
+        Raises:
+            RuntimeError: It does not come up.
         """
         end = time.monotonic() + CARRIER_WITHIN_S
         while self.run("cat", f"/sys/class/net/{self.device}/operstate").strip() != "up":
@@ -74,32 +79,32 @@ class Host:
 
 @dataclass(frozen=True)
 class TwoHosts:
-    """The hosts ``robot`` and ``workstation``, and the cable between them."""
+    """Hosts ``robot`` and ``workstation`` with their cable."""
 
     robot: Host
     workstation: Host
 
     def limit(self, mbit_s: float, *, queue_ms: int = 50) -> None:
-        """Lets each direction carry ``mbit_s`` Mbit/s; what would wait longer than ``queue_ms`` is lost."""
+        """Limit each direction to ``mbit_s`` Mbit/s; drop packets queued for more than ``queue_ms``."""
         for host in self._hosts:
             host.run("tc", "qdisc", "replace", "dev", host.device, "root", "tbf", "rate", f"{round(mbit_s * 1000)}kbit",
                      "burst", "4kb", "latency", f"{queue_ms}ms")  # fmt: skip
 
     def lose(self, percent: int) -> None:
-        """Loses so many of a hundred packets, by chance, in each direction."""
+        """Drop ``percent`` of the packets at random in each direction."""
         for host in self._hosts:
             host.run("nft", LOSS.format(device=host.device, percent=percent))
 
     def cut(self) -> None:
-        """Takes the cable down."""
+        """Take the cable down."""
         self.robot.run("ip", "link", "set", self.robot.device, "down")
 
     def mend(self) -> None:
-        """Takes the cable up again."""
+        """Bring the cable up."""
         self.robot.run("ip", "link", "set", self.robot.device, "up")
 
     def clear(self) -> None:
-        """Makes the cable good again: no limit, no loss, up."""
+        """Restore the cable: no limit, no loss, up."""
         for host in self._hosts:
             host.run("nft", "flush", "ruleset")
             if "tbf" in host.run("tc", "qdisc", "show", "dev", host.device):
@@ -107,7 +112,7 @@ class TwoHosts:
         self.mend()
 
     def sent_bytes(self) -> tuple[int, int]:
-        """What robot and workstation have sent over the cable since it was laid."""
+        """Bytes sent over the cable by robot and workstation since its creation."""
         robot, workstation = (
             int(host.run("cat", f"/sys/class/net/{host.device}/statistics/tx_bytes")) for host in self._hosts
         )
@@ -119,7 +124,7 @@ class TwoHosts:
 
 
 def obstacle() -> str:
-    """Why there can be no two hosts here; empty when there can."""
+    """Return the reason why hosts cannot be created; empty if they can."""
     if missing := [tool for tool in TOOLS if shutil.which(tool) is None]:
         return f"not installed: {', '.join(missing)}"
     if os.geteuid() != 0:
@@ -133,7 +138,11 @@ def obstacle() -> str:
 
 @contextmanager
 def two_hosts() -> Iterator[TwoHosts]:
-    """Two hosts for as long as the block lasts. Raises NoHostsError where they cannot be made."""
+    """Create two hosts for the block.
+
+    Raises:
+        NoHostsError: They cannot be created.
+    """
     if reason := obstacle():
         raise NoHostsError(reason)
     _remove_stale()
@@ -171,7 +180,7 @@ def _end(keeper: subprocess.Popen[str]) -> None:
 
 
 def _remove_stale() -> None:
-    """Removes the hosts of runs that were killed."""
+    """Remove the hosts of killed runs."""
     for path in Path("/run/netns").glob("sbt*"):
         match = NAMES.fullmatch(path.name)
         if match and not Path(f"/proc/{match[1]}").exists():

@@ -1,9 +1,9 @@
-"""The warehouse: whether its agents reach their goal, whatever happens, and how long they take to plan and decide.
+"""Warehouse benchmark: goal achievement under faults, and times for planning and deciding.
 
-``python -m evaluation.warehouse`` plays, in simulated time, the two demonstrative runs under many seeds of execution
-noise, runs in which much goes wrong and agents are killed and restarted, and one with 24 boxes; it measures planning
-and deciding; and prints the figures beside what is required, and what is known of ROS2-BDI. An independent check
-(`evaluation.trace_check`) follows each step of each agent. The exit code is 1 when something required is missed.
+``python -m evaluation.warehouse`` runs the two demonstration scenarios in simulated time under many seeds of execution
+noise. It also runs them with faults and killed agents, and one with 24 boxes. It measures planning and deciding, and
+prints the figures with their requirements and those of ROS2-BDI. An independent check (`evaluation.trace_check`)
+verifies each step of each agent. The exit code is 1 if a requirement is not met.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ DESIRES = 1000
 MAKESPAN_S = 107.1
 STEPS = 28
 REQUESTS = 4
-"""What is required."""
+"""Requirements of the figures."""
 
 NOMINAL, HASTY, TROUBLED, LARGE = "run 1", "run 2", "faults", "24 boxes"
 UNMET_EXIT = 1
@@ -44,7 +44,7 @@ SeedsOption = Annotated[int | None, typer.Option(min=1, help="Seeds of execution
 
 @dataclass(frozen=True)
 class Scale:
-    """How often everything is done; each plan is made so many ``times``."""
+    """Repetition counts; ``times`` is the number of repetitions of each plan."""
 
     seeds: int = 50
     troubled: int = 100
@@ -57,7 +57,7 @@ QUICK = Scale(seeds=3, troubled=4, large=1, times=5, decisions=50)
 
 
 def stories(scale: Scale) -> dict[str, list[Story]]:
-    """All runs, by kind."""
+    """Return all runs by kind."""
     return {
         NOMINAL: [Story(seed) for seed in range(scale.seeds)],
         HASTY: [Story(seed, run=2) for seed in range(scale.seeds)],
@@ -67,7 +67,7 @@ def stories(scale: Scale) -> dict[str, list[Story]]:
 
 
 def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]]:
-    """Plays all runs, so many side by side; what comes out, and its order, does not depend on how many that are."""
+    """Run all stories in ``jobs`` processes; results and their order do not depend on ``jobs``."""
     everything = [(kind, story) for kind, some in kinds.items() for story in some]
     found: dict[str, list[Result]] = {kind: [] for kind in kinds}
     with (
@@ -83,15 +83,15 @@ def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]
 
 
 def _hush() -> None:
-    """What goes wrong on purpose is no news."""
+    """Silence the logs of intended failures."""
     logging.disable(logging.CRITICAL)
 
 
-# What came of it
+# Results
 
 
 def add_runs(report: Report, results: dict[str, list[Result]]) -> None:
-    """Adds the figures of all runs."""
+    """Add the figures of all runs."""
     _add_nominal(report, results[NOMINAL])
     _add_hasty(report, results[HASTY])
     _add_troubled(report, results[TROUBLED])
@@ -153,7 +153,7 @@ def _add_checks(report: Report, results: dict[str, list[Result]]) -> None:
 
 
 def _measures(results: Sequence[Result]) -> Iterator[tuple[str, list[float]]]:
-    """What is told of the runs of one kind, by name; times are those of runs that reached the goal."""
+    """Yield the measures of one kind of runs by name; times are those of successful runs."""
     yield "s until the goal", [one.ended_s for one in results if one.reached]
     yield "aborts", [one.aborts for one in results]
     yield "requests", [one.requests for one in results]
@@ -181,7 +181,7 @@ def _median(results: Sequence[Result]) -> float | None:
 
 
 def add_planning(report: Report, scale: Scale) -> None:
-    """Measures planning and deciding, and adds the figures."""
+    """Measure planning and deciding, and add the figures."""
     questions = {f"plan{boxes}": first_question(boxes) for boxes in PLAN_S} | {"replan": second_question()}
     texts = {f"plan{boxes}": f"first plan for {boxes} boxes" for boxes in PLAN_S} | {"replan": "new plan in run 2"}
     limits = {f"plan{boxes}": limit for boxes, limit in PLAN_S.items()} | {"replan": REPLAN_S}
@@ -201,7 +201,7 @@ def add_planning(report: Report, scale: Scale) -> None:
 
 
 def tell_what_went_wrong(results: dict[str, list[Result]], console: Console) -> None:
-    """Prints each run that did not go as it should, and how to see it again."""
+    """Print each failed run with the command to repeat it."""
     for kind, some in results.items():
         for one in some:
             fine = one.settled if kind == TROUBLED else one.reached

@@ -1,4 +1,4 @@
-"""How long it takes to plan for the warehouse, and to decide which of many desires has its turn."""
+"""Times for planning in the warehouse, and for choosing among many desires."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ THINGS = """
 
 @dataclass(frozen=True)
 class Question:
-    """What a planner is asked."""
+    """Planning problem."""
 
     domain: PddlDomain
     problem: PddlProblem
@@ -54,7 +54,7 @@ class Question:
 
 @dataclass
 class Planning:
-    """How long it took to make a plan, each time: wall s, and processor s with those of the planner's process."""
+    """Durations of each planning: wall s, and processor s including the planner's process."""
 
     steps: int = 0
     makespan_s: float = 0.0
@@ -63,24 +63,25 @@ class Planning:
 
     @property
     def best_s(self) -> float:
-        """The shortest time."""
+        """Least wall time."""
         return round(min(self.walls), 4)
 
     @property
     def median_s(self) -> float:
-        """The median."""
+        """Median wall time."""
         return round(statistics.median(self.walls), 4)
 
     @property
     def processor_s(self) -> float:
-        """The least processor time."""
+        """Least processor time."""
         return round(min(self.processor), 4)
 
 
 def plan_by_turns(questions: Mapping[str, Question], times: int) -> dict[str, Planning]:
-    """Plans so many ``times`` for each question, by turns, each by a process of its own, as agents do.
+    """Plan each question ``times`` times by turns, each in its own process, as agents do.
 
-    Raises ValueError if there is no plan.
+    Raises:
+        ValueError: There is no plan.
     """
     planner = make_planner(PLANNER)
     found = {name: Planning() for name in questions}
@@ -97,7 +98,7 @@ def plan_by_turns(questions: Mapping[str, Question], times: int) -> dict[str, Pl
 
 
 def first_question(boxes: int) -> Question:
-    """What the gripper asks first, with so many boxes."""
+    """Return the gripper's first problem with ``boxes`` boxes."""
     domain = read_domain(GRIPPER_DOMAIN.read_text("utf-8"), where=str(GRIPPER_DOMAIN))
     cast = scenario_with(boxes)
     facts = FactBase(Engine(GRIPPER, ManualClock()), domain)
@@ -108,7 +109,7 @@ def first_question(boxes: int) -> Question:
 
 
 def second_question() -> Question:
-    """What the gripper asks in run 2 when it has found a carrier gone, with what it then believes."""
+    """Return the gripper's problem in run 2 after it finds a carrier missing."""
     listener = _Listener(make_planner(PLANNER))
     with mock.patch.object(deliberating, "make_planner", return_value=listener):
         play(Story(run=2))
@@ -117,7 +118,7 @@ def second_question() -> Question:
 
 @dataclass
 class _Listener:
-    """A planner that notes what it is asked."""
+    """Planner that records its problems."""
 
     planner: Planner
     name: str = "listener"
@@ -132,16 +133,16 @@ class _Listener:
 
 @dataclass(frozen=True)
 class Deciding:
-    """Processor ms of a decision: median and worst of several."""
+    """Processor ms of a decision: median and maximum."""
 
     median_ms: float
     worst_ms: float
 
 
 def decisions(desires: int, times: int) -> dict[str, Deciding]:
-    """How long an agent with so many desires takes from a changed belief to its decision whose turn it is.
+    """Measure the time of an agent from a belief change to its choice of a desire.
 
-    The belief is part of the precondition of ``one`` desire, or of that of ``all``.
+    The belief is part of the precondition of ``one`` desire, or of ``all``.
     """
     deliberator = _undecided(desires)
     chance = random.Random("decisions")
@@ -152,7 +153,7 @@ def decisions(desires: int, times: int) -> dict[str, Deciding]:
 
 
 def predicate_of(number: int) -> Fact:
-    """The belief that makes one of the desires possible."""
+    """Return the belief that enables one of the desires."""
     return Fact(name="ready", params=(f"t{number}",))
 
 
@@ -171,7 +172,7 @@ def _decide(deliberator: Deliberator, times: int, change: Callable[[], Fact]) ->
 
 
 def _undecided(desires: int) -> Deliberator:
-    """A deliberator with so many desires, half of which have what they need; its planner never answers."""
+    """Return a deliberator with ``desires`` desires, half of them possible; its planner never answers."""
     engine = Engine("decider", ManualClock())
     deliberator = Deliberator(engine, read_domain(THINGS, where="things"), _Silent(), _never)
     chance = random.Random("desires")
@@ -210,6 +211,6 @@ def _never(work: Callable[[], Any], then: Callable[[Any], None]) -> None:
 
 
 def _processor_s() -> float:
-    """The processor time of this process and of its children, s."""
+    """Return the processor time (s) of this process and its children."""
     own, children = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
     return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime

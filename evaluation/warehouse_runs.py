@@ -1,4 +1,4 @@
-"""Runs of the warehouse in simulated time: what can be different from one to the next, and what came of each."""
+"""Runs of the warehouse in simulated time: their variations and results."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
 
 SORT = "sort_boxes"
-"""The desire of the gripper."""
+"""Desire of the gripper."""
 LIMIT_S = 1500.0
-"""A run that goes on for longer hangs. Sorting six boxes is given up, and begun anew, after 232 s."""
+"""Time after which a run counts as hanging. Sorting six boxes is aborted and restarted after 232 s."""
 QUIET_S = 3.0
-"""The run is over when nobody has had anything to do for so long."""
+"""Idle time of all agents after which the run is over."""
 CHECK_S = 0.5
 
 
 @dataclass(frozen=True, order=True)
 class Kill:
-    """The process of an agent is killed at ``time_s`` (s), and started anew ``down_s`` later."""
+    """Kill of an agent's process at ``time_s`` (s), with a restart ``down_s`` later."""
 
     time_s: float
     who: str
@@ -46,7 +46,7 @@ class Kill:
 
 @dataclass(frozen=True)
 class Story:
-    """A run: how large, which of the demonstrative ones, chance by its ``seed``, and what goes wrong."""
+    """Run parameters: size, demonstration scenario, random ``seed``, and faults."""
 
     seed: int = 0
     boxes: int = 6
@@ -57,7 +57,6 @@ class Story:
 
     @property
     def cast(self) -> Scenario:
-        """Who and what is in it."""
         return scenario_with(self.boxes)
 
     def __str__(self) -> str:
@@ -65,14 +64,14 @@ class Story:
         return f"run {self.run}, {self.boxes} boxes, seed {self.seed}" + (f": {wrong}" if wrong else "")
 
     def graph(self, folder: Path | None = None) -> Graph:
-        """The graph of it; agents keep their minds in the ``folder``, if there is one."""
+        """Return the graph; agents keep their minds in ``folder``, if given."""
         graph = warehouse(self.boxes, run=self.run, seed=self.seed, faults=self.faults)
         agents = (GRIPPER, *self.cast.carriers) if folder is not None else ()
         return graph.with_parameters({agent: {"mind_file": f"{folder}/{agent}.json"} for agent in agents})
 
 
 def troubled(seed: int) -> Story:
-    """A story in which one to four things go wrong, and up to two agents are killed and restarted, by chance."""
+    """Return a story with one to four random faults, and up to two kills with restarts."""
     story = Story(seed)
     chance = random.Random(f"kills {seed}")
     agents = (GRIPPER, *story.cast.carriers)
@@ -85,7 +84,7 @@ def troubled(seed: int) -> Story:
 
 
 def _apart(kills: list[Kill]) -> tuple[Kill, ...]:
-    """Those that come when the one before is over."""
+    """Return the kills that begin after the end of the one before."""
     found: list[Kill] = []
     for kill in sorted(kills):
         if not found or kill.time_s > found[-1].time_s + found[-1].down_s:
@@ -95,10 +94,10 @@ def _apart(kills: list[Kill]) -> tuple[Kill, ...]:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a run. ``ended_s`` is when the gripper's desire ended; ``end`` is how, with the reason if dropped.
+    """Result of a run. ``ended_s`` is the end of the gripper's desire; ``end`` its result, with the reason if dropped.
 
-    ``boxes_right`` is whether each box is with its carrier, or in its deposit, in the world itself; ``violations`` are
-    what the independent check found, ``failures`` the exceptions of nodes.
+    ``boxes_right`` is whether each box is with its carrier or in its deposit in the simulated world. ``violations``
+    come from the independent check, ``failures`` are exceptions of nodes.
     """
 
     story: Story
@@ -119,17 +118,17 @@ class Result:
 
     @property
     def reached(self) -> bool:
-        """Whether the goal was reached: in the gripper's mind, and in truth."""
+        """Whether the goal was reached, both in the gripper's beliefs and in the world."""
         return self.end == "fulfilled" and self.boxes_right
 
     @property
     def settled(self) -> bool:
-        """Whether it ended as it should, whatever went wrong: goal reached, or dropped for a reason; nothing hangs."""
+        """Whether the run ended properly: goal reached, or dropped for a reason; nothing hangs."""
         return self.over and (self.reached or self.end.startswith("dropped: "))
 
 
 class Run:
-    """One run as it goes on. ``tell`` gets each record of each agent."""
+    """Run in progress. ``tell`` receives each record of each agent."""
 
     def __init__(self, story: Story, folder: Path, tell: Callable[[TraceRecord], object] = lambda record: None) -> None:
         self.story = story
@@ -155,18 +154,17 @@ class Run:
 
     @property
     def now_s(self) -> float:
-        """The simulated time, s."""
+        """Simulated time, s."""
         return self.runner.clock.now() / SECOND
 
     @property
     def world(self) -> Warehouse:
-        """The world as it is."""
         node = self.runner.nodes["world"]
         assert isinstance(node, WarehouseWorld)
         return node.world
 
     def play(self) -> Result:
-        """Plays the story to its end."""
+        """Run the story to its end."""
         begun = time.process_time()
         self.runner.start()
         for kill in self.story.kills:
@@ -188,7 +186,7 @@ class Run:
             self.runner.advance(min(now + nanoseconds(CHECK_S), time))
 
     def _until_over(self) -> bool:
-        """Goes on until nobody has anything to do any more; returns False when that takes too long."""
+        """Run until all agents are idle; return False on timeout."""
         quiet_since = self.now_s
         while self.now_s < self.story.limit_s:
             self.runner.advance(self.runner.clock.now() + nanoseconds(CHECK_S))
@@ -199,7 +197,7 @@ class Run:
         return False
 
     def _is_over(self) -> bool:
-        """Whether the gripper's desire has ended and nobody has anything to do."""
+        """Return whether the gripper's desire has ended and all agents are idle."""
         nodes = self.runner.nodes.values()
         agents = [node.deliberator for node in nodes if isinstance(node, Deliberating)]
         return bool(self.end) and all(not agent.desires and agent.plan_executor.idle for agent in agents)
@@ -225,7 +223,7 @@ class Run:
                 self.end, self.ended_s = f"{how}: {reason}" if reason else how, self.now_s
 
     def _forget(self, agent: str, *, over: bool = False) -> None:
-        """Ends the life of an agent for the check."""
+        """End the trace check of an agent's process."""
         found = self._checks[agent]
         self._checks[agent] = self._new_check(agent)
         self._steps += found.steps
@@ -262,7 +260,7 @@ class Run:
 
 
 def play(story: Story, tell: Callable[[TraceRecord], object] = lambda record: None) -> Result:
-    """Plays a story; the same story comes to the same result, but for the processor time."""
+    """Run a story; results are deterministic except for processor time."""
     paths.allow(Path(tempfile.gettempdir()))
     with tempfile.TemporaryDirectory(prefix="socialbot-warehouse-") as folder:
         return Run(story, Path(folder), tell).play()
