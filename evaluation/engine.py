@@ -152,11 +152,9 @@ class Findings:
         ]
 
     def unmet(self) -> list[str]:
-        """Unmet requirements."""
         return [f"{line.workload}.{line.key}" for line, value in self.measured() if line.verdict(value) in UNMET]
 
     def content(self) -> dict[str, Any]:
-        """Return plain data with the figures by workload."""
         found: dict[str, Any] = {
             "evaluation": "engine",
             "quick": self.quick,
@@ -174,7 +172,6 @@ class Findings:
         return found
 
     def best_peer(self, line: Line) -> float | None:
-        """Return the ratio to the best peer."""
         own = self.figures[line.workload].get(line.rate or line.key)
         found = [rates for name in self.others if (rates := self.peer(name, line)) is not None]
         if not found or not isinstance(own, (int, float)) or not own:

@@ -32,7 +32,6 @@ class Hand:
         self.count = 0
 
     def add(self, fact: Fact) -> None:
-        """Add a fact and post its event."""
         if fact not in self.beliefs:
             self.beliefs.add(fact)
             if fact[0] in self.indexed:
@@ -143,7 +142,6 @@ class Ring:
             agent.plans = {("+", "token", None): [(self._going, self._hand_on)]}
 
     def run(self, tokens: int, hops: int) -> None:
-        """Forward each token ``hops`` times."""
         ready, size = self.ready, len(self.agents)
         for k in range(tokens):
             self.agents[k % size].mail.append(("env", ("token", k, hops)))

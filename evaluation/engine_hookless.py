@@ -57,8 +57,6 @@ def _modules() -> dict[str, ModuleType]:
 
 
 class _Finder:
-    """Module finder that loads the package without the hook."""
-
     def find_spec(self, name: str, path: Sequence[str] | None, target: Any = None) -> Any:
         if name != PACKAGE and not name.startswith(f"{PACKAGE}."):
             return None
@@ -83,8 +81,6 @@ def _compile(source: str, filename: str, mode: str) -> CodeType:
 
 
 class _Strip(ast.NodeTransformer):
-    """AST transformer that resolves checks for the sink."""
-
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
         self.generic_visit(node)
         if isinstance(node.left, ast.Attribute) and node.left.attr == "sink" and _is_none(node.comparators[0]):

@@ -164,7 +164,6 @@ class AgentSpeak:
     # Parts
 
     def actions(self) -> tuple[Any, list[int]]:
-        """Return the actions including ``tick``, and the tick counter."""
         import agentspeak  # type: ignore[import-not-found]
         import agentspeak.stdlib  # type: ignore[import-not-found]
 
@@ -178,7 +177,6 @@ class AgentSpeak:
         return actions, counter
 
     def agent(self, text: str) -> tuple[Any, list[int]]:
-        """Return an agent from text, and its tick counter."""
         from agentspeak import StringSource  # type: ignore[import-not-found]
         from agentspeak.runtime import Environment  # type: ignore[import-not-found]
 
@@ -193,7 +191,6 @@ class AgentSpeak:
         return Literal(functor, args)
 
     def believe(self, agent: Any, belief: Any) -> None:
-        """Add a belief and post its event."""
         from agentspeak import GoalType, Trigger  # type: ignore[import-not-found]
         from agentspeak.runtime import Intention  # type: ignore[import-not-found]
 
@@ -274,14 +271,12 @@ class Trees:
         return tree, board
 
     def tick(self, tree: Any, board: Any, names: list[str], units: int) -> None:
-        """Set a name and tick the tree, repeatedly."""
         for i in range(units):
             board.set("event", names[i % len(names)])
             tree.tick()
         assert board.get("event") == "none", "the last event was not acted upon"
 
     def ticking(self, tree: Any, board: Any, names: list[str]) -> Callable[[int], None]:
-        """Return work for `rate`."""
         return lambda units: self.tick(tree, board, names, units)
 
 

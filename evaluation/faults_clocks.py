@@ -117,6 +117,5 @@ def _many(count: int) -> bool:
 
 
 def _begins(stamps: Sequence[int]) -> list[int]:
-    """Return the begins of completed passes, which follow one another."""
     length = round(PASS_S * SECOND)
     return list(range(stamps[0], stamps[-1] - length, length))

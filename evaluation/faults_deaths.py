@@ -83,11 +83,9 @@ class Kill:
 
     @property
     def took_s(self) -> float:
-        """Recovery time."""
         return (self.back - self.at) / SECOND if self.back is not None else float("inf")
 
     def touches(self, begin: int, end: int) -> bool:
-        """Return whether the gap overlaps an interval (ns)."""
         return self.at < end and (self.back is None or self.back + round(SURE_S * SECOND) > begin)
 
 

@@ -33,16 +33,13 @@ class Frames:
 
     @property
     def arrived(self) -> int:
-        """Number of arrived frames."""
         return len(self.came)
 
     @property
     def lost_share(self) -> float:
-        """Share of captured frames that did not arrive."""
         return 1 - len(self.came) / len(self.taken) if self.taken else 1.0
 
     def ages_ms(self) -> list[float]:
-        """Age of each frame on arrival."""
         return [(at - stamp) / MS for stamp, at in self.came.items()]
 
 
@@ -203,5 +200,4 @@ def _text(value: float | None, digits: int = 0) -> str:
 
 
 def _most(told: Mapping[str, float]) -> tuple[str, float | None]:
-    """Return the node with the highest value, and the value."""
     return max(told.items(), key=lambda one: one[1], default=("nobody told", None))

@@ -30,7 +30,6 @@ class Plan:
         return quick if self.quick else full
 
     def records(self, name: str) -> Path:
-        """Create a folder for records."""
         path = self.folder / name
         path.mkdir(parents=True, exist_ok=False)
         return path

@@ -133,7 +133,6 @@ class Scene:
         return self.hosts.robot if machine == "robot" else self.hosts.workstation
 
     def file(self, machine: str) -> Path:
-        """Return the file of recorded messages."""
         return self.folder / f"{machine}.jsonl"
 
     def heard(self, machine: str, *topics: str) -> list[Heard]:

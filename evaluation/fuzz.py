@@ -128,7 +128,7 @@ def _work(part: Slice, seed: int, at: Any, results: Connection) -> None:
             tally.taken += _attempt(decoder, numbered(decoder.name, seed, number, decoder.seeds))
         except TooLong as error:
             how, what = "hang", _place(error)
-        except Exception as error:  # noqa: BLE001 - whatever it raises is what is looked for
+        except Exception as error:  # noqa: BLE001 - every exception is a finding
             how, what = "memory" if isinstance(error, MemoryError) else "crash", _place(error)
         took_s = time.process_time() - began
         if took_s > HANG_S and how is None:
@@ -147,7 +147,6 @@ def _work(part: Slice, seed: int, at: Any, results: Connection) -> None:
 
 
 def _prepare() -> None:
-    """Set the limits of a child and silence its output."""
     logging.disable(logging.CRITICAL)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # C libraries print warnings there
     resource.setrlimit(resource.RLIMIT_DATA, (GUARD_MB << 20, GUARD_MB << 20))
@@ -168,7 +167,6 @@ def _attempt(decoder: Decoder, data: bytes) -> bool:
 
 
 def _place(error: BaseException) -> str:
-    """Return the error and its location in socialbot."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if f"{os.sep}socialbot{os.sep}" in frame.filename] or frames
     return f"{type(error).__name__} at {Path(own[-1].filename).name}:{own[-1].lineno}"

@@ -250,7 +250,6 @@ def write_files(folder: Path, experiments: Experiments) -> None:
 
 @contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """Create ``folder``, and convert write errors to SocialbotError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         yield
@@ -316,7 +315,6 @@ def _timed_inline(report: Report, todo: Sequence[Setting], jobs: int, scheduler:
 
 
 def _children_s() -> float:
-    """Return the processor time (s) of all ended child processes."""
     times = os.times()
     return times.children_user + times.children_system
 

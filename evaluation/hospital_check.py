@@ -73,8 +73,6 @@ def _joint(done: Iterable[ActionResult]) -> dict[tuple[int, str, tuple[str, ...]
 
 @dataclass
 class _Permissions:
-    """Current permissions of robots by nurse or room."""
-
     known: dict[str, str] = field(default_factory=dict)
     allowed: dict[str, str] = field(default_factory=dict)
     patrolled: dict[str, str] = field(default_factory=dict)
@@ -82,7 +80,6 @@ class _Permissions:
 
 
 def _out_of_order(homes: Mapping[str, str], done: Iterable[ActionResult]) -> Iterator[str]:
-    """Yield actions without their prerequisites."""
     may = _Permissions()
     for result in done:
         match result.action, result.args:

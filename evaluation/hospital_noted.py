@@ -60,8 +60,6 @@ def name_of(message: Message) -> str:
 
 
 class _NotedContext:
-    """Node context that logs publications and busy intervals."""
-
     def __init__(self, context: Context, notes: Notes) -> None:
         self._context = context
         self._notes = notes
@@ -86,7 +84,6 @@ class _NotedContext:
         self._context.run_in_background(work, then)
 
     def work(self, taken: str, callback: Callable[[], None]) -> None:
-        """Run the callback and log its duration."""
         begun = self.clock.now()
         try:
             callback()

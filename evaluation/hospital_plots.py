@@ -60,7 +60,6 @@ class Axis:
     ticks: Sequence[float]
 
     def share(self, value: float) -> float:
-        """Return the position of ``value`` along the axis, 0 to 1."""
         return (value - self.ticks[0]) / (self.ticks[-1] - self.ticks[0])
 
 
@@ -76,7 +75,6 @@ class Chart:
     band_name: str = ""
 
     def at(self, point: Point) -> Point:
-        """Return the pixel of a point."""
         x = _LEFT + _INSIDE + self.x.share(point[0]) * (WIDTH - _LEFT - _RIGHT - 2 * _INSIDE)
         return x, _TOP + _PLOT - _INSIDE - self.y.share(point[1]) * (_PLOT - 2 * _INSIDE)
 
@@ -171,7 +169,6 @@ def _mark(series: Series, point: Point) -> str:
 
 
 def _key(chart: Chart) -> Iterable[str]:
-    """Yield the legend in rows of two."""
     top = _TOP + _PLOT + 58
     for number, series in enumerate(chart.series):
         x, y = _key_place(number, top)

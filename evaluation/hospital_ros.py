@@ -90,7 +90,6 @@ class Seen:
     wall_s: float = 0.0
 
     def watch(self, graph: Graph, folder: Path) -> None:
-        """Start ``graph`` and observe it until the mission ends or times out."""
         with observe_graph(TOPICS, self.note, LatestStatistics(graph).note) as onlooker:
             expect_free_names(onlooker.ros, graph)
             begun = time.monotonic()
@@ -118,7 +117,6 @@ class Seen:
                 pass
 
     def is_disinfected(self, room: str) -> bool:
-        """Return whether the last state of the ward shows ``room`` as disinfected."""
         state = self.ward.room(room) if self.ward else None
         return state is not None and state.disinfected
 
@@ -140,7 +138,6 @@ class Account:
         self._communication = union(self._ways())
 
     def share(self, begin: int, end: int) -> Share:
-        """Return the time shares between two times (ns)."""
         return self._share(begin, end, self._communication)
 
     def recoveries(self) -> Iterator[Share]:
@@ -181,7 +178,6 @@ class Account:
             yield max(begins), end
 
     def _failures(self) -> list[int]:
-        """Return the times of failed actions."""
         told = {said.message: said.time for said in self._notes[WORLD].said}
         failed = [name_of(result) for result in self._seen.results if result.outcome == "failure"]
         if strange := set(failed) - told.keys():

@@ -68,7 +68,6 @@ class Moment:
     world_s: float = 0.0
 
     def until(self, later: Moment, acting_s: float) -> Share:
-        """Return the time shares until ``later``."""
         reasoning_s = later.reasoning_s - self.reasoning_s
         planning_s = later.planning_s - self.planning_s
         computed_s = reasoning_s + planning_s + later.world_s - self.world_s
@@ -106,7 +105,6 @@ class TimedRunner(InlineRunner):
 
     @property
     def plans(self) -> int:
-        """Number of plans made by the coordinator."""
         match self.nodes[COORDINATOR]:
             case HospitalCoordinator(coordinator=coordinator) | (ScriptedCoordinator() as coordinator):
                 return len(coordinator.planning_s)

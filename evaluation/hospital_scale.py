@@ -154,7 +154,6 @@ def _add_checks(report: Report, results: Sequence[Result]) -> None:
 
 
 def _alike(results: Sequence[Result]) -> list[list[Result]]:
-    """Group the results by conduct and rate."""
     return [list(some) for _, some in itertools.groupby(results, key=lambda one: _conduct(one.story))]
 
 

@@ -68,7 +68,6 @@ class Story:
 
     @property
     def agents(self) -> int:
-        """Number of robots and nurses."""
         return self.rooms + self.spots + self.uvds
 
     def graph(self, memory_file: Path) -> Graph:
@@ -131,7 +130,6 @@ class Result:
 
     @property
     def fine(self) -> bool:
-        """Whether all requirements are met."""
         return not (self.lost or self.open or self.stood_still or self.violations or self.failures)
 
 
@@ -160,13 +158,11 @@ class Run:
 
     @property
     def world(self) -> HospitalWorld:
-        """True state of the ward."""
         node = self.runner.nodes[WORLD]
         assert isinstance(node, HospitalWorld)
         return node
 
     def play(self) -> Result:
-        """Run until all is done or the run is stuck."""
         wall, processor = time.perf_counter(), time.process_time()
         ward = self.world.world.ward
         last_s = max((time_s for time_s, _ in ward.infections), default=0.0)

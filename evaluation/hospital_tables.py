@@ -34,7 +34,6 @@ class Cell:
 
     @property
     def runs(self) -> int:
-        """Number of missions."""
         return len(self.records)
 
     @cached_property
@@ -49,7 +48,6 @@ class Cell:
 
     @cached_property
     def completed(self) -> int:
-        """Number of completed missions."""
         return sum(record.completed for record in self.records)
 
     @cached_property

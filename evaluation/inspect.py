@@ -76,7 +76,6 @@ class Row:
 
     @property
     def well(self) -> bool:
-        """Whether the limit is met."""
         return self.value < self.most
 
 

@@ -96,11 +96,9 @@ class Report:
 
     @property
     def unmet(self) -> list[str]:
-        """Keys of unmet figures."""
         return [figure.key for figure in self.figures if figure.ok is False]
 
     def content(self) -> dict[str, Any]:
-        """Return plain data; each figure under its own key."""
         return {
             "evaluation": self.title,
             "quick": self.quick,
@@ -241,7 +239,6 @@ def _table_html(rows: dict[str, dict[str, Value]]) -> str:
 
 
 def _module() -> str:
-    """Return the module name given to ``python -m``."""
     spec = getattr(sys.modules["__main__"], "__spec__", None)
     return Path(sys.argv[0]).stem if spec is None else spec.name.removesuffix(".__main__")
 

@@ -173,7 +173,6 @@ class NodeThread:
             self._random.choice(self._posts)(number)
 
     def backlog(self) -> int:
-        """Number of waiting events."""
         return sum(
             len(engine.interpreter.inbox) + len(engine.interpreter.events) for engine in (self.agent, self.other)
         )
@@ -198,7 +197,6 @@ class NodeThread:
         self.agent.achieve(consult(self._random.randrange(PEOPLE)))
 
     def _teach(self, number: int) -> None:
-        """Add a plan and remove an earlier one."""
         new, old = number % TEXTS, (number + TEXTS // 2) % TEXTS
         text = f"@taught{new} +seen(P, {new}) : light({new}, on) & not known(P) <- -seen(P, {new})."
         agent = self.agent

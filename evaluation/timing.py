@@ -36,7 +36,6 @@ class Timing:
     passes: int = 0
 
     def rate(self, name: str) -> float:
-        """Return units per second."""
         return self.units * SECOND / max(1, self.least[name])
 
     def ratio(self, name: str, of: str) -> float:
@@ -44,7 +43,6 @@ class Timing:
         return self.least[of] / max(1, self.least[name])
 
     def cost_ns(self, name: str) -> float:
-        """Return the processor time per unit (ns)."""
         return self.least[name] / self.units
 
 

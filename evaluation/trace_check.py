@@ -111,7 +111,6 @@ def read_actions(text: str) -> dict[str, Action]:
 
 
 def _rest(tokens: Iterator[str]) -> list[Expression]:
-    """Return the tokens up to the closing parenthesis."""
     found: list[Expression] = []
     for token in tokens:
         if token == ")":
@@ -121,7 +120,6 @@ def _rest(tokens: Iterator[str]) -> list[Expression]:
 
 
 def _parts(expression: Expression) -> list[Expression]:
-    """Return the members of a conjunction."""
     if isinstance(expression, str):
         raise ValueError(f"no condition or effect: {expression}")
     if expression and expression[0] == "and":
@@ -152,7 +150,6 @@ class World(dict[Key, Value]):
     """Believed world: true predicates, and functions with their values."""
 
     def after(self, edits: Iterable[Edit]) -> World:
-        """Return a copy with some changes."""
         return World({**self, **dict(edits)})
 
     def holds(self, condition: Expression) -> bool:
@@ -282,11 +279,9 @@ class TraceCheck:
 
     @property
     def running(self) -> tuple[str, ...]:
-        """Names of the running steps."""
         return tuple(self._open)
 
     def take(self, record: Record) -> None:
-        """Check the next record."""
         match record.kind:
             case "belief" | "unbelief":
                 self._believe(record)
@@ -346,7 +341,6 @@ class TraceCheck:
         return any((self._world.change(what)[1] is True) == (after is True) for what in own)
 
     def _watch(self, step: Step, now: int) -> None:
-        """Update the conditions of a running step."""
         for number, condition in enumerate(step.action.needs("end")):
             if self._world.holds(condition):
                 step.at_end.add(number)

@@ -121,7 +121,6 @@ class Trial:
         return [(look.ended - look.stamp) / 1e6 for look in self._steady()]
 
     def work_ms(self) -> list[float]:
-        """Processing time of each frame."""
         return [(look.ended - look.began) / 1e6 for look in self.looks]
 
     def skipped(self) -> int:
@@ -196,8 +195,6 @@ def _expect_nobody_else(ros: Any, graph: Graph) -> None:
 
 
 class _Topic:
-    """Topic published by the evaluating process."""
-
     def __init__(self, ros: Any, name: str, kind: type[Message]) -> None:
         self._name = name
         self._types = RclpyTypes()

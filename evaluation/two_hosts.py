@@ -96,7 +96,6 @@ class TwoHosts:
             host.run("nft", LOSS.format(device=host.device, percent=percent))
 
     def cut(self) -> None:
-        """Take the cable down."""
         self.robot.run("ip", "link", "set", self.robot.device, "down")
 
     def mend(self) -> None:
@@ -180,7 +179,6 @@ def _end(keeper: subprocess.Popen[str]) -> None:
 
 
 def _remove_stale() -> None:
-    """Remove the hosts of killed runs."""
     for path in Path("/run/netns").glob("sbt*"):
         match = NAMES.fullmatch(path.name)
         if match and not Path(f"/proc/{match[1]}").exists():

@@ -83,7 +83,6 @@ def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]
 
 
 def _hush() -> None:
-    """Silence the logs of intended failures."""
     logging.disable(logging.CRITICAL)
 
 

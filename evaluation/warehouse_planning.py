@@ -63,17 +63,14 @@ class Planning:
 
     @property
     def best_s(self) -> float:
-        """Least wall time."""
         return round(min(self.walls), 4)
 
     @property
     def median_s(self) -> float:
-        """Median wall time."""
         return round(statistics.median(self.walls), 4)
 
     @property
     def processor_s(self) -> float:
-        """Least processor time."""
         return round(min(self.processor), 4)
 
 
@@ -118,8 +115,6 @@ def second_question() -> Question:
 
 @dataclass
 class _Listener:
-    """Planner that records its problems."""
-
     planner: Planner
     name: str = "listener"
     asked: list[Question] = field(default_factory=list)
@@ -207,10 +202,9 @@ class _Silent:
 
 
 def _never(work: Callable[[], Any], then: Callable[[Any], None]) -> None:
-    """Has nothing done."""
+    """Discard the work."""
 
 
 def _processor_s() -> float:
-    """Return the processor time (s) of this process and its children."""
     own, children = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
     return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime

@@ -154,7 +154,6 @@ class Run:
 
     @property
     def now_s(self) -> float:
-        """Simulated time, s."""
         return self.runner.clock.now() / SECOND
 
     @property
@@ -164,7 +163,6 @@ class Run:
         return node.world
 
     def play(self) -> Result:
-        """Run the story to its end."""
         begun = time.process_time()
         self.runner.start()
         for kill in self.story.kills:
@@ -197,7 +195,6 @@ class Run:
         return False
 
     def _is_over(self) -> bool:
-        """Return whether the gripper's desire has ended and all agents are idle."""
         nodes = self.runner.nodes.values()
         agents = [node.deliberator for node in nodes if isinstance(node, Deliberating)]
         return bool(self.end) and all(not agent.desires and agent.plan_executor.idle for agent in agents)

@@ -150,7 +150,6 @@ class Difference(msgspec.Struct, frozen=True):
     causes: tuple[Parting, ...] = ()
 
     def text(self) -> Iterator[str]:
-        """Yield the comparison line by line."""
         first, second = self.runs
         if self.same:
             yield f"Both runs decide the same, at the same times: {self.decisions[0]} decisions."

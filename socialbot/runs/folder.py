@@ -69,7 +69,6 @@ class RecordedRun:
 
     @property
     def described(self) -> Graph | None:
-        """Graph of the run, if recorded."""
         return self._graph
 
     @property
@@ -173,7 +172,7 @@ class RecordedRun:
             self._world.take(message)
 
     def _lines(self, path: Path, kind: type[T]) -> Iterator[T]:
-        """Yield the lines of a file and its older parts; unreadable ones are noted, except for a cut-off last line."""
+        """Yield the lines of a file and its older parts; note unreadable ones, except for a truncated last line."""
         decoder = msgspec.json.Decoder(kind)
         for part in parts(path):
             try:

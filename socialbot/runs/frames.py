@@ -99,7 +99,6 @@ class Perception:
 
     @cached_property
     def times_s(self) -> list[float]:
-        """Times of the frames (s)."""
         return [self.run.history.seconds(frame.stamp) for frame in self.frames]
 
     def charts(self) -> list[Chart]:

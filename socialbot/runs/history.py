@@ -134,7 +134,6 @@ class History:
 
     @property
     def end(self) -> int:
-        """Stamp (ns) of the last record."""
         return self._stamps[-1] if self._stamps else self.start
 
     @property
@@ -171,7 +170,6 @@ class History:
         return self._late[since:]
 
     def find(self, id: str) -> TraceRecord | None:
-        """Return the newest record with this id."""
         found = self._by_id.get(id)
         return found[-1] if found else None
 

@@ -319,7 +319,6 @@ class Narrator:
         self._wording = wording
 
     def when(self, stamp: int) -> str:
-        """Return a time in words."""
         return f"{self._history.seconds(stamp):.2f} s"
 
     def agent(self, record: TraceRecord) -> str:

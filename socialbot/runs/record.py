@@ -119,7 +119,6 @@ class RunTrace:
         return self._trace.size
 
     def tell(self, listener: RunListener) -> None:
-        """Add a listener."""
         self._listeners = (*self._listeners, listener)
 
     def describe(self, graph: Graph) -> None:

@@ -43,7 +43,6 @@ class RunReport:
         self._world: WorldView | None = world_view_of(graph)
 
     def observe(self, topic: str, message: Message) -> None:
-        """Process one message."""
         if isinstance(message, TraceRecord):
             self.records.append(message)
         elif self._world is not None:

@@ -79,9 +79,7 @@ class RunView(RunRecords, Protocol):
     def live(self) -> bool: ...
 
     @property
-    def end(self) -> int:
-        """Stamp of the last known time."""
-        ...
+    def end(self) -> int: ...
 
     @property
     def sees(self) -> bool:
@@ -147,7 +145,7 @@ class CommandSender(Protocol):
 
     @property
     def shut(self) -> str:
-        """Why commands are refused; empty if they are not."""
+        """Reason to refuse commands; empty if accepted."""
         ...
 
     async def ask(self, agent: str, command: Command, text: str) -> Answer | None:
@@ -169,8 +167,6 @@ T = TypeVar("T")
 
 @dataclass
 class _Course(Generic[T]):
-    """Values with their times (s)."""
-
     times: list[float] = field(default_factory=list)
     told: list[T] = field(default_factory=list)
 
@@ -220,7 +216,6 @@ class NodeHistory:
 
     @property
     def machines(self) -> Mapping[str, str]:
-        """Machines by node."""
         return {name: course.told[-1].values.get("machine", "") for name, course in self._told.items()}
 
     def at(self, now: float, fates: Mapping[str, Any]) -> tuple[NodeStatus, ...]:

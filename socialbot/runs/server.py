@@ -215,8 +215,6 @@ class PageServer:
         self._broadcast = Broadcast(lambda: self.run, lambda: self.office.shut, self._look)
 
     def application(self, token: str = "") -> Starlette:
-        """Return the application with a `AccessGuard`."""
-
         @asynccontextmanager
         async def lifespan(_: Starlette) -> AsyncIterator[None]:
             keeping_up = asyncio.create_task(self._keep_up())

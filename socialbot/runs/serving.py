@@ -43,7 +43,6 @@ class Address:
             )
 
     def url(self, port: int) -> str:
-        """Return the URL with the token."""
         host = HOST if self.host in ("0.0.0.0", "::", "") else self.host
         shown = f"[{host}]" if ":" in host else host
         return f"http://{shown}:{port}/" + (f"?token={self.token}" if self.token else "")

@@ -235,7 +235,6 @@ class StandardMessages:
         return self._frames(frames)
 
     def head(self, stamp: int, pose: HeadPose, height_m: float = HEIGHT_M) -> Any:
-        """Return a TFMessage with the head."""
         turned = (0.0, 0.0, math.sin(pose.pan / 2), math.cos(pose.pan / 2))
         return self._frames(
             [
@@ -255,7 +254,6 @@ class StandardMessages:
         return self._frames(frames)
 
     def joints(self, stamp: int, names: Sequence[str], positions_rad: Sequence[float]) -> Any:
-        """Return a JointState."""
         return self._make(
             "sensor_msgs/msg/JointState",
             header=self.header(stamp),

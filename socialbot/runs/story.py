@@ -141,7 +141,7 @@ class Story:
 
     @property
     def digits(self) -> int:
-        """Decimal places that distinguish the times of the run."""
+        """Decimal places that keep times of the run distinct."""
         return 2 if self.duration_s < SHORT_S else 1
 
     @property
@@ -367,7 +367,6 @@ class Summary:
 
     @property
     def reached(self) -> bool:
-        """Whether all aims were fulfilled."""
         return {desire.how for desire in self.story.aims} == {"fulfilled"}
 
     @property
@@ -379,7 +378,6 @@ class Summary:
         return sum(request.about_desire for request in self.story.requests)
 
     def results(self) -> dict[str, Any]:
-        """Return plain data for results.json."""
         story = self.story
         return {
             "reached": self.reached,

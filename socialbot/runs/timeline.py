@@ -58,7 +58,6 @@ class Timeline:
         self._changed: dict[str, None] = {}
 
     def lanes(self) -> tuple[Lane, ...]:
-        """Return all bars by agent."""
         keys = sorted(
             filter(self._lanes.get, self._lanes),
             key=lambda key: (key[0] != "" and 1 + self._place(key[0]), ORDER.index(key[1])),
