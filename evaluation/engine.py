@@ -272,7 +272,7 @@ def chosen(only: str | None) -> list[str]:
 
 
 def main(json: JsonOption = None, quick: QuickOption = False, only: OnlyOption = None) -> None:
-    """Measure the engine beside a hand-written loop and other engines, workload by workload."""
+    """Benchmark the engine against a hand-written loop and other engines."""
     findings = measure(chosen(only), QUICK if quick else Scale(), quick=quick)
     if json is not None:
         write(findings.content(), findings.page(), json)

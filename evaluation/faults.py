@@ -153,7 +153,7 @@ def main(
     json: JsonOption = None,
     out: OutOption = None,
 ) -> None:
-    """Try what networks, crashes and strangers can do, and hold what happens against what is required."""
+    """Inject network faults, crashes and attacks, and compare the results with the requirements."""
     rows = {name: ROWS[name] for name in chosen(only)}
     folder = out or Path("runs") / f"faults-{datetime.now(timezone.utc):%Y%m%d-%H%M%S}"
     console = Console(stderr=True, highlight=False, soft_wrap=True)

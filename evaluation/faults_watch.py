@@ -93,7 +93,7 @@ def watch(deployment: Deployment, topics: list[str], file: Path, end: threading.
 
 
 def main(deployment: str, machine: str, file: str, *topics: str) -> None:
-    """Watches until SIGINT or SIGTERM."""
+    """Record messages until SIGINT or SIGTERM."""
     keep_freed_memory()
     end = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -286,7 +286,7 @@ def main(
     keep: KeepOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Give everything that reads what others wrote rubbish to read, and count what it does wrong."""
+    """Fuzz all decoders of foreign data, and count harmful inputs."""
     report = Report("fuzz", quick=inputs < 1_000_000)
     begun = time.monotonic()
     tallies = fuzz(list(slices(choose(decoder or []), inputs, first)), seed, jobs)

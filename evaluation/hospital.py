@@ -278,7 +278,7 @@ def main(
     sample_size: SampleOption = None,
     quick: QuickOption = False,
 ) -> None:
-    """Play the paper's hospital many times, and compare."""
+    """Run the paper's hospital many times, and compare the results."""
     scale = QUICK if quick else Scale()
     at = parse_rates(rates)
     records: list[MissionRecord] = []

@@ -239,7 +239,7 @@ def tell_what_went_wrong(results: Sequence[Result], console: Console) -> None:
 def main(
     json: JsonOption = None, quick: QuickOption = False, jobs: JobsOption = None, seeds: SeedsOption = None
 ) -> None:
-    """Play large wards many times, kill their coordinator, and let them grow."""
+    """Run large and growing wards many times, also with kills of their coordinator."""
     scale = QUICK if quick else Scale()
     scale = scale if seeds is None else Scale(seeds, scale.other, scale.killed, scale.sizes, scale.times)
     side_by_side = jobs or len(os.sched_getaffinity(0))

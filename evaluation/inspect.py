@@ -273,7 +273,7 @@ def main(
     json: Annotated[Path | None, typer.Option(help="Write the figures there.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Few agents, a short run: whether it works at all.")] = False,
 ) -> None:
-    """Measure what the inspector costs the agents, and how fast its page is."""
+    """Measure the cost of the inspector for the agents, and the speed of its page."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         rows = speed(folder, 20 if quick else 600, 20 if quick else 200)

@@ -324,7 +324,7 @@ def verdict(report: Report, life: NodeThread, minutes: list[Minute], memory: lis
 
 
 def main(minutes: MinutesOption = 30, rate: RateOption = 10_000, json: JsonOption = None) -> None:
-    """Let two agents live for a while under a steady load, and tell whether memory and latencies stay what they are."""
+    """Run two agents under a steady load, and check that memory and latencies stay constant."""
     logging.getLogger("socialbot.bdi").setLevel(logging.ERROR)  # failures are intended
     report = Report("soak", quick=False)
     life = NodeThread(rate)

@@ -212,7 +212,7 @@ def tell_what_went_wrong(results: dict[str, list[Result]], console: Console) -> 
 def main(
     json: JsonOption = None, quick: QuickOption = False, jobs: JobsOption = None, seeds: SeedsOption = None
 ) -> None:
-    """Play the warehouse many times and measure how it plans and decides."""
+    """Run the warehouse many times, and measure planning and deciding."""
     scale = QUICK if quick else Scale()
     scale = scale if seeds is None else Scale(seeds, scale.troubled, scale.large, scale.times, scale.decisions)
     report = Report("warehouse", quick)

@@ -44,7 +44,7 @@ class BagPictures:
         threading.Thread(target=self._look_up, name="pictures", daemon=True).start()
 
     def at(self, stamp: int) -> Picture | None:
-        """Return the newest picture up to ``stamp`` (ns), unless it is damaged."""
+        """Return the newest image up to ``stamp`` (ns), unless it is damaged."""
         with self._found:
             self._found.wait_for(lambda: self._done or (self._stamps and self._stamps[-1] > stamp), PATIENCE_S)
             count = bisect_right(self._stamps, stamp)

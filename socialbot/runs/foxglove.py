@@ -47,7 +47,7 @@ Item = tuple[int, str, Any]
 
 
 def export_foxglove(run: RecordedRun, bag: Bag | None, out: Path) -> dict[str, int]:
-    """Write a run and the pictures of its bag to a new file.
+    """Write a run and the images of its bag to a new file.
 
     Returns:
         The numbers of messages by topic.
@@ -96,7 +96,7 @@ def _picture_frame(bag: Bag) -> str:
 
 
 class _FoxgloveExport:
-    """Converts a run to ROS messages, with pictures in ``frame`` (empty: as in the graph)."""
+    """Convert a run to ROS messages, with images in ``frame`` (empty: as in the graph)."""
 
     def __init__(self, run: RecordedRun, frame: str) -> None:
         self.types = RosbagsTypes()

@@ -56,7 +56,7 @@ class LabelledBox:
 
 @dataclass(frozen=True)
 class Still:
-    """Picture as a data URL with its size in pixels, boxes and caption."""
+    """Image as a data URL with its size in pixels, boxes and caption."""
 
     picture: str
     width: int
@@ -82,7 +82,7 @@ def shot_at(run: RunView, stamp: int, why: str) -> list[Shot]:
 
 
 def stills(run: RunView, shots: Sequence[Shot]) -> Markup:
-    """Return the pictures of ``shots`` with the detected persons; those without a picture are left out."""
+    """Return the images of ``shots`` with the detected persons; those without an image are left out."""
     return part("frames", [still for shot in shots if (still := _still(run, shot)) is not None])
 
 
@@ -124,7 +124,7 @@ class Perception:
         ]
 
     def worst_stills(self) -> Markup:
-        """Return the pictures of the worst frames with persons found and missed and false detections."""
+        """Return the images of the worst frames with persons found and missed and false detections."""
         found = [_still_of(self.run, frame.stamp, _boxes(frame), self._caption(frame)) for frame in self.worst]
         return part("frames", [still for still in found if still is not None])
 

@@ -70,7 +70,7 @@ def frozen(run: RecordedRun, world: WorldView | None, stamps: Iterable[int], shu
 
 
 def encoded(jpeg: bytes) -> tuple[str, int, int] | None:
-    """Return a picture as a small data URL with its original width and height; None for a damaged picture."""
+    """Return an image as a small data URL with its original width and height; None for a damaged image."""
     image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
         return None
@@ -83,7 +83,7 @@ def encoded(jpeg: bytes) -> tuple[str, int, int] | None:
 
 
 def _pictures(run: RecordedRun, stamps: Iterable[int], records: Sequence[TraceRecord]) -> list[tuple[float, str]]:
-    """Return pictures at the given times, then evenly spaced ones up to the limits, by time."""
+    """Return images at the given times, then evenly spaced ones up to the limits, by time."""
     if not run.sees:
         return []
     seen = [record.stamp for record in records if record.kind == "detection"]

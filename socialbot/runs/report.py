@@ -59,7 +59,7 @@ class RunReport:
 
 
 def write_report(folder: Path, title: str = "", world: WorldView | None = None) -> Path:
-    """Write report.html, and a picture of the world at the end, into the folder of a run.
+    """Write report.html, and an image of the world at the end, into the folder of a run.
 
     Args:
         folder: Folder of the run.
@@ -84,7 +84,7 @@ def write_report(folder: Path, title: str = "", world: WorldView | None = None) 
 
 @contextmanager
 def recorded(folder: Path | None) -> Iterator[RecordedRun]:
-    """Open the run in ``folder``, by default the newest, with the pictures of its bag.
+    """Open the run in ``folder``, by default the newest, with the images of its bag.
 
     Raises:
         RunError: There is no run.

@@ -72,7 +72,7 @@ RUN, STAMP = "run", "stamp"
 """Timelines: seconds from the start, and robot time."""
 
 WIDEST = 65_535
-"""Largest width of a JPEG, so that pictures keep their size."""
+"""Largest width of a JPEG, so that images keep their size."""
 
 Colour = tuple[int, int, int]
 
@@ -87,7 +87,7 @@ BODY_M, SHOULDERS_M = 1.7, 0.22
 
 
 def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
-    """Write a run and the pictures of its bag to a new file.
+    """Write a run and the images of its bag to a new file.
 
     Raises:
         InstallationError: Rerun is not installed.

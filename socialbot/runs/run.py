@@ -29,10 +29,10 @@ class Picture(msgspec.Struct, frozen=True):
 
 
 class ImageSource(Protocol):
-    """Pictures of a run by time."""
+    """Images of a run by time."""
 
     def at(self, stamp: int) -> Picture | None:
-        """Return the newest picture up to ``stamp`` (ns)."""
+        """Return the newest image up to ``stamp`` (ns)."""
         ...
 
 
@@ -83,7 +83,7 @@ class RunView(RunRecords, Protocol):
 
     @property
     def sees(self) -> bool:
-        """Whether there are pictures."""
+        """Whether there are images."""
         ...
 
     @property
@@ -93,7 +93,7 @@ class RunView(RunRecords, Protocol):
     def timeline(self) -> Timeline: ...
 
     def picture(self, stamp: int) -> Picture | None:
-        """Return the newest picture up to ``stamp``."""
+        """Return the newest image up to ``stamp``."""
         ...
 
     def world(self, stamp: int) -> str | None:

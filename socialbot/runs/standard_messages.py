@@ -45,7 +45,7 @@ AHEAD = HeadPose(0.0, 0.0)
 class Mounting:
     """Camera ``height_m`` above the floor, tilted down by ``pitch_rad``, on the base or on the head.
 
-    ``optical`` is the frame of its pictures.
+    ``optical`` is the frame of its images.
     """
 
     height_m: float = HEIGHT_M
@@ -299,7 +299,7 @@ class StandardMessages:
         )
 
     def region(self, found: PersonDetections, person: PersonDetection) -> Any:
-        """Return a NormalizedRegionOfInterest2D of hri_msgs, as fractions of the picture."""
+        """Return a NormalizedRegionOfInterest2D of hri_msgs, as fractions of the image."""
 
         def share(pixels: float, whole: int) -> float:
             return min(max(pixels / whole, 0.0), 1.0)

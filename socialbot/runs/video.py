@@ -32,10 +32,10 @@ def write_video(
     path: Path,
     advance: Callable[[int], None] = lambda done: None,
 ) -> Path:
-    """Write all pictures of ``image_topic`` with detections, beliefs and speech as .mp4; damaged ones are skipped.
+    """Write all images of ``image_topic`` with detections, beliefs and speech as .mp4; damaged ones are skipped.
 
     Raises:
-        BagError: There is no picture, or the video cannot be written.
+        BagError: There is no image, or the video cannot be written.
     """
     detections = {message.stamp: message for message in record.detections}
     people = {frame.stamp: frame.persons for frame in truth.frames} if truth else {}
