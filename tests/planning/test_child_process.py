@@ -131,7 +131,7 @@ def test_a_child_is_killed_with_its_parent(tmp_path):
     code = f"""if True:
         import threading
         from pathlib import Path
-        from socialbot.planning.planners.child_process import guarded, run
+        from socialbot.planning.planners._child_process import guarded, run
         command = guarded(["/bin/sh", "-c", "echo $$ > pid; exec sleep 1000"], 1000, 1000)
         run(command, Path({str(tmp_path)!r}), 1000, threading.Event())
     """
