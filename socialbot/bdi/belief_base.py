@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from socialbot.bdi._timers import Timers
 from socialbot.bdi.intentions import EVENT
 from socialbot.bdi.library import CompiledPlan, Library, Trigger
 from socialbot.bdi.literals import Belief, Computed, Literal, Reactor, ground, literal_from_key, source
-from socialbot.bdi.timers import Timers
 from socialbot.bdi.trace import TraceWriter
 from socialbot.bdi.unification import Trail, Var, closed, resolve, undo, unify
 from socialbot.core.clock import nanoseconds

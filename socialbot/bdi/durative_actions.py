@@ -22,7 +22,7 @@ from socialbot.core.errors import RuleError
 if TYPE_CHECKING:
     import asyncio
 
-    from socialbot.bdi.interpreter import Interpreter
+    from socialbot.bdi._interpreter import Interpreter
 
 FINISHED, FAILED, CANCELLED = "finished", "failed", "cancelled"
 """Outcomes of an action: ``outcome`` in the detail of its record of kind ``action_end``."""

@@ -11,16 +11,16 @@ import functools
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._explain import why_not
+from socialbot.bdi._interpreter import Interpreter
+from socialbot.bdi._timers import Timers, Wakeup
 from socialbot.bdi.actions import Action
-from socialbot.bdi.explain import why_not
 from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
-from socialbot.bdi.interpreter import Interpreter
 from socialbot.bdi.library import Library
 from socialbot.bdi.literals import PERCEPT, SELF, Belief, Change, Goal, Literal, source
 from socialbot.bdi.plans import Inference, Plan, flat
 from socialbot.bdi.sensors import Sensor
 from socialbot.bdi.terms import Atom, conjunction
-from socialbot.bdi.timers import Timers, Wakeup
 from socialbot.bdi.trace import Sink, TraceWriter
 from socialbot.core.clock import SECOND, Clock
 
@@ -252,7 +252,7 @@ class Engine:
 
     def query(self, condition: object) -> Iterator[dict[str, Any]]:
         """Solutions of a condition, as the values of its variables by name."""
-        from socialbot.bdi.compiler.plans import compile_query
+        from socialbot.bdi.compiler._plans import compile_query
 
         names, solve = compile_query(conjunction(condition), self.library)
         for found in list(solve(self.interpreter, [])):

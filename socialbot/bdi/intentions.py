@@ -12,10 +12,10 @@ from socialbot.bdi.terms import Atom, Variable
 from socialbot.bdi.unification import Trail, Var, annotations_match, resolve, undo, unify
 
 if TYPE_CHECKING:
+    from socialbot.bdi._explain import Level
+    from socialbot.bdi._intention_stack import IntentionStack
+    from socialbot.bdi._interpreter import Interpreter
     from socialbot.bdi.belief_base import HeldBelief
-    from socialbot.bdi.explain import Level
-    from socialbot.bdi.intention_stack import IntentionStack
-    from socialbot.bdi.interpreter import Interpreter
     from socialbot.bdi.library import CompiledPlan, Trigger
 
 SUBGOAL, TAIL, EVENT, OPEN = 0, 1, 2, 4
@@ -134,7 +134,7 @@ class Intention:
 
     def stack(self, kinds: Mapping[str, type[Goal]] | None = None) -> tuple[Level, ...]:
         """Plans with their current steps, the outermost first; ``kinds`` as for `goal_of`."""
-        from socialbot.bdi.explain import stack_of
+        from socialbot.bdi._explain import stack_of
 
         return stack_of(self, kinds or {})
 

@@ -52,7 +52,7 @@ class CompiledPlan:
     def compile(self, *, opened: bool = False, probe: bool = False) -> None:
         """Compile the code for events, optionally that for goals with variables, and the probe."""
         # Imported here, because the compiler is large.
-        from socialbot.bdi.compiler.plans import compile_plan, compile_probe
+        from socialbot.bdi.compiler._plans import compile_plan, compile_probe
 
         if self.run == self._run:
             self.run = compile_plan(self, opened=False)
@@ -66,13 +66,13 @@ class CompiledPlan:
         return self.run(interpreter, args, annotations, cause)
 
     def _run_open(self, interpreter: Any, args: Any, annotations: Any, cause: Any) -> Any:
-        from socialbot.bdi.compiler.plans import compile_plan
+        from socialbot.bdi.compiler._plans import compile_plan
 
         self.run_open = compile_plan(self, opened=True)
         return self.run_open(interpreter, args, annotations, cause)
 
     def _probe(self, interpreter: Any, args: Any, annotations: Any, trail: Any) -> None:
-        from socialbot.bdi.compiler.plans import compile_probe
+        from socialbot.bdi.compiler._plans import compile_probe
 
         self.probe = compile_probe(self)
         self.probe(interpreter, args, annotations, trail)
@@ -293,7 +293,7 @@ class CompiledInference:
         self.solve: Callable[..., Iterator[None]] = self._solve
 
     def compile(self) -> None:
-        from socialbot.bdi.compiler.plans import compile_inference
+        from socialbot.bdi.compiler._plans import compile_inference
 
         if self.solve == self._solve:
             self.solve = compile_inference(self)

@@ -22,8 +22,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._explain import later_request
 from socialbot.bdi.belief_base import HoldTimer, Relation
-from socialbot.bdi.explain import later_request
 from socialbot.bdi.intentions import EVENT, OPEN, SUBGOAL, Intention, Request
 from socialbot.bdi.library import CompiledPlan, Trigger
 from socialbot.bdi.literals import Literal, literal

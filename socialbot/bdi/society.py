@@ -12,16 +12,16 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._messaging import deliver
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.literals import literal_from_key, source
-from socialbot.bdi.messaging import deliver
 from socialbot.bdi.terms import Atom
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
-    from socialbot.bdi.timers import Wakeup
+    from socialbot.bdi._timers import Wakeup
 
 TURNS = 4
 """Number of turns of an agent before the next agent runs."""
@@ -131,7 +131,7 @@ class Society:
 
         The clock must advance by itself. With ``linger=False`` it returns once no work and no timers remain.
         """
-        from socialbot.bdi.timers import Wakeup
+        from socialbot.bdi._timers import Wakeup
 
         end = None if seconds is None else self.clock.now() + round(seconds * SECOND)
         bell = self._bell = Wakeup()

@@ -15,7 +15,7 @@ from socialbot.core.errors import RuleError
 class send(Action):  # noqa: N801 - reads as a step of a plan
     """Message to another agent: ``send(to, belief)`` tells a belief, ``send(to, goal, "achieve")`` delegates a goal.
 
-    The third argument is the performative (see `socialbot.bdi.messaging.PERFORMATIVES`).
+    The third argument is the performative (see `socialbot.bdi._messaging.PERFORMATIVES`).
     """
 
     def execute(self, receiver: Any, content: Any, performative: str = "tell") -> Any:

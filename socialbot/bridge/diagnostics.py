@@ -22,7 +22,7 @@ from socialbot.graph.node import Graph
 if TYPE_CHECKING:
     from rclpy.node import Node as RosNode
 
-    from socialbot.bridge.callback_queue import InputQueue
+    from socialbot.bridge._callback_queue import InputQueue
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
 SEAL = "seal"

@@ -23,7 +23,7 @@ from socialbot.graph.node import Graph
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
-    from socialbot.bridge.host import NodeHost, SupervisorLink
+    from socialbot.bridge._host import NodeHost, SupervisorLink
 
 POLL_S = 0.2
 
@@ -54,7 +54,7 @@ def run_nodes(
     environment.require_ros()
     from rclpy.executors import SingleThreadedExecutor
 
-    from socialbot.bridge.host import IntraProcess, NodeHost
+    from socialbot.bridge._host import IntraProcess, NodeHost
 
     configs = [graph.placement(name) for name in names]
     _read_by_udp(graph, names)

@@ -17,8 +17,8 @@ from typing import Literal
 from xml.etree import ElementTree
 
 from socialbot.bridge import environment
+from socialbot.bridge._round_trip import cause, try_round_trip
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, stale_locks
-from socialbot.bridge.round_trip import cause, try_round_trip
 from socialbot.bridge.transport import open_transport
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
 

@@ -13,7 +13,7 @@ A node is a plain class without ROS::
         def on_heard(self, message: Utterance) -> None:
             self.say.publish(message)
 
-The runners (`socialbot.graph.inline`, ``socialbot.bridge.host``) provide clock, timers and connections. They call a
+The runners (`socialbot.graph.inline`, ``socialbot.bridge._host``) provide clock, timers and connections. They call a
 node from one thread at a time.
 """
 

@@ -18,6 +18,7 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError
 from socialbot.core.messages import CompressedImage, Image, Message, PersonDetections
 from socialbot.graph.status import NodeStatus
+from socialbot.runs._streams import EventSentence, beats, detections_of, minds_of, poses_of, sentences_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.standard_messages import (
     AHEAD,
@@ -29,7 +30,6 @@ from socialbot.runs.standard_messages import (
     mounting_of,
     neck_of,
 )
-from socialbot.runs.streams import EventSentence, beats, detections_of, minds_of, poses_of, sentences_of
 
 ANNOTATIONS = "/humans/bodies/image_annotations"
 DETECTIONS = "/humans/bodies/detections"

@@ -11,15 +11,15 @@ from socialbot.core.errors import BagError, SocialbotError
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.core.registry import WorldView, phrases_of, world_view_of
 from socialbot.graph.node import Graph
+from socialbot.runs._frames import Perception, shot_at, stills, turning_points
+from socialbot.runs._frozen import frozen
+from socialbot.runs._report_tables import band_section, event_section, node_section, settings_section, story_sections
 from socialbot.runs.bag_images import pictures_of
 from socialbot.runs.difference import Difference, Side
 from socialbot.runs.folder import RecordedRun, newest_run, open_run
-from socialbot.runs.frames import Perception, shot_at, stills, turning_points
-from socialbot.runs.frozen import frozen
 from socialbot.runs.history import OF_TOPICS
 from socialbot.runs.pages import Page, Section, bundle, charts, part, render, table, timeline, write_html
 from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, STOPPED, TIME_UP, WELL
-from socialbot.runs.report_tables import band_section, event_section, node_section, settings_section, story_sections
 from socialbot.runs.run import RunView
 from socialbot.runs.story import Story, Summary, story_of
 from socialbot.runs.why import actions

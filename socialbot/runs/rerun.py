@@ -12,9 +12,9 @@ from socialbot.bags.reader import Bag
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import BagError, InstallationError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, Mind, PersonDetection, PersonDetections
+from socialbot.runs._streams import beats, detections_of, minds_of, poses_of, sentences_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.standard_messages import AHEAD, HEAD_HZ, HeadCourse, HeadPose, Mounting, mounting_of, place_of
-from socialbot.runs.streams import beats, detections_of, minds_of, poses_of, sentences_of
 from socialbot.vision.images import as_jpeg
 
 WORLD = "base_link"

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import uvicorn
 
 from socialbot.core.errors import ParameterError
+from socialbot.runs._server import PageServer
 from socialbot.runs.run import CommandSender, RunView
-from socialbot.runs.server import PageServer
 
 TOKEN_VARIABLE = "SOCIALBOT_TOKEN"
 HOST = "127.0.0.1"

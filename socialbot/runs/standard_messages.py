@@ -18,7 +18,7 @@ from socialbot.core.messages import Image, JointTrajectory, PersonDetection, Per
 from socialbot.graph.node import Graph, check_parameters
 
 if TYPE_CHECKING:
-    from socialbot.runs.streams import HeadTarget
+    from socialbot.runs._streams import HeadTarget
 
 
 BASE, PAN, TILT, CAMERA = "base_link", "head_pan_link", "head_tilt_link", "camera_link"

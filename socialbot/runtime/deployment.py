@@ -20,7 +20,7 @@ from socialbot.core.registry import graph_names
 from socialbot.core.yaml import YamlSection, plain, read_page
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import NODE_NAME, Graph, NodeConfig, check_parameters
-from socialbot.runtime.processes import RestartPolicy
+from socialbot.runtime._processes import RestartPolicy
 from socialbot.vision.image_transport import ImageReceiver, ImageSender
 
 Transport = Literal["jpeg", "raw"]

@@ -28,7 +28,7 @@ from pathlib import Path
 import msgspec
 
 from socialbot.graph.node import Graph
-from socialbot.runtime.processes import Process, blocked_signals, environment_of, start_process, until_parent_ends
+from socialbot.runtime._processes import Process, blocked_signals, environment_of, start_process, until_parent_ends
 from socialbot.runtime.supervisor_channel import CHANNEL_VARIABLE
 
 log = logging.getLogger("socialbot.fork_server")

@@ -1,6 +1,6 @@
 """Launch a graph in separate processes.
 
-A crashed process ends them all, as a replay requires; `socialbot.runtime.supervisor` restarts it instead.
+A crashed process ends them all, as a replay requires; `socialbot.runtime._supervisor` restarts it instead.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from socialbot.bridge import environment
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.graph.files import dump_graph
 from socialbot.graph.node import Graph
+from socialbot.runtime._processes import Process, end_processes, how_it_ended
 from socialbot.runtime.fork_server import ForkServer
-from socialbot.runtime.processes import Process, end_processes, how_it_ended
 
 LOG_TAIL_LINES = 8
 DOCUMENTED = frozenset({3, 4, 5, 7})

@@ -14,10 +14,10 @@ from socialbot.core import paths
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import ParameterError
 from socialbot.graph.node import Graph
-from socialbot.runtime.processes import RestartPolicy
+from socialbot.runtime._processes import RestartPolicy
+from socialbot.runtime._supervisor import Supervisor, Variables, no_variables
 from socialbot.runtime.run import Execution, Runner, RunSource, observed_topics, with_speech_files
 from socialbot.runtime.run_lock import run_lock
-from socialbot.runtime.supervisor import Supervisor, Variables, no_variables
 
 ATTEND_S = 0.1
 
@@ -64,7 +64,7 @@ class LiveSource(RunSource):
         """Raises what `Supervisor.attend` does."""
         from socialbot.bridge.graph_observer import expect_free_names, observe_graph
         from socialbot.bridge.run_announcer import RunAnnouncer
-        from socialbot.runtime.supervisor import DeadNodeDiagnostics
+        from socialbot.runtime._supervisor import DeadNodeDiagnostics
 
         graph, record, ending = execution.graph, execution.record, execution.ending
         clock, names = WallClock(), {config.name for config in graph.placements}

@@ -22,8 +22,8 @@ from socialbot.bridge.diagnostics import MACHINE_VARIABLE
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.core import paths
 from socialbot.graph.node import Graph
+from socialbot.runtime._discovery_server import DiscoveryServer
 from socialbot.runtime.deployment import Deployment, is_own
-from socialbot.runtime.discovery_server import DiscoveryServer
 from socialbot.runtime.launch import node_arguments, write_graph
 from socialbot.runtime.live_source import LiveSource, RunServices, with_state_files
 

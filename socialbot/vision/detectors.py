@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from socialbot.core.errors import InstallationError, ParameterError
+from socialbot.vision._hog import HogDetector
 from socialbot.vision.detector import Detections, Detector, select
-from socialbot.vision.hog import HogDetector
 from socialbot.vision.network import (
     LAYOUTS,
     LayoutMismatch,

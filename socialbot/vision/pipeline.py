@@ -12,11 +12,11 @@ import numpy as np
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection
+from socialbot.vision._static_objects import StaticObjectFilter
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detector
 from socialbot.vision.detectors import DetectorSpec
 from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure, whole_height
-from socialbot.vision.static_objects import StaticObjectFilter
 from socialbot.vision.tracking import Track, Tracker, cut_off
 
 __all__ = ["BRIDGE_S", "TRACKERS", "PersonPipeline", "make_pipeline"]

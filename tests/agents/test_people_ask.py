@@ -16,7 +16,7 @@ from socialbot.agents.hospital.robot_node import Spot
 from socialbot.agents.hospital.ward.messages import RESULTS, STATE
 from socialbot.agents.waldo.nodes import WaldoNode
 from socialbot.bdi import Engine
-from socialbot.bdi.compiler.source import Unit
+from socialbot.bdi.compiler._source import Unit
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import (
     AGENT_ANSWERS,

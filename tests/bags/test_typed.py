@@ -121,9 +121,9 @@ def test_nodes_of_a_typed_graph_hear_and_speak_types_of_ros() -> None:
     pytest.importorskip("rclpy")
     from rclpy.executors import SingleThreadedExecutor
 
+    from socialbot.bridge._host import NodeHost
     from socialbot.bridge.environment import ros_context
     from socialbot.bridge.graph_observer import observe_graph
-    from socialbot.bridge.host import NodeHost
     from socialbot.bridge.topics import list_topics, observer_node, publish_once
 
     graph = Graph("g", (NodeConfig("mouth", Mouth),), frozenset({"/speech/heard"}), wire="typed")

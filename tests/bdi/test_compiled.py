@@ -29,7 +29,7 @@ from socialbot.bdi import (
     when,
 )
 from socialbot.bdi import test as check
-from socialbot.bdi.intention_stack import IntentionStack
+from socialbot.bdi._intention_stack import IntentionStack
 from socialbot.bdi.library import Trigger
 from socialbot.bdi.literals import literal
 from socialbot.bdi.terms import Cons, Disjunction, Negation, conjunction

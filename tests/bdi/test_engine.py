@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Engine, Sensor, ask, wait
-from socialbot.bdi.compiler.source import Unit
-from socialbot.bdi.intention_stack import MAX_CHAIN
-from socialbot.bdi.interpreter import STEPS
+from socialbot.bdi._intention_stack import MAX_CHAIN
+from socialbot.bdi._interpreter import STEPS
+from socialbot.bdi.compiler._source import Unit
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, X, Y, Z, _, crash, deep, do, go, mood, p, ping, q, sub

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Engine
 from socialbot.bdi.literals import literal
-from socialbot.bdi.stdlib import terms as lists
+from socialbot.bdi.stdlib import _terms as lists
 from socialbot.bdi.stdlib.environment import said, spelled
 from socialbot.bdi.stdlib.registry import detached, opened
 from socialbot.bdi.terms import Cons, Variable, order

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Engine, Goal, message, send
+from socialbot.bdi._messaging import PERFORMATIVES
 from socialbot.bdi.literals import literal
-from socialbot.bdi.messaging import PERFORMATIVES
 from socialbot.core.clock import ManualClock
 from tests.bdi.lab import Lab, X, Y, Z, do, go, p
 from tests.bdi.mas import Mas

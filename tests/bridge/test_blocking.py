@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from socialbot.bridge.node_thread import SCHEDSTAT, Stopwatch
+from socialbot.bridge._node_thread import SCHEDSTAT, Stopwatch
 
 pytestmark = pytest.mark.skipif(not os.path.exists(SCHEDSTAT), reason="Linux counts no waiting here")
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from socialbot.bridge.callback_queue import GRACE_S, MAX_WAITING, CallbackQueue, InputQueue
+from socialbot.bridge._callback_queue import GRACE_S, MAX_WAITING, CallbackQueue, InputQueue
 from socialbot.core.clock import SECOND, Clock, ManualClock, WallClock, nanoseconds
 from socialbot.core.messages import Utterance
 from socialbot.graph.health import HealthMonitor

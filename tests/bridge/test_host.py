@@ -49,8 +49,8 @@ def hosting() -> Iterator[Any]:
     """Hosts nodes of `GRAPH` by their names, in this process."""
     from rclpy.executors import SingleThreadedExecutor
 
+    from socialbot.bridge._host import NodeHost
     from socialbot.bridge.environment import ros_context
-    from socialbot.bridge.host import NodeHost
 
     hosts: list[NodeHost] = []
     with ros_context() as context:
@@ -82,7 +82,7 @@ def test_a_node_starts_when_those_are_there_who_listen_to_it() -> None:
 
 def test_a_node_starts_without_those_who_do_not_come(monkeypatch: pytest.MonkeyPatch) -> None:
     started = threading.Event()
-    monkeypatch.setattr("socialbot.bridge.node_thread.CONNECT_TIMEOUT_S", 0.1)
+    monkeypatch.setattr("socialbot.bridge._node_thread.CONNECT_TIMEOUT_S", 0.1)
     monkeypatch.setattr(Greeter, "start", lambda self: started.set())
     with hosting() as host:
         host("greeter")
@@ -90,9 +90,9 @@ def test_a_node_starts_without_those_who_do_not_come(monkeypatch: pytest.MonkeyP
 
 
 def test_a_node_that_waits_for_others_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("socialbot.bridge.node_thread.QUIET_WAIT_S", 0.1)
+    monkeypatch.setattr("socialbot.bridge._node_thread.QUIET_WAIT_S", 0.1)
     said: list[Health] = []
-    monkeypatch.setattr("socialbot.bridge.host.NodeHost._publish_health", lambda self, health: said.append(health))
+    monkeypatch.setattr("socialbot.bridge._host.NodeHost._publish_health", lambda self, health: said.append(health))
     with hosting() as host:
         host("greeter")
         assert eventually(lambda: len(said) > 2)
@@ -175,8 +175,8 @@ def composed() -> Iterator[tuple[Any, Any, Any]]:
     """A source and a listener in one process, and the list of messages that were published over DDS."""
     from rclpy.executors import SingleThreadedExecutor
 
+    from socialbot.bridge._host import IntraProcess, NodeHost
     from socialbot.bridge.environment import ros_context
-    from socialbot.bridge.host import IntraProcess, NodeHost
 
     graph = Graph("composed", (NodeConfig("source", Source), NodeConfig("listener", Listener)))
     with ros_context() as context:
@@ -202,7 +202,7 @@ def composed() -> Iterator[tuple[Any, Any, Any]]:
 def test_composed_nodes_pass_messages_without_dds_until_another_process_subscribes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from socialbot.bridge import host as host_module
+    from socialbot.bridge import _host as host_module
     from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.transport import Sender, message_class, publisher_qos
 

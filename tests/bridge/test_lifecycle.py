@@ -104,8 +104,8 @@ def birds(*settings: str) -> Iterator[Bird]:
     """A parrot whose parameters are those ``settings``, and a sage who starts by himself."""
     from rclpy.executors import SingleThreadedExecutor
 
+    from socialbot.bridge._host import NodeHost
     from socialbot.bridge.environment import ros_context, spinning_node
-    from socialbot.bridge.host import NodeHost
 
     Parrot.lives.clear()
     arguments = [part for setting in settings for part in ("-p", f"parrot:{setting}")]

@@ -66,8 +66,8 @@ def hosted(**nodes: type[Node]) -> Iterator[tuple[Any, dict[str, Any]]]:
     """Nodes in simulated time, hosted in this process, and an rclpy node to move it."""
     from rclpy.executors import SingleThreadedExecutor
 
+    from socialbot.bridge._host import NodeHost
     from socialbot.bridge.environment import ros_context, spinning_node
-    from socialbot.bridge.host import NodeHost
 
     graph = Graph("pacing", tuple(NodeConfig(name, kind) for name, kind in nodes.items()), frozenset({"/said"}))
     with spinning_node("mover") as ros, ros_context() as context:

@@ -81,8 +81,8 @@ def hosted(*kinds: type[Node], whole: tuple[type[Node], ...] = ()) -> Iterator[l
     """Hosts of nodes of these kinds, running, in a graph of these or of the ``whole``."""
     from rclpy.executors import SingleThreadedExecutor
 
+    from socialbot.bridge._host import NodeHost
     from socialbot.bridge.environment import ros_context
-    from socialbot.bridge.host import NodeHost
 
     inputs = frozenset(topic for kind in kinds for topic in (port.topic for port in kind.inputs().values()))
     graph = Graph("g", tuple(NodeConfig(kind.__name__.lower(), kind) for kind in whole or kinds), inputs=inputs)

@@ -17,7 +17,7 @@ import pytest
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
-from socialbot.bridge.round_trip import free_domain
+from socialbot.bridge._round_trip import free_domain
 from socialbot.bridge.topics import (
     RateMeter,
     TopicInfo,

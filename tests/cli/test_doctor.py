@@ -12,8 +12,8 @@ from typer import Typer
 from typer.testing import CliRunner
 
 from socialbot.bridge import environment, ros_checks
+from socialbot.bridge._round_trip import Trial, cause
 from socialbot.bridge.ros_checks import Finding
-from socialbot.bridge.round_trip import Trial, cause
 from socialbot.cli import doctor as doctor_command
 from socialbot.cli import doctor as doctor_module
 from socialbot.core.errors import NodeError

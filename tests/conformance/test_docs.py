@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 import socialbot.bdi
-from socialbot.bdi.compiler.runtime import FUNCTIONS
+from socialbot.bdi._messaging import PERFORMATIVES
+from socialbot.bdi.compiler._runtime import FUNCTIONS
 from socialbot.bdi.intentions import REASONS
-from socialbot.bdi.messaging import PERFORMATIVES
 from socialbot.bdi.stdlib import internals
 from socialbot.bdi.trace import KINDS
 from tests.conformance.examples import Example, Stage

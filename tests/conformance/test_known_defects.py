@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Action, Belief, Engine, Goal, Library, Plan, variables
-from socialbot.bdi.compiler import runtime, source
+from socialbot.bdi.compiler import _runtime as runtime
+from socialbot.bdi.compiler import _source as source
 from socialbot.bdi.engine import Engine as AnyEngine
 from socialbot.bdi.society import Society
 from socialbot.core.clock import SECOND, ManualClock, WallClock

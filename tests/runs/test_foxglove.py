@@ -24,10 +24,10 @@ from socialbot.bags.types import DEFINITIONS
 from socialbot.cli.export import export
 from socialbot.core.errors import BagError, ParameterError
 from socialbot.core.messages import CompressedImage, TraceRecord
+from socialbot.runs._streams import LEAP, beats, detections_of, minds_of, poses_of, sentences_of
 from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.foxglove import export_foxglove
 from socialbot.runs.rerun import DISTANCES, HEAD, LOG, MINDS, PEOPLE, PICTURE
-from socialbot.runs.streams import LEAP, beats, detections_of, minds_of, poses_of, sentences_of
 from tests.system.running import cut, socialbot_here
 
 SECOND = 10**9

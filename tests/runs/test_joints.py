@@ -9,8 +9,8 @@ import pytest
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import JointTrajectory
 from socialbot.graph.files import load_graph
+from socialbot.runs._streams import HeadTarget
 from socialbot.runs.standard_messages import HeadCourse, Joints, Neck, neck_of
-from socialbot.runs.streams import HeadTarget
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
 BOTH = (PAN, TILT)

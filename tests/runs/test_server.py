@@ -15,11 +15,11 @@ import pytest
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import AgentAnswer, TraceRecord
 from socialbot.graph.files import load_graph
+from socialbot.runs import _server as server_module
 from socialbot.runs import narration as log
-from socialbot.runs import server as server_module
+from socialbot.runs._server import COOKIE, PageServer
 from socialbot.runs.folder import open_run
 from socialbot.runs.run import Picture, RunView
-from socialbot.runs.server import COOKIE, PageServer
 from socialbot.runs.serving import Address, _listening
 from socialbot.runtime import live_run
 from socialbot.runtime.live_run import LiveRun, _ReceivedMessage

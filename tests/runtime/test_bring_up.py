@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from socialbot.core.registry import graph_names
 from socialbot.graph.files import load_graph
-from socialbot.runtime.supervisor import ACTIVE_S, CONFIGURED_S, BringUp, sinks_first
+from socialbot.runtime._supervisor import ACTIVE_S, CONFIGURED_S, BringUp, sinks_first
 
 
 def test_who_listens_comes_before_who_speaks() -> None:

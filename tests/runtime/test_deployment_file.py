@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from socialbot.bridge.environment import Across
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
 from socialbot.graph.files import load_graph
+from socialbot.runtime._processes import RestartPolicy
 from socialbot.runtime.deployment import Server, load_deployment, parse_deployment
-from socialbot.runtime.processes import RestartPolicy
 from tests.runtime.deployments import PAGE, deployment
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from socialbot.runtime._discovery_server import DiscoveryServer, listening
+from socialbot.runtime._processes import RestartPolicy
 from socialbot.runtime.deployment import Server
-from socialbot.runtime.discovery_server import DiscoveryServer, listening
 from socialbot.runtime.machine import discovery
-from socialbot.runtime.processes import RestartPolicy
 from tests.runtime.deployments import deployment
 from tests.system.running import eventually
 
@@ -22,8 +22,8 @@ HASTY = RestartPolicy(times=1, first_s=0.01)
 PARENT = """
 import sys, time
 from pathlib import Path
-from socialbot.runtime.discovery_server import DiscoveryServer
-from socialbot.runtime.processes import RestartPolicy
+from socialbot.runtime._discovery_server import DiscoveryServer
+from socialbot.runtime._processes import RestartPolicy
 Path(sys.argv[2]).touch()
 with DiscoveryServer("127.0.0.1", int(sys.argv[1]), Path(sys.argv[2]), RestartPolicy()) as server:
     while "running" not in Path(sys.argv[2]).read_text():

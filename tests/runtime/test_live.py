@@ -8,8 +8,8 @@ from rich.console import Console
 
 from socialbot.graph.files import load_graph
 from socialbot.runs.console import Display
+from socialbot.runtime._supervisor import Supervisor
 from socialbot.runtime.live_source import RunServices, restarted, with_state_files
-from socialbot.runtime.supervisor import Supervisor
 from tests.runs.deliberating_runs import record
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.runtime.processes import RestartBackoff, RestartPolicy
+from socialbot.runtime._processes import RestartBackoff, RestartPolicy
 
 POLICY = RestartPolicy(times=3, within_s=60.0, first_s=0.2, longest_s=0.5)
 

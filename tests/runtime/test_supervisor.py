@@ -17,10 +17,10 @@ import pytest
 
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.graph.node import Graph, Node, NodeConfig
-from socialbot.runtime import supervisor as supervisor_module
+from socialbot.runtime import _supervisor as supervisor_module
+from socialbot.runtime._processes import RestartPolicy
+from socialbot.runtime._supervisor import ABSENT_S, RESTARTS_VARIABLE, Supervisor
 from socialbot.runtime.fork_server import ForkServer
-from socialbot.runtime.processes import RestartPolicy
-from socialbot.runtime.supervisor import ABSENT_S, RESTARTS_VARIABLE, Supervisor
 from socialbot.runtime.supervisor_channel import CHANNEL_VARIABLE
 
 pytestmark = pytest.mark.ros

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from socialbot.graph.files import load_graph
+from socialbot.runtime._processes import RestartPolicy
 from socialbot.runtime.live_source import with_state_files
-from socialbot.runtime.processes import RestartPolicy
 from tests.system.running import eventually, running
 
 pytestmark = pytest.mark.ros
@@ -38,7 +38,7 @@ def pictures(tmp_path: Path) -> Path:
 @contextmanager
 def supervised(pictures: Path, folder: Path) -> Iterator[tuple[Any, Callable[[Callable[[], bool], float], float]]]:
     """Waldo's graph, and a way to attend to it until something holds; that returns how long it took (s)."""
-    from socialbot.runtime.supervisor import Supervisor
+    from socialbot.runtime._supervisor import Supervisor
 
     graph = load_graph("waldo").with_parameters(
         {"camera": {"source": str(pictures), "loop": True}, "speech": {"playback": "off"}}

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from socialbot.core.errors import InstallationError
+from socialbot.vision._hog import HogDetector, _apart
 from socialbot.vision.detector import iou
-from socialbot.vision.hog import HogDetector, _apart
 from tests.vision.drawn import add_person, corridor
 
 

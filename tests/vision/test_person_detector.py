@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from socialbot.bridge.callback_queue import CallbackQueue
+from socialbot.bridge._callback_queue import CallbackQueue
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
 from socialbot.core.messages import BoxMarkers, CameraInfo, Image, PersonDetections

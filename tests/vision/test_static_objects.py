@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from socialbot.core.clock import SECOND
-from socialbot.vision.static_objects import StaticObjectFilter
+from socialbot.vision._static_objects import StaticObjectFilter
 from socialbot.vision.tracking import Cut, Track
 
 WIDTH, HEIGHT = 640, 480

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-from socialbot.agents.base.commands import CommandHandler, ObligingEngine, RefusedError
+from socialbot.agents.base._commands import CommandHandler, ObligingEngine, RefusedError
 from socialbot.bdi import Action, Engine, Record, saving
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds

@@ -26,8 +26,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar
 
+from socialbot.agents.base._commands import CommandHandler, ObligingDeliberator
 from socialbot.agents.base.agent_node import AgentNode
-from socialbot.agents.base.commands import CommandHandler, ObligingDeliberator
 from socialbot.bdi import Engine
 from socialbot.core import paths
 from socialbot.core.errors import PlanningError

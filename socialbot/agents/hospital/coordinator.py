@@ -10,6 +10,7 @@ from typing import cast
 
 import msgspec
 
+from socialbot.agents.hospital._mission_manager import MissionManager, Recovery, Send
 from socialbot.agents.hospital.messages import (
     COORDINATOR,
     EVERYBODY,
@@ -26,7 +27,6 @@ from socialbot.agents.hospital.messages import (
     Report,
     protocol_error,
 )
-from socialbot.agents.hospital.mission_manager import MissionManager, Recovery, Send
 from socialbot.agents.hospital.missions import (
     DISINFECT,
     KINDS,

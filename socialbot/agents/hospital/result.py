@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from socialbot.agents.hospital.messages import Missions, MissionView
-from socialbot.agents.hospital.ward.drawing import WardAnimation
+from socialbot.agents.hospital.ward._drawing import WardAnimation
 from socialbot.agents.hospital.ward.messages import WardState
 from socialbot.agents.hospital.ward.ward import Ward
 from socialbot.agents.hospital.ward.world_node import HospitalWorld, ward_of

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from socialbot.agents.hospital.missions import DISINFECT
 from socialbot.agents.hospital.result import MissionResult, MissionResults, ward_in
-from socialbot.agents.hospital.ward.drawing import WORD
+from socialbot.agents.hospital.ward._drawing import WORD
 from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
 from socialbot.agents.hospital.ward.ward import NURSE, Room, Ward
 from socialbot.core.messages import Message, TraceRecord

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from socialbot.agents.base import svg
+from socialbot.agents.base import _svg as svg
 from socialbot.agents.warehouse.gripper import GripperAgent
 from socialbot.agents.warehouse.messages import BoxPosition, BoxPositions, MoveStatus, Point
 from socialbot.agents.warehouse.scenario import (

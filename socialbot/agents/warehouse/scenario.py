@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from string import ascii_lowercase
 
-from socialbot.agents.base.simulation import FaultSyntax, WorldFault
+from socialbot.agents.base._simulation import FaultSyntax, WorldFault
 from socialbot.agents.warehouse.messages import Point
 from socialbot.core.errors import ParameterError
 from socialbot.deliberation.messages import FLUENT, INSTANCE, Desire, Fact

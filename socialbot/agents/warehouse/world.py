@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 
-from socialbot.agents.base.simulation import SimulatedWorld, WorldFault
+from socialbot.agents.base._simulation import SimulatedWorld, WorldFault
+from socialbot.agents.warehouse._robots import Drive, RobotPose, WarehouseRobot
 from socialbot.agents.warehouse.messages import BoxPosition, Point
-from socialbot.agents.warehouse.robots import Drive, RobotPose, WarehouseRobot
 from socialbot.agents.warehouse.scenario import (
     BOX_M,
     BOX_WIDTH_M,

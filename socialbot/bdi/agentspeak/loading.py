@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
 from socialbot.bdi.agentspeak.parser import Program, parse
 from socialbot.bdi.belief_base import is_source
-from socialbot.bdi.compiler.conditions import COLLECTORS
-from socialbot.bdi.compiler.plans import compile_inference, compile_plan
-from socialbot.bdi.compiler.runtime import FUNCTIONS, div, mod
+from socialbot.bdi.compiler._conditions import COLLECTORS
+from socialbot.bdi.compiler._plans import compile_inference, compile_plan
+from socialbot.bdi.compiler._runtime import FUNCTIONS, div, mod
 from socialbot.bdi.intentions import OPEN, SUBGOAL, Failed
 from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
 from socialbot.bdi.literals import SELF, Literal, ground

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
+from socialbot.bdi.agentspeak._terms import TermReader
 from socialbot.bdi.agentspeak.lexer import BINARY, COMPARE, END, OR, REMEDIES, SUM, TRIGGERS, AgentSpeakError, Source
-from socialbot.bdi.agentspeak.terms import TermReader
 from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Origin, Plan
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, Step, Update, While

@@ -11,7 +11,7 @@ from socialbot.bdi.stdlib.registry import INTERNALS
 if TYPE_CHECKING:
     from socialbot.bdi.stdlib.registry import Internal
 
-TOPICS = ("environment", "goals", "plans", "terms")
+TOPICS = ("environment", "goals", "_plans", "_terms")
 
 
 @cache

@@ -5,14 +5,14 @@ import io
 import pytest
 from rich.console import Console
 
-from socialbot.agents.base.simulation import WorldFault
+from socialbot.agents.base._simulation import WorldFault
 from socialbot.agents.hospital.demo import hospital, large_hospital
 from socialbot.agents.hospital.messages import Missions, MissionStatus, MissionView
 from socialbot.agents.hospital.result import QUIET_S, MissionMonitor, MissionResults, ward_in
 from socialbot.agents.hospital.terminal import TREES, HospitalTerminal, ward_text
+from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import RoomState, WardState
 from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
-from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.graph.files import load_graph

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from socialbot.agents.warehouse._robots import Drive
 from socialbot.agents.warehouse.messages import Point
-from socialbot.agents.warehouse.robots import Drive
 from socialbot.core.clock import SECOND
 
 HERE, THERE = Point(0.0, 0.0, 0.0), Point(3.2, 0.0, 0.0)

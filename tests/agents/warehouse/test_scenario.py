@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.base.simulation import WorldFault
+from socialbot.agents.base._simulation import WorldFault
 from socialbot.agents.warehouse import scenario as cast
 from socialbot.agents.warehouse.scenario import (
     SIX,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agents.base.simulation import WorldFault
+from socialbot.agents.base._simulation import WorldFault
 from socialbot.agents.warehouse.messages import Point
 from socialbot.agents.warehouse.scenario import (
     GRIPPER,

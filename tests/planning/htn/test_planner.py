@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import pytest
 
-from socialbot.bridge.node_thread import Stopwatch
+from socialbot.bridge._node_thread import Stopwatch
 from socialbot.planning.htn.domain import TaskDomain, TaskState
 from socialbot.planning.htn.planner import TaskPlanner
 from socialbot.planning.htn.tree import TaskFault, TaskLimits, TaskTree, TaskVerdict

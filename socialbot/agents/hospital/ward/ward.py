@@ -10,7 +10,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
-from socialbot.agents.base.simulation import FaultSyntax, WorldFault
+from socialbot.agents.base._simulation import FaultSyntax, WorldFault
 from socialbot.agents.hospital.ward.messages import (
     CLOSED_DOOR,
     DIRTY_ROOM,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import (
     CANCELS,
     COMMANDS,
@@ -26,7 +27,6 @@ from socialbot.agents.hospital.ward.ward import (
     paper_ward,
     parse_faults,
 )
-from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer

@@ -7,11 +7,11 @@ from xml.etree import ElementTree
 import msgspec
 import pytest
 
-from socialbot.agents.base.simulation import WorldFault
-from socialbot.agents.hospital.ward.drawing import TALLY, WardAnimation, WardDrawing
+from socialbot.agents.base._simulation import WorldFault
+from socialbot.agents.hospital.ward._drawing import TALLY, WardAnimation, WardDrawing
+from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import WardState
 from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
-from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import SECOND
 from tests.agents.hospital.listings import NURSE, SPOT, UVD
 from tests.agents.warehouse.test_drawing import shapes

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.base.simulation import WorldFault
+from socialbot.agents.base._simulation import WorldFault
+from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import PROBLEMS
 from socialbot.agents.hospital.ward.ward import (
     PROBLEM_OF,
@@ -16,7 +17,6 @@ from socialbot.agents.hospital.ward.ward import (
     paper_ward,
     parse_faults,
 )
-from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
 

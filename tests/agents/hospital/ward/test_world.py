@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agents.base.simulation import WorldFault
+from socialbot.agents.base._simulation import WorldFault
+from socialbot.agents.hospital.ward._world import JOINT, PATIENCE_S, WardWorld
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, ActionResult
 from socialbot.agents.hospital.ward.ward import (
     CLINIC,
@@ -13,7 +14,6 @@ from socialbot.agents.hospital.ward.ward import (
     large_ward,
     paper_ward,
 )
-from socialbot.agents.hospital.ward.world import JOINT, PATIENCE_S, WardWorld
 from socialbot.core.clock import SECOND
 from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SPOT, UVD
 

@@ -11,10 +11,10 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.agents.base.simulation import WorldFault
+from socialbot.agents.base._simulation import WorldFault
+from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, ActionResult
 from socialbot.agents.hospital.ward.ward import JOINT, NURSE, ROLES, STATE_SENSOR, Ward, large_ward
-from socialbot.agents.hospital.ward.world import WardWorld
 from socialbot.core.clock import SECOND
 
 SMALL = large_ward(6, 2, 2, 3)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.explain import failed_step, reasons_against
+from socialbot.bdi._explain import failed_step, reasons_against
 from socialbot.bdi.intentions import (
     DONE,
     EVENT,
@@ -35,8 +35,8 @@ from socialbot.bdi.trace import log
 from socialbot.bdi.unification import closed, resolve
 
 if TYPE_CHECKING:
+    from socialbot.bdi._interpreter import Interpreter
     from socialbot.bdi.belief_base import Annotations, Args
-    from socialbot.bdi.interpreter import Interpreter
     from socialbot.bdi.literals import Literal
 
 MAX_CHAIN = 64

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.compiler.actions import straight
-from socialbot.bdi.compiler.conditions import Reached, loop, query, write
-from socialbot.bdi.compiler.source import CELL, Function, Unit, tuple_of
-from socialbot.bdi.compiler.steps import Body
-from socialbot.bdi.compiler.terms import build, match
+from socialbot.bdi.compiler._actions import straight
+from socialbot.bdi.compiler._conditions import Reached, loop, query, write
+from socialbot.bdi.compiler._source import CELL, Function, Unit, tuple_of
+from socialbot.bdi.compiler._steps import Body
+from socialbot.bdi.compiler._terms import build, match
 from socialbot.bdi.literals import ANYTHING, Change
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import Do

@@ -18,9 +18,7 @@ from socialbot.bridge.environment import remove_stale
 from socialbot.core.bounded_log import Rotation
 from socialbot.core.errors import NodeError
 from socialbot.graph.node import Graph
-from socialbot.runtime.fork_server import ForkServer
-from socialbot.runtime.launch import DOCUMENTED, failure, log_file, node_arguments, processes_of, write_graph
-from socialbot.runtime.processes import (
+from socialbot.runtime._processes import (
     ASKED_AGAIN_S,
     GRACE_S,
     Process,
@@ -30,6 +28,8 @@ from socialbot.runtime.processes import (
     how_it_ended,
     in_time,
 )
+from socialbot.runtime.fork_server import ForkServer
+from socialbot.runtime.launch import DOCUMENTED, failure, log_file, node_arguments, processes_of, write_graph
 from socialbot.runtime.supervisor_channel import SupervisorChannel, channel_pair
 
 CONFIGURED_S = 10.0

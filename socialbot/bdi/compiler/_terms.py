@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from socialbot.bdi.compiler.runtime import FUNCTIONS
-from socialbot.bdi.compiler.source import CELL, VALUE, Function, simple, tuple_of
+from socialbot.bdi.compiler._runtime import FUNCTIONS
+from socialbot.bdi.compiler._source import CELL, VALUE, Function, simple, tuple_of
 from socialbot.bdi.literals import ANYTHING, Event, Literal, ground, literal
 from socialbot.bdi.steps import Step
 from socialbot.bdi.terms import Atom, Call, Cons, Expression, Variable, names_in, show
@@ -64,7 +64,7 @@ def arithmetic(f: Function, term: Expression) -> str:
 def call(f: Function, term: Call) -> str:
     """Return the expression of an AgentSpeak function call."""
     if term.function == ".count":
-        from socialbot.bdi.compiler.conditions import collected
+        from socialbot.bdi.compiler._conditions import collected
 
         goal = term.args[0]
         return collected(f, ".count", literal(goal.name) if isinstance(goal, Atom) else goal, None)  # type: ignore[arg-type]

@@ -12,8 +12,8 @@ import math
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._explain import reasons_against
 from socialbot.bdi.actions import Action
-from socialbot.bdi.explain import reasons_against
 from socialbot.bdi.intentions import (
     DONE,
     OPEN,
@@ -31,7 +31,7 @@ from socialbot.bdi.terms import Atom, Cons, order, show
 from socialbot.bdi.unification import Trail, Var, annotations_match, closed, cons, resolve, undo, unify
 
 if TYPE_CHECKING:
-    from socialbot.bdi.interpreter import Interpreter
+    from socialbot.bdi._interpreter import Interpreter
     from socialbot.bdi.library import CompiledPlan, Trigger
     from socialbot.bdi.stdlib.registry import Internal
 

@@ -7,7 +7,8 @@ import math
 import random
 from collections.abc import Callable, Sequence
 
-from socialbot.agents.base.simulation import SimulatedWorld, WorldFault
+from socialbot.agents.base._simulation import SimulatedWorld, WorldFault
+from socialbot.agents.hospital.ward._state import Activity, Journey, RoomModel, WardAgent
 from socialbot.agents.hospital.ward.messages import (
     AWAY,
     CANCELLED,
@@ -24,7 +25,6 @@ from socialbot.agents.hospital.ward.messages import (
     RoomState,
     WardState,
 )
-from socialbot.agents.hospital.ward.state import Activity, Journey, RoomModel, WardAgent
 from socialbot.agents.hospital.ward.ward import (
     JOINT,
     PAPER,

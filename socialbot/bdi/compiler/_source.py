@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.compiler.runtime import NAMES
+from socialbot.bdi.compiler._runtime import NAMES
 from socialbot.bdi.intentions import GENERATED_FILE
 from socialbot.bdi.terms import Atom
 

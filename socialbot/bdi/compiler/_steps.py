@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from socialbot.bdi.compiler.actions import await_, constrain, do, enter, limited, rests
-from socialbot.bdi.compiler.conditions import assign, query, unpack
-from socialbot.bdi.compiler.source import CELL, VALUE, Function, Scope, Unit, tuple_of
-from socialbot.bdi.compiler.terms import build, has_value, refresh, value, values
+from socialbot.bdi.compiler._actions import await_, constrain, do, enter, limited, rests
+from socialbot.bdi.compiler._conditions import assign, query, unpack
+from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, Unit, tuple_of
+from socialbot.bdi.compiler._terms import build, has_value, refresh, value, values
 from socialbot.bdi.intentions import SUBGOAL, TAIL
 from socialbot.bdi.literals import Goal, Literal, Structure
 from socialbot.bdi.plans import Plan

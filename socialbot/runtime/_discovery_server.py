@@ -14,8 +14,8 @@ from pathlib import Path
 
 from socialbot.bridge.environment import PROFILE_VARIABLE
 from socialbot.core.errors import InstallationError
+from socialbot.runtime._processes import RestartBackoff, RestartPolicy, in_time
 from socialbot.runtime.launch import how_it_ended
-from socialbot.runtime.processes import RestartBackoff, RestartPolicy, in_time
 
 log = logging.getLogger("socialbot.discovery_server")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from socialbot.bdi.actions import Action
-from socialbot.bdi.compiler.conditions import COLLECTORS, arguments_of, query, unpack
-from socialbot.bdi.compiler.source import CELL, VALUE, Function, tuple_of
-from socialbot.bdi.compiler.terms import build, has_value, match, value, values
+from socialbot.bdi.compiler._conditions import COLLECTORS, arguments_of, query, unpack
+from socialbot.bdi.compiler._source import CELL, VALUE, Function, tuple_of
+from socialbot.bdi.compiler._terms import build, has_value, match, value, values
 from socialbot.bdi.literals import Belief, Event, Literal, literal
 from socialbot.bdi.stdlib import find
 from socialbot.bdi.steps import Achieve, Await, Constrain, Do, Enter, Forget, Fork, Step, Update, send

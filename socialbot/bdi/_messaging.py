@@ -223,7 +223,7 @@ def _ask_all(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: A
 
 
 def _ask_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
-    from socialbot.bdi.stdlib.plans import relevant
+    from socialbot.bdi.stdlib._plans import relevant
 
     found = relevant(agent, content)
     if reply is not None:
@@ -233,14 +233,14 @@ def _ask_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: A
 
 
 def _tell_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
-    from socialbot.bdi.stdlib.plans import learn
+    from socialbot.bdi.stdlib._plans import learn
 
     for each in each_of(content):
         learn(agent, each, said_by)
 
 
 def _untell_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
-    from socialbot.bdi.stdlib.plans import unlearn
+    from socialbot.bdi.stdlib._plans import unlearn
 
     for each in each_of(content):
         unlearn(agent, each, said_by)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
-from socialbot.agents.base import svg
+from socialbot.agents.base import _svg as svg
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, AgentState, RoomState, WardState
 from socialbot.agents.hospital.ward.ward import CORRIDOR_M, NURSE, ROOM_M, SPOT, UVD, Position, Room, Ward
 from socialbot.core.clock import SECOND

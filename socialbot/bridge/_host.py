@@ -23,14 +23,7 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from socialbot.bridge.diagnostics import (
-    Connection,
-    DiagnosticsReporter,
-    NodeStatistics,
-    publisher_connection,
-    subscription_connection,
-)
-from socialbot.bridge.lifecycle import (
+from socialbot.bridge._lifecycle import (
     ACTIVE,
     FINALIZED,
     INACTIVE,
@@ -39,7 +32,14 @@ from socialbot.bridge.lifecycle import (
     parameter_values,
     watch_parameters,
 )
-from socialbot.bridge.node_thread import NodeThread, log_failure, start_failure
+from socialbot.bridge._node_thread import NodeThread, log_failure, start_failure
+from socialbot.bridge.diagnostics import (
+    Connection,
+    DiagnosticsReporter,
+    NodeStatistics,
+    publisher_connection,
+    subscription_connection,
+)
 from socialbot.bridge.sim_clock import KEPT_TOPIC
 from socialbot.bridge.transport import (
     QUEUE_DEPTH,

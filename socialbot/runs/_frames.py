@@ -13,8 +13,8 @@ from markupsafe import Markup
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import PersonDetection, TraceRecord
+from socialbot.runs._frozen import encoded
 from socialbot.runs.folder import RecordedRun
-from socialbot.runs.frozen import encoded
 from socialbot.runs.pages import Chart, Series, part
 from socialbot.runs.run import RunView
 from socialbot.vision.metrics.scores import Score, ScoredFrame

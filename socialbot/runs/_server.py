@@ -30,7 +30,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from socialbot.core.errors import RunError
 from socialbot.core.messages import Command
-from socialbot.runs.broadcast import Broadcast
+from socialbot.runs._broadcast import Broadcast
 from socialbot.runs.narration import LogLine, told_between
 from socialbot.runs.pages import PAGE, live_page
 from socialbot.runs.run import CommandSender, NoCommands, RunView, node_views, overview

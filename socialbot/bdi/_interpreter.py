@@ -7,12 +7,12 @@ from collections.abc import Collection, Iterable, Iterator
 from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._intention_stack import IntentionStack
+from socialbot.bdi._messaging import Messaging
 from socialbot.bdi.belief_base import Annotations, Args, BeliefBase, Relation
-from socialbot.bdi.intention_stack import IntentionStack
 from socialbot.bdi.intentions import DONE, END, EVENT, SUBGOAL, TAIL, Intention, TimedRequest
 from socialbot.bdi.library import CompiledPlan, Library, Trigger
 from socialbot.bdi.literals import ANYTHING, PERCEPT, SELF, Change, Computed, Event, Literal, Reactor, Structure
-from socialbot.bdi.messaging import Messaging
 from socialbot.bdi.sensors import Sensor, changes
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.bdi.unification import Trail, closed, free, resolve, undo, unify

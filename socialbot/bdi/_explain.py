@@ -15,7 +15,7 @@ from socialbot.bdi.terms import Comparison
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
-    from socialbot.bdi.interpreter import Interpreter
+    from socialbot.bdi._interpreter import Interpreter
     from socialbot.bdi.library import CompiledPlan, Trigger
 
 

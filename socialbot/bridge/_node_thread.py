@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from socialbot.bridge.callback_queue import CallbackQueue, InputQueue, PendingTimer
+from socialbot.bridge._callback_queue import CallbackQueue, InputQueue, PendingTimer
 from socialbot.bridge.diagnostics import Connection, NodeStatistics, is_power_of_ten, restarts, unconnected
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import NodeError, SocialbotError

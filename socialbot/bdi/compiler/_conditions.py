@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from socialbot.bdi.compiler.source import CELL, VALUE, Function, tuple_of
-from socialbot.bdi.compiler.terms import build, has_cell, has_value, match, value, values
+from socialbot.bdi.compiler._source import CELL, VALUE, Function, tuple_of
+from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, value, values
 from socialbot.bdi.literals import Literal, literal
 from socialbot.bdi.stdlib import find
 from socialbot.bdi.stdlib.registry import Internal
