@@ -88,7 +88,7 @@ def suffer(scene: Scene, seconds: float) -> Outage:
 
 
 def outage(report: Report, plan: Plan) -> str:
-    """Run two outages with a person present who was greeted before."""
+    """Run two outages while a greeted person is present."""
     texts = []
     with scene(plan.records("outage")) as here, here.up("robot"), here.up("workstation"):
         here.await_greeting()
